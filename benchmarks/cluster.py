@@ -96,7 +96,7 @@ def evaluate(project: str, small: str, workers: int) -> dict[str, Any]:
 
     A small project of the same kind comes first, so that what remains is due to the data.
     """
-    from kennfeld.optimize.compiled import CompiledProblem
+    from kennfeld.optimize.sums.compiled import CompiledProblem
     from kennfeld.project import Project
 
     first = Project.read(small).on_cluster(workers=workers)
@@ -222,8 +222,8 @@ def evaluate_generated(partitions: int) -> dict[str, Any]:
     """Evaluate points that are generated partition by partition."""
     from dataclasses import replace
 
-    from kennfeld.optimize.compiled import CompiledProblem
-    from kennfeld.optimize.partitions import Part, Partition, Recordings
+    from kennfeld.optimize.problem.partitions import Part, Partition, Recordings
+    from kennfeld.optimize.sums.compiled import CompiledProblem
     from kennfeld.preprocessing.recording_sources import RecordingSource
 
     with tempfile.TemporaryDirectory() as folder:
@@ -268,7 +268,7 @@ def evaluate_over_link(project: str) -> dict[str, Any]:
     """Evaluate over links of several speeds, with two workers."""
     import distributed
 
-    from kennfeld.optimize.compiled import CompiledProblem
+    from kennfeld.optimize.sums.compiled import CompiledProblem
     from kennfeld.project import Project
 
     rows: list[Mapping[str, float]] = []

@@ -10,7 +10,7 @@ from pyarrow import parquet
 
 from benchmarks.torque_data import COLUMNS, SPANS, parameters
 from kennfeld.calfiles.files import write
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFile, PreparedFiles
 from kennfeld.preprocessing.recording_sources import RecordingSource
 from kennfeld.project.demo import torque

@@ -20,11 +20,11 @@ SAMPLES = 200
 REPEATS = 3
 SHORT = 10.0  # s; a model that takes longer is not compiled again
 WATCHED = {  # column: functions whose time it sums, by the module that calls them
-    "lower": ("kennfeld.optimize.problem:lower",),
-    "split": ("kennfeld.optimize.problem:split",),
+    "lower": ("kennfeld.optimize.problem.problem:lower",),
+    "split": ("kennfeld.optimize.problem.problem:split",),
     "differentiate": ("kennfeld.native.kernel:differentiate",),
     "IR text": tuple(f"kennfeld.native.kernel:{name}" for name in ("cost_code", "tape_code", "start_code")),
-    "LLVM": ("kennfeld.machine_code.engine:_object_code",),
+    "LLVM": ("kennfeld.base.machine_code.engine:_object_code",),
     "data-only part": ("kennfeld.preprocessing.samples:_preparation",),
 }
 
@@ -32,12 +32,12 @@ WATCHED = {  # column: functions whose time it sums, by the module that calls th
 def measure(nodes: int, states: int) -> dict[str, Any]:
     """One model, in a process of its own, without code that was kept."""
     os.environ["KENNFELD_CACHE"] = ""
-    from kennfeld.criteria import Criterion
-    from kennfeld.dataset import Dataset
+    from kennfeld.domain.criteria import Criterion
+    from kennfeld.domain.dataset import Dataset
     from kennfeld.models.formula import formula
     from kennfeld.optimize import Problem
-    from kennfeld.optimize.compiled import CompiledProblem
-    from kennfeld.optimize.objective import LeastSquaresObjective
+    from kennfeld.optimize.sums.compiled import CompiledProblem
+    from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
     content, parameters = random_formula.text(nodes, states), random_formula.parameters()
     random = np.random.default_rng(0)

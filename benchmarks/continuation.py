@@ -15,7 +15,7 @@ from benchmarks.continuation_problems import Case, cases, missing
 from benchmarks.machine import load
 from benchmarks.measure import apart
 from benchmarks.table import Table, seconds
-from kennfeld.optimize.descent_strategy import SearchPlan
+from kennfeld.optimize.fit.descent_strategy import SearchPlan
 from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, SmoothingSchedule
 
 __all__ = ["run", "solve"]
@@ -105,12 +105,12 @@ def solve(number: int, file: str, draws: int = DRAWS) -> dict[str, int]:
 
 
 def _outcomes(case: Case) -> list[dict[str, Any]]:
+    from kennfeld.base.threads import blas_threads
     from kennfeld.optimize import Options
-    from kennfeld.optimize.descent_strategy import DescentSetup, minimise
-    from kennfeld.optimize.fit import FitRun
-    from kennfeld.optimize.linear_limits import linear_limits
-    from kennfeld.optimize.result import Seconds
-    from kennfeld.threads import blas_threads
+    from kennfeld.optimize.fit.descent_strategy import DescentSetup, minimise
+    from kennfeld.optimize.fit.fit import FitRun
+    from kennfeld.optimize.fit.result import Seconds
+    from kennfeld.optimize.limits.linear_limits import linear_limits
 
     problem = case.make()
     outcomes = []

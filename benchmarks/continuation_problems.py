@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.constraints import Pin
-from kennfeld.dataset import Dataset
+from kennfeld.domain.constraints import Pin
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Map, Parameter
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.starts import draw_start
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Map, Parameter
 from kennfeld.project.demo import petrol_engine, torque
 
 __all__ = ["DATA", "Case", "cases", "missing"]
@@ -208,7 +208,7 @@ def transient(name: str) -> Problem:
     parameters: list[Parameter] = _engine_maps(training, ("speed", "load"), 9, 0.0)
     smoothness = {"Best": 1.0, "Size": 1.0, "Eta": 1.0}
     if "Lag" in text:
-        from kennfeld.parameters import Scalar
+        from kennfeld.domain.parameters import Scalar
 
         parameters.append(Scalar("Lag", 10.0, lower=0.1, upper=500.0))
     return build_problem(

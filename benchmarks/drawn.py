@@ -57,7 +57,7 @@ def _drawn(project: Path, layout: str) -> str:
 def _drawing() -> ModuleType:
     """The drawing stands with the tests, which check that it gives the formula's answer."""
     sys.path.insert(0, str(Path(__file__).parents[1]))
-    from tests.models.simulink import torque_drawing
+    from tests.importers.simulink import torque_drawing
 
     return torque_drawing
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.torque_problem import Cells, bracket
-from kennfeld.dataset import Dataset
+from kennfeld.domain.dataset import Dataset
 from kennfeld.project.demo import exhaust
 
 __all__ = ["MAP", "WARMUP", "Drive", "ExhaustProblem", "problem"]

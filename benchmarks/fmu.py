@@ -59,7 +59,7 @@ def write_target(path: str, name: str, samples: int, span: float, measured: str,
 def solve(path: str, name: str, samples: int, span: float, measured: str, solver: str) -> dict[str, Any]:
     """Calibrate an FMU with Kennfeld, from its file on."""
     import kennfeld as kf
-    from kennfeld.models.fmu import importing, instance, trajectories  # noqa: F401, imported before time runs
+    from kennfeld.importers.fmu import importing, instance, trajectories  # noqa: F401, imported before time runs
 
     problem, data = PROBLEMS[name], data_of(name, samples, span)
     data["target"] = np.load(measured)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import peak, repeated, reset_peak
-from kennfeld.dataset import Dataset
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
 
 __all__ = ["measure_iteration"]
 
@@ -54,11 +54,11 @@ class _Ready:
     """A compiled problem, evaluated at another point each time, so that nothing can be kept from earlier calls."""
 
     def __init__(self, formula: str, target: str, node: str, parameters: ParameterSet, data: Dataset) -> None:
-        from kennfeld.criteria import Criterion
+        from kennfeld.domain.criteria import Criterion
         from kennfeld.models.formula import formula as read
         from kennfeld.optimize import Problem
-        from kennfeld.optimize.compiled import CompiledProblem
-        from kennfeld.optimize.objective import LeastSquaresObjective
+        from kennfeld.optimize.sums.compiled import CompiledProblem
+        from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
         model = read(formula, parameters=list(parameters))
         compiled = CompiledProblem(Problem(model, (data,), parameters, (Criterion(node, target),)))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.exhaust_problem import MAP, WARMUP
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.domain.parameter_set import ParameterSet
 
 __all__ = ["cost_at", "solve"]
 

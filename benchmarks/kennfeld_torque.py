@@ -3,7 +3,7 @@
 from typing import Any
 
 from benchmarks.torque_problem import PIN, TorqueProblem, problem
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.domain.parameter_set import ParameterSet
 
 __all__ = ["cost_at", "solve"]
 
@@ -20,7 +20,7 @@ def cost_at(points: list[list[float]]) -> dict[str, list[float]]:
 
 
 def _run(start: ParameterSet, seed: int = 0, **options: Any) -> Any:
-    from kennfeld.constraints import Pin
+    from kennfeld.domain.constraints import Pin
     from kennfeld.optimize import Options, calibrate
     from kennfeld.project.demo import torque
 

@@ -18,8 +18,8 @@ VIOLATED = (0, 15, 60, 150)  # limits that the free step of a single program vio
 
 def solve(limited: bool) -> dict[str, Any]:
     """One calibration of a process of its own, with or without limits."""
-    from kennfeld.constraints import Pin, Shape
-    from kennfeld.criteria import Criterion
+    from kennfeld.domain.constraints import Pin, Shape
+    from kennfeld.domain.criteria import Criterion
     from kennfeld.models.formula import formula
     from kennfeld.optimize import Options, Problem, run
     from kennfeld.project.demo import torque
@@ -62,15 +62,15 @@ def step(violated: int) -> dict[str, Any]:
 
     The factor and the quadratic program with the active limits of the same one before, as in a descent.
     """
-    from kennfeld.criteria import Criterion
+    from kennfeld.domain.criteria import Criterion
     from kennfeld.models.formula import formula
     from kennfeld.optimize import Problem
-    from kennfeld.optimize.compiled import CompiledProblem
-    from kennfeld.optimize.objective import LeastSquaresObjective
     from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel
     from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
     from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
     from kennfeld.optimize.solver.quadratic_program import QuadraticProgram
+    from kennfeld.optimize.sums.compiled import CompiledProblem
+    from kennfeld.optimize.sums.objective import LeastSquaresObjective
     from kennfeld.project.demo import torque
 
     start = torque.start()

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from kennfeld.threads import available_cores
+from kennfeld.base.threads import available_cores
 
 __all__ = ["apart", "environment_of_users", "installed", "peak", "repeated", "reset_peak", "threads"]
 

@@ -13,7 +13,7 @@ from benchmarks.machine import load
 from benchmarks.measure import apart, installed
 from benchmarks.nist_problem import DIGITS, Float, Regression, digits, read
 from benchmarks.table import Table, seconds
-from kennfeld.formatting import join_names
+from kennfeld.base.formatting import join_names
 
 __all__ = ["run", "solve"]
 

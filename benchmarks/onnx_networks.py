@@ -58,8 +58,8 @@ def evaluate(path: str, measured: str) -> dict[str, Any]:
     """Durations of reading and compiling, of the cost, and of gradient and Gauss-Newton matrix."""
     os.environ["KENNFELD_CACHE"] = ""
     from kennfeld.optimize.api import build_problem
-    from kennfeld.optimize.compiled import CompiledProblem
-    from kennfeld.optimize.objective import LeastSquaresObjective
+    from kennfeld.optimize.sums.compiled import CompiledProblem
+    from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
     data = {**data_of(SAMPLES), "target": np.load(measured)}
     CompiledProblem(build_problem("y = a * n + T", data, {"a": 0.5}, "target", node="y"))  # imports

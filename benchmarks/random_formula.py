@@ -4,8 +4,8 @@ import random
 
 import numpy as np
 
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Map, Parameter, Scalar
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Map, Parameter, Scalar
 
 __all__ = ["INPUTS", "parameters", "text"]
 

@@ -25,7 +25,7 @@ BUDGET = "Budget: 1 000 000 points in at most 200 ms on one core, and memory of 
 def measure(file: str, values: int) -> dict[str, Any]:
     """One row, in a process of its own."""
     from benchmarks.iteration import measure_iteration
-    from kennfeld.dataset import Dataset
+    from kennfeld.domain.dataset import Dataset
     from kennfeld.project.demo import torque
 
     def data(count: int) -> Dataset:

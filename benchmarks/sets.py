@@ -12,7 +12,7 @@ from benchmarks.measure import apart, installed
 from benchmarks.set_problem import SETS, CountedProblem, Exhausted, problems
 from benchmarks.set_solvers import CAP, SOLVERS
 from benchmarks.table import Table, seconds
-from kennfeld.formatting import join_names
+from kennfeld.base.formatting import join_names
 
 __all__ = ["run", "solve"]
 

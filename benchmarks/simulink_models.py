@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from kennfeld.errors import InputError
-from kennfeld.formatting import shorten
-from kennfeld.models.simulink.import_report import ImportReport
-from kennfeld.models.simulink.importable_subsystems import inspect_simulink
-from kennfeld.models.simulink.importing import import_simulink
+from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import shorten
+from kennfeld.importers.simulink.import_report import ImportReport
+from kennfeld.importers.simulink.importable_subsystems import inspect_simulink
+from kennfeld.importers.simulink.importing import import_simulink
 
 
 def row(path: Path, settings: dict[str, Any], beside: Path) -> str:

@@ -23,8 +23,8 @@ import numpy.typing as npt
 from benchmarks.table import Table
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.node import CLOCK, STEPS, TIME
+from kennfeld.importers.simulink.importing import simulink
 from kennfeld.models.model import Model
-from kennfeld.models.simulink.importing import simulink
 
 Columns = dict[str, npt.NDArray[np.float64]]
 

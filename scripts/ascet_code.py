@@ -22,11 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 from kennfeld.ascet.schedule import Task, parse_schedule
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.node import STEPS, TIME
-from kennfeld.models.ascet.importing import esdl
-from kennfeld.models.ascet.task_choice import ALL_TASKS
+from kennfeld.importers.ascet.importing import esdl
+from kennfeld.importers.ascet.task_choice import ALL_TASKS
 from kennfeld.models.model import Model
 
 Values = Mapping[str, npt.NDArray[np.float64]]

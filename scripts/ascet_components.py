@@ -13,10 +13,10 @@ from pathlib import Path
 
 from kennfeld.ascet.amd.components import AscetComponent
 from kennfeld.ascet.amd.files import ARCHIVE, DATA, MAIN, SPECIFICATION
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe
-from kennfeld.errors import InputError
-from kennfeld.models.ascet.component_tree import ComponentTree, code_components, open_components
-from kennfeld.models.ascet.importing import import_esdl
+from kennfeld.importers.ascet.component_tree import ComponentTree, code_components, open_components
+from kennfeld.importers.ascet.importing import import_esdl
 
 HEAD = "| repository | files | read | parameters | components | graphs | why others do not |"
 MARKS = re.compile(r"(<!-- public components -->\n).*?(<!-- end of public components -->)", re.DOTALL)

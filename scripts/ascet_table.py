@@ -19,9 +19,9 @@ import ascet_components
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.parser import scan_esdl
-from kennfeld.errors import InputError
-from kennfeld.models.ascet.declarations import read_source
-from kennfeld.models.ascet.importing import import_esdl
+from kennfeld.base.errors import InputError
+from kennfeld.importers.ascet.declarations import read_source
+from kennfeld.importers.ascet.importing import import_esdl
 
 _MARKS = re.compile(r"(<!-- public projects -->\n).*?(<!-- end of public projects -->)", re.DOTALL)
 _VARYING = re.compile(r"\b[\w.]+\.\w+ (?=is implemented in C)|(?<=unknown name )\w+|(?<=unknown type )\w+")

@@ -21,13 +21,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from compiled_c import NotCompiledError, reference
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.models.c_code.importing import read_function
-from kennfeld.models.c_code.interface import CNumbers
-from kennfeld.models.c_code.number_types import ENUMERATION
-from kennfeld.models.c_code.reading import CSourceFile, read_c_file
-from kennfeld.models.c_code.translated import TranslatedFunction, translate
+from kennfeld.importers.c.importing import read_function
+from kennfeld.importers.c.interface import CNumbers
+from kennfeld.importers.c.number_types import ENUMERATION
+from kennfeld.importers.c.reading import CSourceFile, read_c_file
+from kennfeld.importers.c.translated import TranslatedFunction, translate
 from kennfeld.models.model_function import as_model
 
 TOLERANCE = 1e-12

@@ -16,13 +16,13 @@ import numpy as np
 from pycparser import c_ast
 from pycparser.c_generator import CGenerator
 
-from kennfeld.models.c_code.declarations import RESULT
-from kennfeld.models.c_code.interface import CNumbers, result_numbers
-from kennfeld.models.c_code.number_types import KNOWN_TYPES
-from kennfeld.models.c_code.preprocessing import data_file
-from kennfeld.models.c_code.reading import CSourceFile
-from kennfeld.models.c_code.struct_types import HIDDEN, CStructType, ObjectType, Sizes
-from kennfeld.models.c_code.translated import TranslatedFunction
+from kennfeld.importers.c.declarations import RESULT
+from kennfeld.importers.c.interface import CNumbers, result_numbers
+from kennfeld.importers.c.number_types import KNOWN_TYPES
+from kennfeld.importers.c.preprocessing import data_file
+from kennfeld.importers.c.reading import CSourceFile
+from kennfeld.importers.c.struct_types import HIDDEN, CStructType, ObjectType, Sizes
+from kennfeld.importers.c.translated import TranslatedFunction
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 _OPTIONS = (

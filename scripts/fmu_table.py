@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 import kennfeld as kf
-from kennfeld.arrays import Float, Int
-from kennfeld.errors import InputError
-from kennfeld.models.fmu.description import FmuDescription, FmuVariable
-from kennfeld.models.fmu.fmu_archive import read_archive
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import InputError
+from kennfeld.importers.fmu.description import FmuDescription, FmuVariable
+from kennfeld.importers.fmu.fmu_archive import read_archive
 
 SAMPLES, STEP, LIMIT = 201, 0.01, 300  # number of samples, s if the FMU states no step, s that an FMU may take
 INTERFACES = {"model exchange": "ModelExchange", "co-simulation": "CoSimulation"}

@@ -180,7 +180,7 @@ def read(damaged: Path) -> bool:
 def _read(path: Path) -> bool:
     """Read a file as the commands do. Whatever is no finding is raised."""
     from kennfeld import calfiles, measurement
-    from kennfeld.errors import InputError
+    from kennfeld.base.errors import InputError
     from kennfeld.terminal.file_info import describe_file
 
     good = False
@@ -219,7 +219,7 @@ def _check_project(path: Path) -> None:
 def _evaluate_network(path: Path) -> None:
     """Read a network and evaluate it at one point."""
     from kennfeld.graph.interpreter import evaluate
-    from kennfeld.models.onnx_network.importing import onnx
+    from kennfeld.importers.onnx.importing import onnx
 
     model = onnx(path)
     evaluate(model.graph, {name: [0.5] for name in model.graph.inputs} or {"none": [0.0]}, model.values)
@@ -227,8 +227,8 @@ def _evaluate_network(path: Path) -> None:
 
 def _import_fmu(path: Path) -> None:
     """Import an FMU with each interface, which runs none of its code."""
-    from kennfeld.errors import InputError
-    from kennfeld.models.fmu.importing import INTERFACES, fmu
+    from kennfeld.base.errors import InputError
+    from kennfeld.importers.fmu.importing import INTERFACES, fmu
 
     for interface in INTERFACES:
         with suppress(InputError):
@@ -237,7 +237,7 @@ def _import_fmu(path: Path) -> None:
 
 def _read_functions(path: Path) -> None:
     """Read each function of a file, as a project does."""
-    from kennfeld.errors import InputError
+    from kennfeld.base.errors import InputError
     from kennfeld.models.function_files import list_functions, read_function_file
 
     for function in list_functions(path):
@@ -247,15 +247,15 @@ def _read_functions(path: Path) -> None:
 
 def _import_model(path: Path) -> None:
     """Import a model as a project does, with the script beside it."""
-    from kennfeld.models.simulink.importing import simulink
+    from kennfeld.importers.simulink.importing import simulink
 
     simulink(path, parameters=sorted(path.parent.glob("*.m")))
 
 
 def _import_classes(path: Path) -> None:
     """Import each class of a file with all of its methods."""
-    from kennfeld.errors import InputError
-    from kennfeld.models.ascet.importing import classes_of, import_esdl
+    from kennfeld.base.errors import InputError
+    from kennfeld.importers.ascet.importing import classes_of, import_esdl
 
     for item in classes_of(path):
         with suppress(InputError):  # a class that cannot be chosen by its name alone
@@ -264,7 +264,7 @@ def _import_classes(path: Path) -> None:
 
 def _import_tasks(path: Path) -> None:
     """Import all periodic tasks of an application."""
-    from kennfeld.models.ascet.importing import import_esdl
+    from kennfeld.importers.ascet.importing import import_esdl
 
     import_esdl(path, task="*")
 

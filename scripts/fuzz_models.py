@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tests.models.simulink.simulink_files import Model
+    from tests.importers.simulink.simulink_files import Model
 from fuzz_sample import Sample
 
 STORED_NETWORKS = 12
@@ -18,8 +18,8 @@ STORED_NETWORKS = 12
 
 def models(seed: int) -> Iterator[Sample]:
     """Models in every layout, each beside its script, and dictionaries of both formats beside a model."""
-    from tests.models.simulink.simulink_data import entry, sldd, thing
-    from tests.models.simulink.simulink_files import ENDINGS, LAYOUTS
+    from tests.importers.simulink.simulink_data import entry, sldd, thing
+    from tests.importers.simulink.simulink_files import ENDINGS, LAYOUTS
 
     drawings = {"blocks": _blocks, "chart": _chart, "function": _function}
     for layout in LAYOUTS:
@@ -57,9 +57,9 @@ def stored_networks(seed: int) -> Iterator[Sample]:
 
 def fmus(seed: int) -> Iterator[Sample]:
     """Descriptions of FMUs, beside a library that no test loads."""
-    from tests.models.fmu.lag_fmu import DESCRIPTIONS
-    from tests.models.fmu.signals_fmu import description
-    from tests.models.fmu.test_library_format import elf
+    from tests.importers.fmu.lag_fmu import DESCRIPTIONS
+    from tests.importers.fmu.signals_fmu import description
+    from tests.importers.fmu.test_library_format import elf
 
     for version in (2, 3):
         for text in (DESCRIPTIONS[version](), description(version, "")):
@@ -73,7 +73,7 @@ def fmus(seed: int) -> Iterator[Sample]:
 
 def _blocks(draw: random.Random, dictionary: str = "") -> "Model":
     """Algebra, a table, dynamics, a masked and an enabled subsystem."""
-    from tests.models.simulink.simulink_files import Mask, Model
+    from tests.importers.simulink.simulink_files import Mask, Model
 
     model = Model("blocks", step="0.1", code="" if dictionary else f"k = {draw.random():.3f};\nT = [1 2 4];")
     model.dictionary = dictionary
@@ -96,7 +96,7 @@ def _blocks(draw: random.Random, dictionary: str = "") -> "Model":
 
 def _chart(draw: random.Random) -> "Model":
     """A chart of states within states and a junction."""
-    from tests.models.simulink.simulink_files import Chart, Model
+    from tests.importers.simulink.simulink_files import Chart, Model
 
     states = {"A": "A\nen: y = 1;", "B": "B\nen: y = u;\ndu: c = c + 1;", "B1": "B1", "B2": "B2\nex: y = c;"}
     ways = [
@@ -117,7 +117,7 @@ def _chart(draw: random.Random) -> "Model":
 
 def _function(draw: random.Random) -> "Model":
     """A MATLAB Function with a memory, a loop and a function of its own."""
-    from tests.models.simulink.simulink_files import Model
+    from tests.importers.simulink.simulink_files import Model
 
     model = Model("function", step="0.1", solver="FixedStepDiscrete")
     model.inport("u")
@@ -163,8 +163,8 @@ _DICTIONARY = b"""{"__MW_TEXT_COREPROPERTIES__": {}, "__MW_TEXT_PARTS__": {
 
 def classes(seed: int) -> Iterator[Sample]:
     """ESDL classes, with an application beside them, and the messages that they read."""
-    from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, MACHINE, VEHICLE
-    from tests.models.ascet.random_programs import HEAD
+    from tests.importers.ascet.esdl_projects import BATTERY, LIBRARY, MACHINE, VEHICLE
+    from tests.importers.ascet.random_programs import HEAD
 
     body = "public real calc(real in x, integer in k, boolean in on) {\n" + _STATEMENTS + "}\n}\n"
     flat = {Path(name).name: text for name, text in {**LIBRARY, **BATTERY}.items()}
@@ -199,8 +199,8 @@ schedule {
 
 def components(seed: int) -> Iterator[Sample]:
     """Components of ASCET 6: archives, and each file of a component with the others beside it."""
-    from tests.models.ascet.amd_files import archive
-    from tests.models.ascet.component_samples import LOW_PASS, machine_component, plant_component
+    from tests.importers.ascet.amd_files import archive
+    from tests.importers.ascet.component_samples import LOW_PASS, machine_component, plant_component
 
     plant, machine = plant_component(), machine_component()
     yield Sample(".axl", "Engine.axl", {"Engine.axl": archive(plant, LOW_PASS)})

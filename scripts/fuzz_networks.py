@@ -377,7 +377,7 @@ def _connect(model: Any, folder: Path, draw: random.Random) -> None:
 
 def _change_kind(model: Any, folder: Path, draw: random.Random) -> None:
     """Give an operator the name of another one."""
-    from kennfeld.models.onnx_network.lowering import RULES
+    from kennfeld.importers.onnx.lowering import RULES
 
     if model.graph.node:
         draw.choice(model.graph.node).op_type = draw.choice(sorted(kind for domain, kind in RULES if not domain))

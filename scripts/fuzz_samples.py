@@ -11,8 +11,8 @@ from fuzz_models import classes, components, fmus, functions, models, stored_net
 from fuzz_recordings import bus_logs, diadem, recordings
 from fuzz_sample import Sample
 
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar, Text
 
 ROOT = Path(__file__).parents[1]
 LARGEST = 300_000  # bytes of a real file that is damaged as well

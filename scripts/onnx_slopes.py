@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.models.model_function import ModelFunction
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 
 Float = np.ndarray[Any, Any]
 

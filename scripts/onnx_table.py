@@ -21,12 +21,12 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
+from kennfeld.importers.onnx.importing import network_function
+from kennfeld.importers.onnx.reading import read_network
 from kennfeld.models.model_function import ModelFunction
-from kennfeld.models.onnx_network.importing import network_function
-from kennfeld.models.onnx_network.reading import read_network
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -15,9 +15,9 @@ NAMES = (
 def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the torque demo, a Simulink model, an ESDL class and an FMU."""
     from kennfeld.project.demo import write
-    from tests.models.ascet.esdl_projects import BATTERY, write_project
-    from tests.models.fmu.lag_fmu import description_2, pack
-    from tests.models.simulink.simulink_files import Model
+    from tests.importers.ascet.esdl_projects import BATTERY, write_project
+    from tests.importers.fmu.lag_fmu import description_2, pack
+    from tests.importers.simulink.simulink_files import Model
 
     folder = tmp_path_factory.mktemp("examples") / "torque"
     write("torque", folder)
@@ -46,7 +46,7 @@ def example_folder(request: pytest.FixtureRequest) -> None:
     shutil.copytree(request.getfixturevalue("example_files"), folder)
     if "knock.onnx" in source:
         pytest.importorskip("onnx")
-        from tests.models.onnx_network.networks import perceptron, random_layers
+        from tests.importers.onnx.networks import perceptron, random_layers
 
         perceptron(folder / "knock.onnx", random_layers([2, 4, 1]))
     request.getfixturevalue("monkeypatch").chdir(folder)

@@ -120,7 +120,7 @@ class CostTable:
 def folder(test: str) -> str:
     """Return the folder by which a test is counted: two levels, as in `tests/optimize`.
 
-    >>> folder("tests/models/fmu/test_trajectories.py::test_one")
+    >>> folder("tests/importers/fmu/test_trajectories.py::test_one")
     'tests/models'
     """
     return "/".join(PurePosixPath(test.split("::")[0]).parent.parts[:2])

@@ -16,9 +16,9 @@ import pytest
 from click.testing import CliRunner
 
 from kennfeld import __version__, cli, read_parameters
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.measurement import cache as caching
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from kennfeld.project.demo import write
 from kennfeld.terminal import progress
 

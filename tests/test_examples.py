@@ -31,11 +31,11 @@ from kennfeld import Project, cli, formula
 from kennfeld.optimize import Options
 from kennfeld.project.demo import idle, prepare, write
 from kennfeld.project.surrogate_training import read_training
-from tests.models.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
-from tests.models.ascet.esdl_projects import BATTERY, write_project
-from tests.models.onnx_network.networks import perceptron, random_layers
-from tests.models.simulink.simulink_data import entry, sldd
-from tests.models.simulink.simulink_files import Model
+from tests.importers.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
+from tests.importers.ascet.esdl_projects import BATTERY, write_project
+from tests.importers.onnx.networks import perceptron, random_layers
+from tests.importers.simulink.simulink_data import entry, sldd
+from tests.importers.simulink.simulink_files import Model
 from tests.project.flash_files import A2L, hex_of
 
 ROOT = Path(__file__).parents[1]

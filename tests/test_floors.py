@@ -25,14 +25,14 @@ def layers_of_the_package():
     return [layer.split(" | ") for layer in contract["layers"]]
 
 
-def test_the_map_for_contributors_shows_the_layers_and_every_package():
+def test_the_map_for_contributors_describes_every_package_from_top_to_bottom():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    drawn = [line.split() for line in text.partition("```text\n")[2].partition("```")[0].splitlines()]
-    assert drawn == layers_of_the_package()[1:]  # all but `__main__`
-    described = re.findall(
-        r"`(\w+)`", "".join(line.split("|")[1] for line in text.splitlines() if line.startswith("| `"))
-    )
-    assert sorted(described) == sorted(name for layer in drawn for name in layer)
+    rows = re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
+    layers = layers_of_the_package()[1:]  # all but `__main__`
+    assert len(rows) == sum(map(len, layers))
+    for layer in layers:
+        assert sorted(rows[: len(layer)]) == sorted(layer)
+        del rows[: len(layer)]
 
 
 def test_the_architecture_names_files_that_exist():

@@ -5,11 +5,11 @@ from pathlib import PureWindowsPath
 
 import pytest
 
-from kennfeld import file_spans
 from kennfeld.app.folders import plain_name
-from kennfeld.errors import Findings
+from kennfeld.base.errors import Findings
+from kennfeld.domain import file_spans
+from kennfeld.importers.c.preprocessing import preprocess
 from kennfeld.models import function_files
-from kennfeld.models.c_code.preprocessing import preprocess
 from kennfeld.preprocessing import recording_sources, recordings
 
 

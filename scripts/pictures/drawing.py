@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.notebook.pictures import HEIGHTS, css
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"

@@ -15,10 +15,10 @@ BANDS = (
     ("analysis", "projects", AFTER),
     ("optimize", "calibration", GOOD),
     ("preprocessing", "data", GOOD),
-    ("models", "functions", GOOD),
+    ("importers", "functions", GOOD),
     ("native", "evaluation,\nformats", GOOD),
-    ("free_axes", "domain types", LIMIT),
-    ("data_frames", "helpers", EDGE),
+    ("domain", "domain types", LIMIT),
+    ("base", "helpers", EDGE),
 )
 ROW, GAP, BESIDE = 0.25, 0.07, 0.12  # inches
 LABELS, WIDTH, CHARACTER = 1.15, 7.9, 0.068

@@ -12,7 +12,7 @@ from scripts.pictures import demos
 from scripts.pictures.drawing import AFTER, BEFORE, LIMIT, LIMIT_SOFT, MEASURED, new_figure, panels, save
 
 import kennfeld as kf
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.preprocessing.plateaus import average_plateaus, find_plateaus, first_in_band, segment_starts
 from kennfeld.project.demo import exhaust
 

@@ -7,7 +7,7 @@ from scripts.pictures import demos
 from scripts.pictures.drawing import COLOURS, EDGE, ERROR, GRID, MEASURED, QUIET, new_figure, save
 
 import kennfeld as kf
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 NEAR = 3.0  # degrees from the best ignition within which less than 0.3 % of the torque is lost
 BEST = "torque = MapOptTorque(Speed, Rel_Airmass) - MapDragTorque(Speed, Rel_Airmass)"

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from scripts.pictures.drawing import AFTER, BEFORE, ERROR, GOOD, LIMIT, LIMIT_SOFT, MEASURED, panels, save
 
 import kennfeld as kf
-from kennfeld.arrays import Float
-from kennfeld.constraints import Shape
-from kennfeld.parameters import Parameter
+from kennfeld.base.arrays import Float
+from kennfeld.domain.constraints import Shape
+from kennfeld.domain.parameters import Parameter
 from kennfeld.project.demo import diesel_drive, exhaust, petrol_engine
 from kennfeld.project.demo.torque import motored
 

@@ -13,7 +13,7 @@ from scripts.pictures.drawing import AFTER, COLOURS, EDGE, LIMIT, MEASURED, draw
 
 import kennfeld as kf
 from kennfeld.analysis.evaluation import Evaluator
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 Change = Callable[[float, float], kf.ParameterSet]
 Places = Sequence[tuple[float, float]]

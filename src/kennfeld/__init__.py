@@ -18,21 +18,24 @@ if TYPE_CHECKING:
     from kennfeld.analysis.cross_validation import cross_validate
     from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.analysis.residuals import residuals
+    from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.calfiles import read as read_parameters
-    from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
-    from kennfeld.criteria import Criterion, Region, Target
-    from kennfeld.dataset import Channel, Dataset, Settling
-    from kennfeld.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
+    from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
+    from kennfeld.domain.criteria import Criterion, Region, Target
+    from kennfeld.domain.dataset import Channel, Dataset, Settling
+    from kennfeld.domain.parameter_set import ParameterSet
+    from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+    from kennfeld.domain.rbf import RBF, Expansion
     from kennfeld.graph import Graph
+    from kennfeld.importers.ascet.importing import esdl, import_esdl
+    from kennfeld.importers.fmu.importing import fmu
+    from kennfeld.importers.onnx.importing import onnx
+    from kennfeld.importers.python.importing import function
+    from kennfeld.importers.simulink.importable_subsystems import inspect_simulink
+    from kennfeld.importers.simulink.importing import import_simulink, simulink
     from kennfeld.measurement import read
     from kennfeld.models import Model
-    from kennfeld.models.ascet.importing import esdl, import_esdl
-    from kennfeld.models.fmu.importing import fmu
     from kennfeld.models.formula import formula
-    from kennfeld.models.onnx_network.importing import onnx
-    from kennfeld.models.python_code.importing import function
-    from kennfeld.models.simulink.importable_subsystems import inspect_simulink
-    from kennfeld.models.simulink.importing import import_simulink, simulink
     from kennfeld.optimize import (
         Options,
         Problem,
@@ -45,10 +48,7 @@ if TYPE_CHECKING:
         calibrate,
         simulate,
     )
-    from kennfeld.parameter_set import ParameterSet
-    from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
     from kennfeld.project import Project
-    from kennfeld.rbf import RBF, Expansion
     from kennfeld.surrogate import DynamicSurrogate, FilteredSurrogate, StaticSurrogate, read_surrogate, write_surrogate
     from kennfeld.surrogate.rbf_fit import compress_map
     from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
@@ -125,25 +125,25 @@ _NAMES = {
     "analysis.extrapolation": "find_extrapolation",
     "analysis.residuals": "residuals",
     "calfiles": "read_parameters",
-    "constraints": "Equality Limit Pin Shape Term",
-    "criteria": "Criterion Region Target",
-    "dataset": "Channel Dataset Settling",
-    "errors": "ArgumentError Finding InputError InputWarning KennfeldError",
+    "domain.constraints": "Equality Limit Pin Shape Term",
+    "domain.criteria": "Criterion Region Target",
+    "domain.dataset": "Channel Dataset Settling",
+    "base.errors": "ArgumentError Finding InputError InputWarning KennfeldError",
     "graph": "Graph",
     "measurement": "read",
     "models": "Model",
-    "models.ascet.importing": "esdl import_esdl",
-    "models.fmu.importing": "fmu",
+    "importers.ascet.importing": "esdl import_esdl",
+    "importers.fmu.importing": "fmu",
     "models.formula": "formula",
-    "models.onnx_network.importing": "onnx",
-    "models.python_code.importing": "function",
-    "models.simulink.importable_subsystems": "inspect_simulink",
-    "models.simulink.importing": "import_simulink simulink",
+    "importers.onnx.importing": "onnx",
+    "importers.python.importing": "function",
+    "importers.simulink.importable_subsystems": "inspect_simulink",
+    "importers.simulink.importing": "import_simulink simulink",
     "optimize": "Options Problem Quality RecordingQuality Result Step Stop Trust calibrate simulate",
-    "parameter_set": "ParameterSet",
-    "parameters": "Axis Block Cube Curve Map Scalar Text",
+    "domain.parameter_set": "ParameterSet",
+    "domain.parameters": "Axis Block Cube Curve Map Scalar Text",
     "project": "Project",
-    "rbf": "RBF Expansion",
+    "domain.rbf": "RBF Expansion",
     "surrogate": "DynamicSurrogate FilteredSurrogate StaticSurrogate read_surrogate write_surrogate",
     "surrogate.rbf_fit": "compress_map",
     "surrogate.training": "SurrogateSettings train_surrogate",
@@ -158,7 +158,7 @@ def __getattr__(name: str) -> "Any":
     if name.startswith("_"):  # tools ask for dozens of these: no search for similar names
         raise AttributeError(f"module 'kennfeld' has no attribute {name!r}")
     if name not in _MODULE_OF:
-        from kennfeld.formatting import nearest
+        from kennfeld.base.formatting import nearest
 
         raise AttributeError(f"module 'kennfeld' has no attribute {name!r}. {nearest(name, __all__)}".strip())
     value = getattr(import_module(f"kennfeld.{_MODULE_OF[name]}"), _NAME_THERE.get(name, name))

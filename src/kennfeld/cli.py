@@ -8,8 +8,10 @@ from collections.abc import Sequence
 import click
 
 from kennfeld import __version__
-from kennfeld.errors import InputError, KennfeldError
-from kennfeld.task_runner import WorkersDiedError
+from kennfeld.base.errors import InputError, KennfeldError
+from kennfeld.base.task_runner import WorkersDiedError
+from kennfeld.base.threads import let_blas_threads_sleep
+from kennfeld.base.watch_folder import WATCHER
 from kennfeld.terminal import cache_commands, editor_commands, file_commands, project_commands
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import findings_json, print_findings, print_values
@@ -17,8 +19,6 @@ from kennfeld.terminal.shell_completion import COMPLETE, register_powershell
 from kennfeld.terminal.signals import end_like_ctrl_c
 from kennfeld.terminal.special_files import refuse_special_files
 from kennfeld.terminal.watched_commands import APP, call_limit
-from kennfeld.threads import let_blas_threads_sleep
-from kennfeld.watch_folder import WATCHER
 
 JSON = "--json"
 
@@ -74,7 +74,7 @@ def main() -> None:
 def _run_safely(arguments: Sequence[str]) -> int:
     """Run a command line, in a process of its own if its project calls foreign code, which may crash."""
     if WATCHER in os.environ:
-        from kennfeld.process_limits import limit_foreign_code
+        from kennfeld.base.process_limits import limit_foreign_code
         from kennfeld.terminal.watched_process import watched_process
 
         if arguments[:1] != [APP]:  # the browser that it opens would be limited as well
@@ -107,7 +107,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
     except WorkersDiedError as error:
-        from kennfeld.machine_code.crash_report import worker_findings
+        from kennfeld.base.machine_code.crash_report import worker_findings
 
         print_findings(*(worker_findings() or error.findings))
     except InputError as error:

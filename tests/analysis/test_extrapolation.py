@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from kennfeld import Criterion, Dataset, ParameterSet, Scalar, Settling, formula
 from kennfeld.analysis.extrapolation import find_extrapolation
+from kennfeld.domain.rbf import Expansion
 from kennfeld.optimize import Problem
-from kennfeld.optimize import quality as scoring_module
-from kennfeld.optimize import surrogate_calls as calls_module
-from kennfeld.rbf import Expansion
+from kennfeld.optimize.quality import quality as scoring_module
+from kennfeld.optimize.quality import surrogate_calls as calls_module
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, Validity
 from tests.draws import few_or_many
 

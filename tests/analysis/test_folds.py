@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.analysis.cross_validation import folds_of
-from kennfeld.file_spans import FileSpans
+from kennfeld.domain.file_spans import FileSpans
 
 lengths = st.lists(st.lists(st.integers(1, 30), min_size=1, max_size=4), min_size=1, max_size=3)
 

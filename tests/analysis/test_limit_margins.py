@@ -2,7 +2,7 @@ import numpy as np
 
 from kennfeld import Criterion, Curve, Dataset, Limit, Map, ParameterSet, Scalar, formula
 from kennfeld.analysis.limit_margins import active_constraints, output_ranges
-from kennfeld.constraints import Equality, Shape, Term
+from kennfeld.domain.constraints import Equality, Shape, Term
 from kennfeld.optimize import Problem
 
 

@@ -12,7 +12,7 @@ from kennfeld.analysis.evaluation import Evaluator
 from kennfeld.analysis.leverage import sample_leverage
 from kennfeld.analysis.residuals import analyse, residuals
 from kennfeld.optimize import Problem
-from kennfeld.optimize.lookup_coverage import Lookups, coordinates
+from kennfeld.optimize.quality.lookup_coverage import Lookups, coordinates
 
 
 def problem_of(text, parameters, *datasets, criteria=(("y", "t"),)):
@@ -130,7 +130,7 @@ def test_many_samples_are_taken_block_by_block(monkeypatch):
     table = Cube("M", [[0, 5, 10], [0, 2, 5], [0, 1]], np.zeros((3, 3, 2)))
     problem = problem_of("y = M(x, z, sin(x))", [table], data)
     (whole,) = residuals(problem, problem.parameters)
-    monkeypatch.setattr("kennfeld.optimize.lookup_coverage.SAMPLES_PER_BLOCK", 64)
+    monkeypatch.setattr("kennfeld.optimize.quality.lookup_coverage.SAMPLES_PER_BLOCK", 64)
     (parts,) = residuals(problem, problem.parameters)
     np.testing.assert_array_equal(parts.cells[0].samples, whole.cells[0].samples)
     np.testing.assert_allclose(parts.cells[0].mean, whole.cells[0].mean)

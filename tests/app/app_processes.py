@@ -227,7 +227,7 @@ def load_app() -> None:
     from kennfeld.app.questions import QUESTIONS
     from kennfeld.app.server.server import serve
     from kennfeld.app.workspace import AppWorkspace
-    from kennfeld.errors import KennfeldError
+    from kennfeld.base.errors import KennfeldError
     from kennfeld.project.demo import write
 
     for module in ("run_job", "surrogate_training"):

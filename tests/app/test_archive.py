@@ -8,7 +8,7 @@ import pytest
 
 from kennfeld.app import archive
 from kennfeld.app.archive import write_archive
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 
 
 @pytest.fixture

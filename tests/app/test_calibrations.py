@@ -13,7 +13,7 @@ from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.calibration_source import source_of
 from kennfeld.app.session.session import Session
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calfiles"))
 

@@ -16,7 +16,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.state import SetText, SetValues
 from kennfeld.app.session.summary import summarise_session
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.project import Project
 
 TOML = """\

@@ -9,7 +9,7 @@ import pytest
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.workspace import AppWorkspace
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from tests.app.browser import browser_page
 from tests.app.serving import served
 from tests.project.hostile_projects import write_project

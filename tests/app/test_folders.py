@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from kennfeld.app.folders import confined, free_path, writable
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import SetKeys, SetText
-from kennfeld.errors import ArgumentError, InputError
-from tests.models.simulink.simulink_files import Model
+from kennfeld.base.errors import ArgumentError, InputError
+from tests.importers.simulink.simulink_files import Model
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
 

@@ -10,7 +10,7 @@ import pytest
 from tests.app.browser import READY, browser_page, started
 from tests.app.function_samples import C_FILE, write_functions
 from tests.app.shared_app import project_page
-from tests.models.fmu.lag_fmu import build
+from tests.importers.fmu.lag_fmu import build
 
 ALLOW = ".consent button.primary"
 
@@ -89,7 +89,7 @@ def test_an_fmu_is_dropped_and_allowed(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_network_is_chosen_and_its_layers_are_listed(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
-    from tests.models.onnx_network.networks import perceptron, random_layers
+    from tests.importers.onnx.networks import perceptron, random_layers
 
     project = write_functions(tmp_path)
     perceptron(tmp_path / "net.onnx", random_layers([2, 3, 1]))

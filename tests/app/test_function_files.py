@@ -11,11 +11,11 @@ from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.models import code_consent
 from tests.app.function_samples import write_functions
-from tests.models.fmu import tank_fmu
-from tests.models.fmu.lag_fmu import build
+from tests.importers.fmu import tank_fmu
+from tests.importers.fmu.lag_fmu import build
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
@@ -268,7 +268,7 @@ def test_an_fmu_for_co_simulation_keeps_its_states_to_itself(tmp_path: Path) -> 
 
 def test_a_network_is_shown_with_its_layers(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
-    from tests.models.onnx_network.networks import perceptron, random_layers
+    from tests.importers.onnx.networks import perceptron, random_layers
 
     project = write_functions(tmp_path, file="net.onnx")
     perceptron(tmp_path / "net.onnx", random_layers([2, 3, 1]))

@@ -8,7 +8,7 @@ import pytest
 
 from tests.app.browser import READY, browser_page, started
 from tests.app.shared_app import project_page
-from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, write_project
+from tests.importers.ascet.esdl_projects import BATTERY, LIBRARY, write_project
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
 

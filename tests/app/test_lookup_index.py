@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from kennfeld.app.session.lookup_index import LookupIndex
+from kennfeld.domain.parameters import Axis, parameter
 from kennfeld.graph.interpolation import position
-from kennfeld.optimize.lookup_coverage import Lookup
-from kennfeld.parameters import Axis, parameter
+from kennfeld.optimize.quality.lookup_coverage import Lookup
 
 SAMPLES = 400
 

@@ -13,10 +13,10 @@ from kennfeld.app.questions import exports, overview, recordings, runs
 from kennfeld.app.session import partitioned_data
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetValues
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.markup import decimal
-from kennfeld.optimize.quality import Scorer
-from kennfeld.optimize.result import Result
+from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.base.markup import decimal
+from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
 from tests.project.partitioned_projects import FEW, in_partitions, write_steady

@@ -9,11 +9,11 @@ import pytest
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import read
-from kennfeld.errors import ArgumentError, InputError
-from tests.models.ascet.amd_files import write_archive
-from tests.models.ascet.component_samples import LOW_PASS, plant_component
-from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, write_project
+from tests.importers.ascet.amd_files import write_archive
+from tests.importers.ascet.component_samples import LOW_PASS, plant_component
+from tests.importers.ascet.esdl_projects import BATTERY, LIBRARY, write_project
 
 TOML = """[model]
 file = "Battery/Cell/Accu.esdl"

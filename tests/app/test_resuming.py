@@ -11,8 +11,8 @@ import pytest
 from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.optimize.result import Checkpoint, StartResult
+from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.optimize.fit.result import Checkpoint, StartResult
 from kennfeld.project import Project
 
 pytestmark = pytest.mark.usefixtures("forked_workers")

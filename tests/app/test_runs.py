@@ -10,7 +10,7 @@ from kennfeld.app.questions import exports, overview, parameters, runs, settings
 from kennfeld.app.session.live_model import LiveModel
 from kennfeld.app.session.session import Run, Session
 from kennfeld.app.session.state import SetValues
-from kennfeld.optimize.quality import Scorer
+from kennfeld.optimize.quality.quality import Scorer
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from kennfeld.app.questions import schema, settings
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SessionState, SetKeys
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.project.demo import write
 from kennfeld.project.document import ProjectDocument
 from kennfeld.project.key_descriptions import describe_sections

@@ -12,7 +12,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SampleSelection, SignalName, SignalRange
 from kennfeld.app.session.state import SetKeys, SetValues
 from kennfeld.app.session.strips import strip
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.preprocessing.sample_weights import sample_weights
 
 SPEED = {"kind": "channel", "name": "Speed"}

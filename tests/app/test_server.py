@@ -194,7 +194,7 @@ def test_the_folder_is_downloaded_without_recovery_files(server: Served) -> None
 
 def test_a_port_that_is_taken_is_refused_in_one_line(server: Served, tmp_path: Path) -> None:
     from kennfeld.app.launch import launch
-    from kennfeld.errors import InputError
+    from kennfeld.base.errors import InputError
 
     with pytest.raises(InputError, match=f"port {server.port} cannot be used"):
         launch(None, server.port, browser=False)

@@ -10,7 +10,7 @@ import pytest
 from kennfeld.app.questions.runs import progress
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.project import Project
 
 forked = pytest.mark.usefixtures("forked_workers")

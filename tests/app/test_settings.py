@@ -10,7 +10,7 @@ from kennfeld.app.questions import exports, recordings, settings
 from kennfeld.app.session.saved_values import VALUES
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText, SetValues
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from tests.draws import mostly_slow
 
 

@@ -11,7 +11,7 @@ from kennfeld.app.recent import forget, recent_file, recent_projects, remember, 
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
 from kennfeld.app.workspace import DEMOS, AppWorkspace
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.project import Project
 from tests.measurement.bus_files import DBC, drive, write_mf4
 

@@ -10,7 +10,7 @@ from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 

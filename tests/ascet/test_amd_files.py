@@ -12,7 +12,7 @@ from kennfeld.ascet.amd.files import component_stem, open_archive, open_folder
 from kennfeld.ascet.amd.library import ComponentLibrary
 from kennfeld.ascet.amd.ranges import read_ranges
 from kennfeld.ascet.amd.xml_document import parse_amd
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 
 MAIN = b'<ComponentMain><Component name="C" nameSpace="/A/B" componentType="ASCET_Class"/></ComponentMain>'
 
@@ -64,7 +64,7 @@ def test_files_of_a_folder_of_another_name_are_those_beside(tmp_path):
     ids=["bomb", "twins", "cut off", "few bytes"],
 )
 def test_archives_that_are_not_harmless_are_refused(members, length, part, monkeypatch):
-    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 40)
+    monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 40)
     raw = archive(*(("a.main.amd", content) for content in members))
     with pytest.raises(InputError, match=part):
         open_archive(raw[:length], "a.axl")

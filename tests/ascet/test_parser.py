@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.lexer import tokens_of
 from kennfeld.ascet.parser import parse_esdl, scan_esdl
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from tests.draws import few_or_many
 
 PLANT = """package Plant.Model;

@@ -3,7 +3,7 @@
 import pytest
 
 from kennfeld.ascet.schedule import Task, parse_schedule
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 
 APPLICATION = """application {
 	class Plant.Cell representation Plant.Cell.Impl

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles.a2l.objects import summarise_labels
-from kennfeld.errors import InputError
 from tests.calfiles.a2l_files import COMMON, label, layout, method, module, parsed, shared_axis
 
 SCALAR = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles.a2l.objects import summarise_labels
 from kennfeld.calfiles.a2l.parser import parse_a2l
 from kennfeld.calfiles.a2l.reader import read_parameters
 from kennfeld.calfiles.a2l.writer import write_values
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.errors import InputError
 from tests.calfiles.a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file, shared_axis
 from tests.draws import mostly_slow
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles.a2l.reader import read_parameters
 from kennfeld.calfiles.a2l.writer import write_values
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Curve, Map, Scalar, Text
 from tests.calfiles.a2l_files import (
     ADDRESS,
     axis,

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import strategies as st
 
 from kennfeld import cli
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, losses, read, write
 from kennfeld.calfiles.amd.reader import read_amd
 from kennfeld.calfiles.amd.update import write_amd
 from kennfeld.calfiles.format import CalibrationSource
-from kennfeld.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Curve, Scalar, Text
 from kennfeld.files.calibrations import AMD
 from kennfeld.files.identification import identify
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Scalar, Text
 from tests.draws import few_or_many
-from tests.models.ascet.amd_files import Component, Item, instance, message, parameter, write_archive, write_folder
+from tests.importers.ascet.amd_files import Component, Item, instance, message, parameter, write_archive, write_folder
 
 X, Y = [0.0, 10.0, 30.5], [0.0, 1.0]
 PLANT = Component(

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.base.errors import ArgumentError
 from kennfeld.calfiles import Comparison, Difference, Tolerance, compare
-from kennfeld.errors import ArgumentError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
 from tests.calfiles.calibration_sets import parameter_sets
 from tests.draws import few_or_many
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 HEAD = 'CALIBRATION VALUES V2.1,.,*,"",\n\n'
 X2 = "\n,K\nX_AXIS_PTS,,1,2\n"

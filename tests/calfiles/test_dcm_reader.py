@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read
-from kennfeld.errors import InputError
-from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
 
 HEAD = "KONSERVIERUNG_FORMAT 2.0\n\n"
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read, write
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 SPEED = Axis([700, 1000], unit="rpm", name="AxisSpeed")
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, losses, read, write
 from kennfeld.calfiles.esdl.reader import read_esdl
 from kennfeld.calfiles.esdl.update import write_esdl
 from kennfeld.calfiles.format import CalibrationSource
-from kennfeld.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.files.calibrations import ESDL
 from kennfeld.files.identification import identify
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from tests.draws import few_or_many
 
 TEXT = """// a head

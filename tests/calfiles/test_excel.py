@@ -9,12 +9,12 @@ import pytest
 import python_calamine
 import xlsxwriter
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.excel.layout import holds_calibration, sheet_names
-from kennfeld.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 from kennfeld.files.head import read_head
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 SPEED = Axis([700, 1000, 1500], "n", "rpm", "AxisSpeed")
 LOAD = Axis([0, 50], "rl", "%")
@@ -187,7 +187,7 @@ def repacked(path, change):
 def test_a_sheet_that_unpacks_to_gigabytes_is_refused(book, monkeypatch):
     path = repacked(book(), lambda name, raw: raw + b" " * 30_000_000 if name.endswith("sheet1.xml") else raw)
     assert path.stat().st_size < 200_000
-    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 20)
+    monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 20)
     assert "sheet1.xml holds 30 MB or more, packed into 0.0 MB" in refused(path)
 
 

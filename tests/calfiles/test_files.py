@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import kennfeld.calfiles
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import describe, endings, read, write
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Scalar, Text
 
 ONE = ParameterSet([Scalar("K", 2.0)])
 

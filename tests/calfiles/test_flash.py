@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import describe, describe_a2l, endings, read, write
 from kennfeld.cli import run
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Scalar
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Curve, Scalar
 from tests.calfiles.a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file
 
 TEXT = module(

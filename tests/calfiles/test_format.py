@@ -1,8 +1,8 @@
 import pytest
 
+from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import one_line
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
-from kennfeld.errors import InputError
-from kennfeld.formatting import one_line
 
 TEXT = 'FESTWERT K\n EINHEIT_W "°C"\n'
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.errors import ArgumentError, InputError
 from kennfeld.files.calibrations import IMAGE
 from kennfeld.files.head import FileHead
 from tests.calfiles.a2l_files import hex_file, hex_record, s_file, s_record

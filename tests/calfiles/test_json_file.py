@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read, write
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 
 def findings(path):

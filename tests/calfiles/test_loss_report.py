@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import losses, read, write
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Cube, Curve, Map, Scalar, Text
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 LOAD = Axis([0, 1], unit="%")

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import scipy
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.matlab_reader import holds_calibration
-from kennfeld.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
 from kennfeld.files.containers import MATLAB
 from kennfeld.files.head import FileHead, read_head
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
-from tests.models.simulink.simulink_data import Thing, matfile
+from tests.importers.simulink.simulink_data import Thing, matfile
 
 SET = ParameterSet(
     [

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.matlab_reader import format_comment, parse_comment
-from kennfeld.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 from kennfeld.files.calibrations import SCRIPT
 from kennfeld.files.head import FileHead
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 from tests.draws import mostly_slow
 
 PEOPLE = """%% Engine calibration

@@ -1,9 +1,9 @@
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import merge
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Scalar, Text
 from tests.calfiles.calibration_sets import parameter_sets
 from tests.draws import few_or_many
 

@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, merge, read, write
 from kennfeld.calfiles.msq.reader import Pair, pairs_of, usual_pairs
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
 
 TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <msq xmlns="http://www.msefi.com/:msq">

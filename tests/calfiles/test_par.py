@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, recognise, write
 from kennfeld.calfiles.merging import merge
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Map, Scalar
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Curve, Map, Scalar
 from tests.draws import few_or_many
 
 HEAD = '"my ecu.a2l" 1 0 ECU\r\n;user\r\n; project\r\n\r\n'

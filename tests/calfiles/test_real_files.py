@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.calfiles import Comparison, compare, describe, describe_a2l, read, write
-from kennfeld.parameters import Block
+from kennfeld.domain.parameters import Block
 from tests.draws import mostly_slow
 
 FILES = {

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume
 from hypothesis import strategies as st
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read, write
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Text
 from tests.calfiles.calibration_sets import line_texts, parameter_sets, plain_units
 from tests.draws import few_or_many
 

@@ -5,10 +5,10 @@ from itertools import permutations, product
 
 import pytest
 
+from kennfeld.base.errors import ArgumentError
 from kennfeld.calfiles import compare, losses, read, write
-from kennfeld.errors import ArgumentError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 TEXTS = (

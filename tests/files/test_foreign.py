@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 from kennfeld import read, read_parameters
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.files.foreign import identify_foreign, identify_package
 from kennfeld.terminal.file_info import describe_file
 

@@ -8,11 +8,11 @@ from fuzz_samples import samples
 
 import kennfeld as kf
 from kennfeld.app.questions.additions import kinds_of
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles.cvx.writer import write_cvx
-from kennfeld.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.files import Role, identify
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from kennfeld.terminal.file_info import describe_file
 
 CONTENTS = {"measurement": "recording", "calibration": "calibration", "formula": "function", "project": "project"}

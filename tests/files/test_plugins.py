@@ -11,7 +11,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.app.questions.additions import kinds_of
-from kennfeld.errors import InputWarning
+from kennfeld.base.errors import InputWarning
 from kennfeld.files import identify
 from kennfeld.files.plugins import formats_of_plugins
 from kennfeld.terminal.file_info import describe_file

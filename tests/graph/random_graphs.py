@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from hypothesis import strategies as st
 
-from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.domain.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
+from kennfeld.domain.rbf import RBF, Expansion
 from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.native.rbf_code import KERNELS
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
-from kennfeld.rbf import RBF, Expansion
 
 INPUTS = ("u", "v", "w")
 LOSSES = ("square", "huber", "soft_l1")

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Block
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.dense_layer import ACTIVATIONS, DenseLayer, evaluate_layer
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Block
 
 
 def network(layer):

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from hypothesis import assume
 
-from kennfeld.errors import ArgumentError
-from kennfeld.free_axes import free_axes, with_breakpoints
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.free_axes import free_axes, with_breakpoints
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Cube, Curve, Map, Scalar
 from kennfeld.graph import OPERATIONS, GraphBuilder
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Cube, Curve, Map, Scalar
 from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases, sizes_of

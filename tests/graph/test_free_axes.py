@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
-from kennfeld.free_axes import AxisKey, free_axes, key_of, with_breakpoints, with_free_axes
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.free_axes import AxisKey, free_axes, key_of, with_breakpoints, with_free_axes
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Map, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.graph.partition import partition_graph
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Map, Scalar
 
 SPEED = AxisKey("AxisSpeed")
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.integration import SOLVERS, apply_solver, is_continuous, without_idle_holds
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.parameter_set import ParameterSet
 from tests.clocks import even_clock
 
 NO_LIMITS = (-math.inf, math.inf)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.parameter_set import ParameterSet
 
 NOTHING = ParameterSet()
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.lookup_lowering import AxisRef, lower_lookups
 from kennfeld.graph.traversal import dependents, rewrite
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar
 
 SPEED = [0.0, 1.0, 3.0]
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import OPERATIONS, GraphBuilder
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.parameter_set import ParameterSet
 
 STEPS = ("floor", "ceil", "round", "sign", "lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not")
 # points where each operation is smooth; default: far from kinks on both sides of zero

@@ -1,11 +1,11 @@
 import numpy as np
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.graph.partition import partition_graph
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Scalar
 from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written, differentiate
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from tests.draws import few_or_many
 from tests.graph.random_graphs import cases
 

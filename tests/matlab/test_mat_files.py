@@ -14,8 +14,8 @@ import scipy
 from kennfeld.matlab.mat_nodes import MatFileError, MatNumbers, MatStruct, MatText, MatUnreadable
 from kennfeld.matlab.mat_reader import load_nodes, read_nodes
 from kennfeld.matlab.mcos import read_array, read_workspace
+from tests.importers.simulink.simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
 from tests.measurement.matlab_files import save73
-from tests.models.simulink.simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
 
 SPARSE, COMPRESSED, LOGICAL = 5, 15, 0x200
 

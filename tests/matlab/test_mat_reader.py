@@ -19,8 +19,8 @@ from kennfeld.matlab.mcos import read_workspace
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import to_calibration_parameter
 from kennfeld.matlab.values import MatlabCell, OpaqueValue, class_name, text
+from tests.importers.simulink.simulink_data import Thing, mxarray, pairs
 from tests.measurement.matlab_files import save73
-from tests.models.simulink.simulink_data import Thing, mxarray, pairs
 
 PLAIN = {
     "K": 2.5,

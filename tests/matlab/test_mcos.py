@@ -13,8 +13,7 @@ from kennfeld.matlab.mat_nodes import MatCells, MatFileError, MatStruct, MatStru
 from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.mat_v5 import read_elements
 from kennfeld.matlab.mcos import read_workspace
-from tests.measurement.matlab_files import save73
-from tests.models.simulink.simulink_data import (
+from tests.importers.simulink.simulink_data import (
     OPAQUE,
     UINT8,
     Store,
@@ -25,6 +24,7 @@ from tests.models.simulink.simulink_data import (
     numbers,
     struct_of,
 )
+from tests.measurement.matlab_files import save73
 
 TAG = np.array([0xDD000000], "<u4").tobytes()
 SIMULINK = "Simulink.Parameter"

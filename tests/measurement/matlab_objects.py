@@ -4,8 +4,8 @@ import h5py
 import numpy as np
 
 from kennfeld.matlab.mat_v5 import read_elements
+from tests.importers.simulink.simulink_data import Store, Thing, matfile
 from tests.measurement.matlab_files import save73
-from tests.models.simulink.simulink_data import Store, Thing, matfile
 
 
 def string(*texts):

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import read
 
 # Few damaged files always, many of the same sequence if slow tests are asked for.

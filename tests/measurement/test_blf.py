@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.blf import read_frames
 from kennfeld.measurement.source import locate

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.bus_databases import to_databases
 from tests.measurement.bus_files import DBC, Frame, drive, eec1, engine, write_log, write_mf4

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld import file_state
-from kennfeld.errors import InputError
-from kennfeld.file_state import FileState
+from kennfeld.base import file_state
+from kennfeld.base.errors import InputError
+from kennfeld.base.file_state import FileState
 from kennfeld.measurement import cache as caching
 from kennfeld.measurement.bus_databases import to_databases
 from kennfeld.measurement.cache import Cache
@@ -78,7 +78,7 @@ def test_other_channels_and_another_raster_are_read_for_themselves(kept):
 
 def test_keeping_a_recording_does_not_load_pandas():
     code = (
-        "import sys; from kennfeld.dataset import Dataset;"
+        "import sys; from kennfeld.domain.dataset import Dataset;"
         "from kennfeld.measurement.cache import from_parquet, to_parquet;"
         "content = to_parquet(Dataset.of('bench', {'Speed': [1.0, float('nan')]}));"
         "print(from_parquet(content, 'bench')['Speed'].values.tolist(), 'pandas' in sys.modules)"

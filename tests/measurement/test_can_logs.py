@@ -9,7 +9,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.bus_files import DBC, Frame, drive, eec1, engine, write_log, write_mf4
 

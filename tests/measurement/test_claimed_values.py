@@ -4,11 +4,11 @@ import zipfile
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.base.process_limits import memory_bound
 from kennfeld.measurement import read
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.source import locate
-from kennfeld.process_limits import memory_bound
 from tests.measurement import test_diadem as dat
 
 CLAIMED = 90_000_000  # values, 720 MB

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import clock_numbers, read
 from kennfeld.measurement.clock_numbers import seconds_of_clock
 from kennfeld.measurement.stamps import is_stamp, parse_stamps

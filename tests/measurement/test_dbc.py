@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement.bus_messages import Switch
 from kennfeld.measurement.dbc import parse_database, read_database
 from tests.measurement.bus_files import DBC

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.measurement.cache import from_parquet, to_parquet
 from tests.draws import few_or_many
 

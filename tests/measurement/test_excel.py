@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import read
 
 TABLE = [["Speed", "Torque"], ["rpm", "Nm"], [1000.0, 80.5], [2000.0, 95.25]]
@@ -74,7 +74,7 @@ def test_a_stray_cell_out_of_its_order_does_not_fill_the_memory(xlsx, far, span)
 
 
 def test_a_workbook_that_unpacks_to_too_much_is_refused(xlsx, monkeypatch):
-    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 60)
+    monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 60)
     blanks = " " * 10_100_000
     with pytest.raises(InputError, match=r"sheet1.xml holds 10 MB or more, packed into 0.0 MB. Such a file"):
         read(xlsx(Data=f'<row r="1"><c r="A1"><v>1</v></c></row>{blanks}'))

@@ -8,7 +8,7 @@ import zipfile
 import pytest
 import xlsxwriter
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.mutants import few_or_many_copies
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import feather, ipc
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.mutants import few_or_many_copies, refusals
 

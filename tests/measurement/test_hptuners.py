@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.mutants import few_or_many_copies
 

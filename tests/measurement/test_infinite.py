@@ -6,8 +6,8 @@ import pyarrow.parquet as pq
 import pytest
 import scipy
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.dataset import Dataset
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.cache import from_parquet, to_parquet
 from tests.measurement.mlg_files import mlg, number, record

@@ -5,7 +5,7 @@ import pytest
 import scipy
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.matlab import mat_v73
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.matlab import holds_samples

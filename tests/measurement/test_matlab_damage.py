@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.matlab_files import HEAD, array5, element, file5, save73
 from tests.measurement.mutants import few_or_many_copies

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from kennfeld import read_parameters
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.matlab.mat_nodes import MatText
 from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.measurement import describe, read
+from tests.importers.simulink.simulink_data import Thing
 from tests.measurement.matlab_objects import (
     categorical,
     datetime,
@@ -22,7 +23,6 @@ from tests.measurement.matlab_objects import (
     table,
     timetable,
 )
-from tests.models.simulink.simulink_data import Thing
 
 DATE = 1_767_225_600_000.0  # ms from 1970 to 2026
 SPEED = {"Speed": np.array([[800.0], [810.0], [820.0]]), "Gear": np.array([[1], [2], [3]], np.uint8)}

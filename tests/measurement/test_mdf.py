@@ -11,7 +11,7 @@ import warnings
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.mdf import describe_by_library
 from kennfeld.measurement.source import locate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.draws import few_or_many
 from tests.measurement.mlg_files import SIZES, bits, mark, mlg, number, record

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read, text
 
 NAN = np.nan

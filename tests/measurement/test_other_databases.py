@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.dbc import parse_database, read_database
 

@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 import kennfeld.measurement
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.measurement import describe, read
 
 

@@ -7,7 +7,7 @@ import pytest
 from asammdf import MDF
 from scipy.io import loadmat
 
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.measurement import mdf_writer
 from kennfeld.measurement.matlab_writer import write_matlab
 from kennfeld.measurement.mdf_writer import write_mdf

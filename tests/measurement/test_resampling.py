@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.dataset import SAMPLES_PER_BLOCK
+from kennfeld.domain.dataset import SAMPLES_PER_BLOCK
 from kennfeld.measurement import read
 from kennfeld.measurement.resampling import even_grid, is_stepped, resample
 

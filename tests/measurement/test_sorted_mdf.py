@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import mdf, read
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.source import locate

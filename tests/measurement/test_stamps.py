@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.stamps import is_stamp, parse_stamps
 from tests.draws import few_or_many

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import read, text
 from kennfeld.measurement.bulk_csv import read_bulk
 from kennfeld.measurement.source import locate

@@ -5,7 +5,7 @@ import gzip
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 
 EPOCH = 1_767_225_600  # s from 1970 to 2026

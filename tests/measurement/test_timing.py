@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.measurement import read
 
 

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read as read_calibration
-from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.reader import _readable
 
@@ -74,7 +74,7 @@ def test_files_beside_a_header_in_an_archive_are_read(tmp_path, monkeypatch):
         read(str(zipped(tmp_path / "alone.zip", {"run.dat": DIADEM, "tue/run.r64": bytes(24)})) + "#run.dat")
     members["mon/other.r64"] = bytes(100_000)
     zipped(path, members)
-    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 10_000)
+    monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 10_000)
     with pytest.raises(InputError, match=r"suspicious archive: mon/other\.r64 holds 0 MB or more"):
         read(f"{path}#run.dat")
 
@@ -89,7 +89,7 @@ def test_what_is_compressed_twice_or_empty_is_refused(tmp_path):
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
 @pytest.mark.parametrize("content", [b"MDF     4.10" + bytes(1_000_000), b"time,Speed\n" + b"1,900\n" * 200_000])
 def test_bombs_are_refused(tmp_path, monkeypatch, pack, content):
-    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 1000)
+    monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 1000)
     path = tmp_path / "bomb.x"
     path.write_bytes(pack(content))
     with pytest.raises(InputError, match=r"bomb\.x: its .* MB unpack to more than 0 MB, \d+ times its size\. Unpack"):
@@ -97,7 +97,7 @@ def test_bombs_are_refused(tmp_path, monkeypatch, pack, content):
 
 
 def test_bombs_that_claim_to_be_calibrations_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 1000)
+    monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 1000)
     path = tmp_path / "start.dcm.gz"
     path.write_bytes(gzip.compress(b"KONSERVIERUNG_FORMAT 2.0\n" + b"* note\n" * 100_000))
     with pytest.raises(InputError, match=r"start\.dcm\.gz: its .* MB unpack to more than 0 MB, \d+ times its size"):

@@ -5,10 +5,10 @@ import zipfile
 import pytest
 
 from kennfeld import calfiles
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve
 from kennfeld.measurement import describe, read
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve
 
 CELL = '<c r="{0}"><v>{1}</v></c>'
 TEXT = '<c r="{0}" t="inlineStr"><is><t>{1}</t></is></c>'

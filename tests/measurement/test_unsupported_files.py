@@ -4,7 +4,7 @@ import gzip
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement import describe, read
 
 DBC = """VERSION ""

@@ -4,9 +4,9 @@ import struct
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.base.workbooks.biff import check_records
 from kennfeld.measurement import describe, read
-from kennfeld.workbooks.biff import check_records
 from tests.measurement.xls_files import BOF_BOOK, SECTOR, compound, part, records, wide, xls
 
 ROWS = [["time", "Speed", "on"], ["s", "rpm", "-"], *([0.1 * i, 1000.5 + i, i % 2] for i in range(60))]

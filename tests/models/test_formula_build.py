@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula, lowering
-from kennfeld.parameter_set import ParameterSet
 
 
 def findings(text: str) -> list[str]:

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import expression, extend, formula, read
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 
 FIGURE_3 = """\
 1 trqOpt[-] = MapOptTorque(Speed,Rel_Airmass)

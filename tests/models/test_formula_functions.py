@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.functions import FUNCTIONS
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from tests.clocks import even_clock
 
 DT = np.array([0.1, 0.1, 0.1, 0.2, 0.2, 0.1, 0.05, 0.1, 0.1, 0.3])

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.graph import Graph
 from kennfeld.models import Model
 from kennfeld.models.formula import expression, extend, formula, to_text

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.models.formula import expression, extend, formula
 
 

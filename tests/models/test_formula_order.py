@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.lowering import topological_order
 

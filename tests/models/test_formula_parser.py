@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.models.formula import expression, formula
 from kennfeld.models.formula.parser import MAX_DEPTH
 from tests.draws import mostly_slow

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula, to_text
 from kennfeld.models.formula.printer import merge_equal_states
-from kennfeld.parameter_set import ParameterSet
 from tests.draws import few_or_many
 from tests.models.formula_graphs import graphs, one_nan
 

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.integration import SOLVERS
 from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import formula, to_text
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from tests.clocks import even_clock
 from tests.models.formula_graphs import one_nan
 

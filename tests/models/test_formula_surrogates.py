@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.rbf import Expansion
 from kennfeld.models.formula import formula
-from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
 
 

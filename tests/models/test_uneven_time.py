@@ -10,8 +10,8 @@ import kennfeld as kf
 from kennfeld.graph.integration import SOLVERS
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from tests.draws import mostly_slow
 
 SAMPLES = 61

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Block, Curve, Map, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Block, Curve, Map, Scalar
 from tests.clocks import even_clock
 from tests.graph.random_graphs import Case, Criterion
 from tests.native.external_functions import PRODUCT_AND_SQUARE

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.machine_code import engine
+from kennfeld.base.machine_code import engine
 from kennfeld.native import emitter
 
 

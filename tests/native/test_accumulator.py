@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.native import accumulator as module
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Scalar
 from tests.graph.noise import assert_close, spread
 from tests.graph.random_graphs import LOSSES
 from tests.native.models import MODELS, case, coupled, lag, parameters, static

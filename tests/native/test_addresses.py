@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from kennfeld import native
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.addresses import INT64, address, strided
 from kennfeld.native.cholesky import Cholesky

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.column_table import BLOCK, ColumnTable
 from kennfeld.native.samples import Piece, Samples

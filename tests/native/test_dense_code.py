@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Block, Curve
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.dense_layer import ACTIVATIONS, DenseLayer
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Block, Curve
 from tests.native.models import case
 from tests.native.reference import compiled
 

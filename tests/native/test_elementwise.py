@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import OPERATIONS, GraphBuilder
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.elementwise import CONDITIONS, ELEMENTARY, VALUES
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameter_set import ParameterSet
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 1.5, 2.5, -2.5, 0.49999999999999994, 3.0, 7.3, -0.3, 1e-310, -1e-310, 1e-8]
 SPECIAL += [1e8, -1e8, 1e17, 4503599627370497.0, 1e300, -1e300, np.inf, -np.inf, np.nan]

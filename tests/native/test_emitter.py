@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native import emitter
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from tests.draws import few_or_many, mostly_slow
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
 from kennfeld.native.adjoint_loop import PullProgram
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
 from tests.draws import mostly_slow
 from tests.native.models import MODELS, case, coupled
 from tests.native.reference import compiled, sums

@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Map
 from kennfeld.graph import GraphBuilder
 from kennfeld.native import workspace
 from kennfeld.native.symmetric import as_array
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Map
 from tests.native.models import X, Y, case, static
 from tests.native.reference import compiled, sums
 

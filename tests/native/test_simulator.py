@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native import simulator as module
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Scalar
 from tests.native.models import MODELS, case
 
 

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Curve, Map, parameter
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Curve, Map, parameter
 from tests.draws import few_or_many
 
 SPECIAL = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-310]

@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.native.trajectory_gate import TrajectoryGate
-from kennfeld.parameter_set import ParameterSet
 from tests.native.external_functions import POINTERS, Callback
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import Finding, FindingList, Findings, Location
+from kennfeld.base.errors import Finding, FindingList, Findings, Location
 
 VOID = {"meta", "br", "input"}
 EVIL = "<script>alert('x')</script>"

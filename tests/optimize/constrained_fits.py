@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 import kennfeld as kf
-from kennfeld.constraints import Shape
+from kennfeld.domain.constraints import Shape
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 
 @dataclass(frozen=True)

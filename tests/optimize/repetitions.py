@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import scipy
 
+from kennfeld.base.threads import blas_threads
 from kennfeld.native import Samples
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.projection import project
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
-from kennfeld.threads import blas_threads
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 
 def repeated(problem, truth, noise, count, seed=0):

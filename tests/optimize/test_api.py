@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 
 X = np.linspace(0.0, 3.0, 31)
 LINE = {"x": X, "y": 2 * X + 1}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from tests.draws import mostly_slow
 
 FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 1e4)

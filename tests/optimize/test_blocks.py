@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.tuning.holdout_blocks import BLOCKS, FEWEST, NEVER, HoldoutBlocks
 from tests.draws import few_or_many
 

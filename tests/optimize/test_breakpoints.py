@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.constraints import Equality, Shape, Term
-from kennfeld.errors import InputError
-from kennfeld.free_axes import AxisKey
+from kennfeld.base.errors import InputError
+from kennfeld.domain.constraints import Equality, Shape, Term
+from kennfeld.domain.free_axes import AxisKey
 from kennfeld.models.formula import formula
 from kennfeld.optimize import run
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.limits.linear_limits import breakpoint_bounds, linear_limits
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from tests.draws import mostly_slow
 
 KINKS, HEIGHTS = [0, 1.2, 2.1, 6.5, 10.0], [0, 4.0, 1.0, 2.0, 8.0]

@@ -8,11 +8,11 @@ import pytest
 import kennfeld as kf
 from kennfeld.models.formula.frontend import read
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import CompiledProblem, smoothable
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.sample_slopes import SampleSlopes
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.validation import check_problem, trajectory_findings
 from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.validation import check_problem, trajectory_findings
+from kennfeld.optimize.sums.compiled import CompiledProblem, smoothable
+from kennfeld.optimize.sums.sample_slopes import SampleSlopes
 from tests.draws import mostly_slow
 from tests.optimize.trajectory_functions import TEXT, lag_function
 
@@ -175,7 +175,7 @@ def test_breakpoints_before_a_trajectory_cannot_be_fitted():
 
 
 def test_slopes_that_do_not_fit_into_memory_are_refused(monkeypatch):
-    monkeypatch.setattr("kennfeld.optimize.validation.MAX_BYTES", 8 * 300 * 5)
+    monkeypatch.setattr("kennfeld.optimize.problem.validation.MAX_BYTES", 8 * 300 * 5)
     [finding] = trajectory_findings(trajectory_problem("y = lag.y(C(u))"))
     assert "slopes of lag along 6 free values at all samples need 1.44e-05 GB of memory" in str(finding)
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Block
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.models.model import Model
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.equal_neurons import equal_neurons
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Block
+from kennfeld.optimize.ends.equal_neurons import equal_neurons
 from tests.draws import mostly_slow
 
 RANDOM = np.random.default_rng(0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import KennfeldError
+from kennfeld.base.errors import KennfeldError
 
 X = np.linspace(0, 10, 40)
 Z = np.sin(X) + 2

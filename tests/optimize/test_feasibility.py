@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.constraints import Pin, Shape
+from kennfeld.domain.constraints import Pin, Shape
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.search.multistart import run
 from tests.draws import mostly_slow

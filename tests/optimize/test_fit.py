@@ -5,14 +5,14 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.fit import default_tolerance
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import project
+from kennfeld.optimize.fit.fit import default_tolerance
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 X = np.linspace(0.0, 3.0, 61)
 WAVE = {"x": X, "y": 2 + np.sin(2 * X)}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.constraints import Limit
-from kennfeld.criteria import Criterion
+from kennfeld.domain.constraints import Limit
+from kennfeld.domain.criteria import Criterion
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.options import Options
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from tests.draws import mostly_slow
 
 GRID = np.linspace(0, 10, 6)

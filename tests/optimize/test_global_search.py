@@ -6,12 +6,12 @@ import pytest
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.graph.events import events
+from kennfeld.optimize.problem.validation import unbounded
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.strategies.global_search import GlobalSettings, global_search
-from kennfeld.optimize.validation import unbounded
 from tests.draws import few_or_many, mostly_slow
 from tests.optimize import idle
 

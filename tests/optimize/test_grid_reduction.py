@@ -6,8 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.constraints import Equality, Term
-from kennfeld.optimize.problem import Problem
+from kennfeld.domain.constraints import Equality, Term
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Map
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.table_penalties import Roughness
 from kennfeld.optimize.search.step_problem import (
     kept_breakpoints,
     penalty_ratio,
@@ -15,9 +18,6 @@ from kennfeld.optimize.search.step_problem import (
     reduce_table,
     refine_table,
 )
-from kennfeld.optimize.table_penalties import Roughness
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Map
 from tests.draws import few_or_many
 
 

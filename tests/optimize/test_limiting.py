@@ -7,14 +7,14 @@ import pytest
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.constraints import Equality, Shape, Term
-from kennfeld.criteria import Criterion
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.constraints import Equality, Shape, Term
+from kennfeld.domain.criteria import Criterion
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.optimize import Options, Problem, Seconds, run
-from kennfeld.optimize.fit import FitRun
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.table_penalties import Roughness
+from kennfeld.optimize.fit.fit import FitRun
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.problem.table_penalties import Roughness
 from tests.draws import few_or_many, mostly_slow
 
 FREE = (-np.inf, np.inf)

@@ -5,7 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.validation import delay_findings, matrix_findings
+from kennfeld.optimize.problem.validation import delay_findings, matrix_findings
 
 DATA = {"time": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}
 TEXT = "u = 2 * x\ny = k * x + delay(u, {steps}, 0)"

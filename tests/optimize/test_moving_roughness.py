@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.free_axes import AxisKey, with_breakpoints
+from kennfeld.domain.free_axes import AxisKey, with_breakpoints
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Map
 from kennfeld.graph.value_layout import ValueLayout
-from kennfeld.optimize.table_penalties import MovingRoughness, Roughness, roughness_of
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Map
+from kennfeld.optimize.problem.table_penalties import MovingRoughness, Roughness, roughness_of
 from tests.draws import few_or_many
 
 FACTORS = {"M": (0.7, 0.0), "C": (3.0,)}

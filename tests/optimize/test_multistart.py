@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import ArgumentError
-from kennfeld.optimize.options import MAX_STARTS
+from kennfeld.base.errors import ArgumentError
+from kennfeld.optimize.problem.options import MAX_STARTS
 from kennfeld.optimize.search import multistart, worker_pool
 from tests.draws import mostly_slow
 
@@ -129,7 +129,7 @@ def test_a_start_that_fails_is_a_row(processes):
 
 
 def test_a_start_that_raises_is_a_row_too(monkeypatch):
-    from kennfeld.optimize import descent_strategy
+    from kennfeld.optimize.fit import descent_strategy
 
     descend = descent_strategy.levenberg_marquardt
 

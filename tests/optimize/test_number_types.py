@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.constraints import Equality, Shape, Term
+from kennfeld.domain.constraints import Equality, Shape, Term
 from tests.draws import mostly_slow
 
 NUMBERS = [int, np.int8, np.int64, np.float32, np.float64, np.array]

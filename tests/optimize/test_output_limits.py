@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.constraints import Limit
-from kennfeld.criteria import Criterion
+from kennfeld.domain.constraints import Limit
+from kennfeld.domain.criteria import Criterion
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize import Options, Problem, run
-from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.strategies.limit_excess import FEASIBLE
 from kennfeld.preprocessing.binding import bind_inputs
 from tests.draws import mostly_slow

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.optimize.partitioned_sums import NormalSum, add_packed, pack
-from kennfeld.optimize.partitions import LEAST_STRETCH, Part, find_stretches, split_files
+from kennfeld.optimize.problem.partitions import LEAST_STRETCH, Part, find_stretches, split_files
+from kennfeld.optimize.sums.partitioned_sums import NormalSum, add_packed, pack
 from kennfeld.preprocessing.recording_sources import RecordingSource
 
 lengths = st.lists(st.integers(0, 50), min_size=1, max_size=8)

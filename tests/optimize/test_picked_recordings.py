@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import Location
+from kennfeld.base.errors import Location
+from kennfeld.base.task_runner import SerialRunner
 from kennfeld.native.samples import Piece, Samples
-from kennfeld.optimize.partitions import Part, Partition, Partitions, Recordings
-from kennfeld.optimize.picked_recordings import GROUPS, PartRecording, count_recordings, pick_recordings
+from kennfeld.optimize.problem.partitions import Part, Partition, Partitions, Recordings
+from kennfeld.optimize.problem.picked_recordings import GROUPS, PartRecording, count_recordings, pick_recordings
 from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFiles, StoredSettings
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.recording_sources import RecordingSource
 from kennfeld.preprocessing.recordings import ChannelRequest
-from kennfeld.task_runner import SerialRunner
 
 LENGTH = 100
 

@@ -3,9 +3,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.optimize.strategies.breakpoint_placement import (
     axis_groups,
@@ -14,6 +12,8 @@ from kennfeld.optimize.strategies.breakpoint_placement import (
     subdivide,
     with_dense_axes,
 )
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 
 def problem(*tables, smoothness=None):

@@ -8,9 +8,9 @@ from scipy.sparse import csr_array
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.table_penalties import Roughness
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.table_penalties import Roughness
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.tuning import prediction_error
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 from kennfeld.optimize.tuning.prediction_error import (

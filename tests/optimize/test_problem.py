@@ -6,9 +6,9 @@ import pytest
 import kennfeld as kf
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem, difference
+from kennfeld.optimize.problem.problem import Problem, difference
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 GRID = np.linspace(-2, 2, 6)
 TEXT = """

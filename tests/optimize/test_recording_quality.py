@@ -2,7 +2,12 @@
 
 import numpy as np
 
-from kennfeld.optimize.recording_quality import RecordingQuality, of_several_files, recordings_table, worst_first
+from kennfeld.optimize.quality.recording_quality import (
+    RecordingQuality,
+    of_several_files,
+    recordings_table,
+    worst_first,
+)
 
 
 def row(criterion, file, rmse, samples=1):

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.dataset import Dataset
-from kennfeld.file_spans import FileSpans
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.file_spans import FileSpans
 from kennfeld.graph import GraphBuilder
-from kennfeld.optimize.recording_sums import BINS, ENOUGH, RecordingSums, ScoredErrors
+from kennfeld.optimize.quality.recording_sums import BINS, ENOUGH, RecordingSums, ScoredErrors
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.bound_parts import BoundPart
 from tests.draws import few_or_many

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.rejected_steps import RejectionReasons
+from kennfeld.optimize.quality.rejected_steps import RejectionReasons
 from tests.draws import mostly_slow
 
 STEP = 0.1
@@ -113,8 +113,8 @@ def test_the_sample_is_counted_in_the_recording_with_its_gaps():
 
 def test_several_reasons_are_counted():
     from kennfeld.optimize.api import build_problem
-    from kennfeld.optimize.rejected_steps import describe_rejections
-    from kennfeld.optimize.rejected_trials import RejectedTrials
+    from kennfeld.optimize.quality.rejected_steps import describe_rejections
+    from kennfeld.optimize.sums.rejected_trials import RejectedTrials
 
     u = np.ones(3000)
     problem = build_problem("y = PT1(a * prev(y, 0) + u, T)", recorded(u, u), {"T": 1.0, "a": 0.5}, "m")

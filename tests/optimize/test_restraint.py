@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.table_penalties import PULL, Restraint, move_determined, penalty_of
+from kennfeld.optimize.problem.table_penalties import PULL, Restraint, move_determined, penalty_of
 
 MAP = kf.Map("M", range(4), range(3), np.arange(12.0).reshape(4, 3))
 CURVE = kf.Curve("C", range(5), np.ones(5))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.roughness_rows import CLOSE, roughness_rows, second_differences
-from kennfeld.optimize.table_penalties import Roughness
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Cube, Curve, Map, Scalar
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Cube, Curve, Map, Scalar
+from kennfeld.optimize.problem.roughness_rows import CLOSE, roughness_rows, second_differences
+from kennfeld.optimize.problem.table_penalties import Roughness
 
 UNEVEN = np.array([0.0, 1.0, 1.5, 4.0, 9.0])
 

@@ -5,9 +5,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.runaways import find_runaways
+from kennfeld.optimize.ends.runaways import find_runaways
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 X = np.linspace(0, 10, 100)
 BELL = 3 * np.exp(-(((X - 4) / 1.2) ** 2)) + 0.05 * np.random.default_rng(0).normal(size=X.size)

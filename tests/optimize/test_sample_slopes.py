@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.dataset import Settling
+from kennfeld.domain.dataset import Settling
 from kennfeld.optimize import Problem
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.optimize.sample_slopes import SampleSlopes
+from kennfeld.optimize.quality.quality import NodeSimulator
+from kennfeld.optimize.sums.sample_slopes import SampleSlopes
 from tests.draws import mostly_slow
 
 RNG = np.random.default_rng(3)
@@ -51,7 +51,7 @@ def test_slopes_are_those_of_the_simulation(text: str, data: kf.Dataset, sample:
 
 
 def test_samples_further_back_than_the_memory_are_neglected(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("kennfeld.optimize.sample_slopes.MEMORY", 25)
+    monkeypatch.setattr("kennfeld.optimize.sums.sample_slopes.MEMORY", 25)
     values = parameters()
     problem = Problem(
         kf.formula("y = PT1(M(u, v), 0.2)", parameters=["M"]), (RECORDED,), values, (kf.Criterion("y", "z"),)

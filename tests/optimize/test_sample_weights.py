@@ -6,11 +6,11 @@ import scipy
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.criteria import Region
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.criteria import Region
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.project.steps import uncovered_values
 from tests.draws import few_or_many
 

@@ -5,8 +5,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from tests.draws import mostly_slow
 
 X = np.linspace(-5.0, 5.0, 101)

@@ -63,7 +63,7 @@ def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
 
     whole = score()
     for block in (1, 7, 45, 100):
-        monkeypatch.setattr("kennfeld.optimize.quality.SAMPLES_PER_BLOCK", block)
+        monkeypatch.setattr("kennfeld.optimize.quality.quality.SAMPLES_PER_BLOCK", block)
         cut = score()
         assert cut.samples == whole.samples == np.isfinite(data["x"] + data["y"]).sum()
         for name in ("rmse_before", "rmse_after", "r2_after", "max_abs_after"):

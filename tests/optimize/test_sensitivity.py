@@ -5,8 +5,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective, _Sensitivity
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective, _Sensitivity
 from tests.draws import mostly_slow
 
 RANDOM = np.random.default_rng(0)

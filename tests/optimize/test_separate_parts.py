@@ -5,9 +5,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.separate_parts import separate_parts
+from kennfeld.optimize.fit.separate_parts import separate_parts
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from tests.draws import mostly_slow
 
 RANDOM = np.random.default_rng(2)

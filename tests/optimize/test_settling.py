@@ -5,11 +5,11 @@ import pytest
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.dataset import Settling
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.dataset import Settling
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from tests.draws import few_or_many, mostly_slow
 from tests.optimize.reference_settling import held
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize import compiled as compilation
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
+from kennfeld.optimize.sums import compiled as compilation
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from tests.draws import mostly_slow
 
 TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
@@ -182,7 +182,7 @@ def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage, few_
 
 @pytest.mark.parametrize("text", mostly_slow(["y = PT1(G(u) * k, T)", "y = PT1(G(k * u), T)"], 1))
 def test_a_search_of_a_model_with_memory_begins_with_some_recordings(text, monkeypatch):
-    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 1000)
+    monkeypatch.setattr("kennfeld.optimize.sums.compiled.SEARCH_PIECE_SAMPLES", 1000)
     rng, truth = np.random.default_rng(1), {"k": 2.0, "T": 0.5}
     curve = kf.Curve("G", np.linspace(-3.0, 3.0, 7), np.linspace(-1.0, 2.0, 7) ** 3)
     drives = []

@@ -7,8 +7,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld import Step
-from kennfeld.constraints import Equality, Shape, Term
-from kennfeld.optimize.problem import Problem
+from kennfeld.domain.constraints import Equality, Shape, Term
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.step_problem import sequence_problem, step_problem, with_fixed_limits
 from kennfeld.project.demo import torque
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.starts import distance, draw_start
 
 X, Y = np.array([700.0, 1000.0, 2000.0, 4000.0, 6000.0]), np.linspace(0, 100, 7)

@@ -9,12 +9,12 @@ import kennfeld as kf
 from kennfeld.native import Accumulator, Samples
 from kennfeld.native.samples import Piece
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.options import Options
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
-from kennfeld.optimize.sums import Sums
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
+from kennfeld.optimize.sums.sums import Sums
 
 TORQUE = "torque = MapOptimum(n, rl) * CurveIgnition(angle + MapBase(n, rl)) - CurveFriction(n)"
 SMOOTHNESS = {"MapOptimum": (0.1, 0.1), "MapBase": (0.1, 0.1), "CurveIgnition": (0.1,), "CurveFriction": (0.1,)}
@@ -130,7 +130,7 @@ def test_a_whole_calibration_needs_no_more_than_the_protocol(monkeypatch):
     expected = run(limited, Options(max_iterations=5))
     created = []
     monkeypatch.setattr(
-        "kennfeld.optimize.compiled.Accumulator", lambda *args: created.append(TwoHalves(*args)) or created[-1]
+        "kennfeld.optimize.sums.compiled.Accumulator", lambda *args: created.append(TwoHalves(*args)) or created[-1]
     )
     result = run(limited, Options(max_iterations=5))
     assert sum(sums.calls for sums in created) > result.iterations

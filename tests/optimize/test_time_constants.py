@@ -5,7 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.problem import bound_time_constants
+from kennfeld.optimize.problem.problem import bound_time_constants
 
 U = np.repeat(np.random.default_rng(0).normal(size=40), 50)
 M = U + np.random.default_rng(1).normal(0.0, 0.01, U.size)

@@ -5,10 +5,10 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.projection import project
-from kennfeld.optimize.zero_slopes import departure
+from kennfeld.optimize.ends.zero_slopes import departure
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.project.demo import torque
 
 RANDOM = np.random.default_rng(0)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.dataset import Dataset
 from kennfeld.models.formula import formula
 from kennfeld.preprocessing.binding import bind_inputs
 

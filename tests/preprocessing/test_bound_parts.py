@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kennfeld import Dataset, formula
-from kennfeld.dataset import Settling
+from kennfeld.domain.dataset import Settling
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.bound_parts import divide
 

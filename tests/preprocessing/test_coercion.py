@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import InputWarning
+from kennfeld.base.errors import InputWarning
 
 TIME = 0.1 * np.arange(40)
 STEP = np.where(np.arange(40) < 5, 0.0, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kennfeld import ArgumentError, Dataset
-from kennfeld.errors import Location
+from kennfeld.base.errors import Location
 from kennfeld.preprocessing.joined_recordings import GrowingColumn, JoinedRecordings
 from kennfeld.preprocessing.recipe import DatasetEntry
 

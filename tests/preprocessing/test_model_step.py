@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.dataset import Dataset
 from kennfeld.preprocessing.model_step import refine_step
-from tests.models.simulink.simulink_files import Model
+from tests.importers.simulink.simulink_files import Model
 
 
 def made(time, starts=(0,), **columns):

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from kennfeld.dataset import Dataset
+from kennfeld.domain.dataset import Dataset
 from kennfeld.preprocessing.plateaus import (
     average_plateaus,
     find_plateaus,

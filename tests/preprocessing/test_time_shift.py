@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from kennfeld.dataset import Dataset
+from kennfeld.domain.dataset import Dataset
 from kennfeld.preprocessing.time_shift import inside_pieces, resample_channel, shift_channels, shifted_values
 from tests.draws import few_or_many
 

@@ -22,9 +22,9 @@ QUIET = {  # what Dask measures many times a second
 IMPORTED = [
     "distributed.cli.dask_scheduler",
     "distributed.cli.dask_worker",
-    "kennfeld.dask_runner",
+    "kennfeld.base.dask_runner",
     "kennfeld.project.partitioned_loading",
-    "kennfeld.optimize.partitioned_sums",
+    "kennfeld.optimize.sums.partitioned_sums",
 ]
 
 

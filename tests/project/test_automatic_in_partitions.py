@@ -9,8 +9,8 @@ from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.cli import run
-from kennfeld.optimize import partitions as partitions_module
-from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.problem import partitions as partitions_module
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.tuning import shift_estimation
 from kennfeld.optimize.tuning.holdout_blocks import BLOCKS, NEVER, HoldoutBlocks
 from kennfeld.optimize.tuning.independent_samples import independent_samples

@@ -2,8 +2,8 @@
 
 import pytest
 
-from kennfeld.errors import InputError
-from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.base.errors import InputError
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.project import Project
 from kennfeld.report.provenance import sources
 from tests.measurement.bus_files import DBC, Frame, drive, engine, write_mf4

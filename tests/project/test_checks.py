@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.parameters import Curve, Scalar
+from kennfeld.domain.parameters import Curve, Scalar
 
 
 def test_a_channel_of_another_quantity_than_its_input_is_a_warning(shop):

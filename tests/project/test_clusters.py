@@ -13,11 +13,11 @@ import pytest
 from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
+from kennfeld.base.dask_runner import DaskRunner
+from kennfeld.base.errors import InputError
 from kennfeld.cli import run
-from kennfeld.dask_runner import DaskRunner
-from kennfeld.errors import InputError
-from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
 from kennfeld.report import document
@@ -78,7 +78,7 @@ def test_any_number_of_workers_gives_the_same_bits(tmp_path, start_cluster):
 
 def scan_a_part(monkeypatch, samples):
     monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.SCANNED_SAMPLES", samples)
-    monkeypatch.setattr("kennfeld.optimize.partitions.LEAST_STRETCH", samples // 3)
+    monkeypatch.setattr("kennfeld.optimize.problem.partitions.LEAST_STRETCH", samples // 3)
 
 
 @pytest.mark.slow
@@ -141,8 +141,8 @@ def test_limits_of_outputs_give_the_same_bits(tmp_path, shared_cluster):
 
 @pytest.mark.slow
 def test_a_search_that_begins_with_some_recordings_gives_the_same_bits(tmp_path, shared_cluster, monkeypatch):
-    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 300)  # read in this process only
-    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECES", 4)
+    monkeypatch.setattr("kennfeld.optimize.sums.compiled.SEARCH_PIECE_SAMPLES", 300)  # read in this process only
+    monkeypatch.setattr("kennfeld.optimize.sums.compiled.SEARCH_PIECES", 4)
     path = write_timed(tmp_path, files=10, samples=80, text=TIMED + SHORT, growth=10)
     serial = calibrate(in_partitions(path, 400))
     assert {line.stage for line in serial.trace} == {"plain", "final"}
@@ -237,7 +237,7 @@ def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, start_cluster):
 
 @pytest.mark.slow
 def test_a_killed_scheduler_leaves_results(tmp_path, start_cluster, capsys, monkeypatch):
-    monkeypatch.setattr("kennfeld.dask_runner.CONNECT_TIMEOUT", 5.0)  # for so long, Dask tries to find it again
+    monkeypatch.setattr("kennfeld.base.dask_runner.CONNECT_TIMEOUT", 5.0)  # for so long, Dask tries to find it again
     path, cluster = write_short(tmp_path), start_cluster(1)
     text = path.read_text().replace("max_iterations = 3", "max_iterations = 100\nsave_every = 1")
     path.write_text(f'{text}\n[cluster]\nscheduler = "{cluster.address}"\npartition = {SIZE}\n')
@@ -290,7 +290,7 @@ def test_a_file_that_vanishes_while_a_calibration_runs_names_it(tmp_path, shared
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path, monkeypatch):
-    monkeypatch.setattr("kennfeld.dask_runner.CONNECT_TIMEOUT", 1.0)
+    monkeypatch.setattr("kennfeld.base.dask_runner.CONNECT_TIMEOUT", 1.0)
     address = f"tcp://127.0.0.1:{free_port()}"
     (finding,) = in_partitions(write_short(tmp_path), SIZE, scheduler=address).check()
     assert str(finding).startswith(f"scheduler {address}: does not answer")

@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld import cli
 from kennfeld.calfiles import read
-from tests.models.fmu.tank_fmu import COUNT, build, closed_form, recording
+from tests.importers.fmu.tank_fmu import COUNT, build, closed_form, recording
 
 TANK = """[model]
 file = "tank.fmu:co-simulation"

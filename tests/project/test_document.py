@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.project import demo
 from kennfeld.project.document import ProjectDocument
 from kennfeld.project.schema import read_project

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from kennfeld import cli
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read, write
-from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.models.ascet.importing import esdl
+from kennfeld.importers.ascet.importing import esdl
 from kennfeld.models.formula import read as read_formula
 from kennfeld.project import Project
 from tests.clocks import even_clock
-from tests.models.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
-from tests.models.ascet.esdl_projects import BATTERY, TASKS, run, write_project
+from tests.importers.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
+from tests.importers.ascet.esdl_projects import BATTERY, TASKS, run, write_project
 
 TOML = """[model]
 file = "Battery/Cell/Accu.esdl"

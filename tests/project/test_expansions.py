@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kennfeld import cli
-from kennfeld.rbf import Expansion
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import StaticSurrogate, write_surrogate
 
 SIZE = 1 + 2 + 2 * (1 + 2 * 2)  # offset, slopes; weight, centre and width of two bells

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from kennfeld import InputError, calibrate, read_parameters
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Findings, Location
+from kennfeld.base.errors import Findings, Location
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.rbf import Expansion
 from kennfeld.project import fallback, folder_replacement
 from kennfeld.project.fallback import write_somewhere, write_surrogate_somewhere, write_validation_somewhere
 from kennfeld.project.results import require_room
-from kennfeld.rbf import Expansion
 from kennfeld.surrogate import StaticSurrogate
 from kennfeld.surrogate.surrogate_file import read_surrogate
 from tests.project.simulated_datasets import SimulatedDatasets

@@ -6,9 +6,9 @@ import pytest
 import kennfeld as kf
 from kennfeld import cli
 from kennfeld.calfiles import read
-from kennfeld.models.fmu import instance
-from kennfeld.models.fmu.importing import read_fmu
-from tests.models.fmu.lag_fmu import build, description_2, pack
+from kennfeld.importers.fmu import instance
+from kennfeld.importers.fmu.importing import read_fmu
+from tests.importers.fmu.lag_fmu import build, description_2, pack
 
 PLANT = """[model]
 file = "lag.fmu"

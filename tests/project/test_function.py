@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.parameters import Scalar
+from kennfeld.domain.parameters import Scalar
 
 
 def test_formula_text_with_wrong_lines_gives_every_finding(shop):

@@ -12,7 +12,7 @@ import pytest
 from kennfeld import cli
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.workspace import _OWN, AppWorkspace
-from kennfeld.errors import KennfeldError
+from kennfeld.base.errors import KennfeldError
 from tests.project.hostile_projects import TRAINING, TRAPS, contents, plant_pickles, write_outside, write_project
 
 links = pytest.mark.skipif(os.name != "posix", reason="making links needs rights on Windows")

@@ -3,7 +3,7 @@
 import pytest
 
 from kennfeld.calfiles.label_list import read_label_list
-from kennfeld.parameters import Axis, Curve, Scalar
+from kennfeld.domain.parameters import Axis, Curve, Scalar
 from kennfeld.project.results import write
 
 

@@ -9,8 +9,8 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from kennfeld import threads
-from kennfeld.errors import InputError
+from kennfeld.base import threads
+from kennfeld.base.errors import InputError
 from kennfeld.preprocessing import bound_parts
 from kennfeld.project import Project
 from kennfeld.project.results import write

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.project import Project
 
 

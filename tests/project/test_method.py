@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.parameters import Axis, Curve, Scalar
+from kennfeld.domain.parameters import Axis, Curve, Scalar
 
 RELAY = """
 input Speed[rpm]

@@ -9,12 +9,12 @@ import pytest
 
 pytest.importorskip("onnx", reason="the package onnx is not installed")
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import write
 from kennfeld.cli import run
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.project import Project
-from tests.models.onnx_network.networks import perceptron, random_layers
+from tests.importers.onnx.networks import perceptron, random_layers
 
 PROJECT = """
 [model]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kennfeld.analysis.limit_margins import output_ranges
-from kennfeld.optimize.fit import FitRun
-from kennfeld.optimize.result import Seconds
+from kennfeld.optimize.fit.fit import FitRun
+from kennfeld.optimize.fit.result import Seconds
 from kennfeld.optimize.strategies.limit_excess import FEASIBLE, LimitRound
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.preprocessing.prepared_files import ENDING

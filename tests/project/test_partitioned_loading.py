@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from kennfeld import column_file, file_state
 from kennfeld.analysis.cross_validation import cross_validate
-from kennfeld.errors import InputError
-from kennfeld.optimize import compiled as compiled_form
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.fit import FitRun
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.partitions import shared_content
-from kennfeld.optimize.quality import Scorer
-from kennfeld.optimize.result import Seconds
+from kennfeld.base import column_file, file_state
+from kennfeld.base.errors import InputError
+from kennfeld.base.task_runner import SerialRunner
+from kennfeld.optimize.fit.fit import FitRun
+from kennfeld.optimize.fit.result import Seconds
+from kennfeld.optimize.problem.partitions import shared_content
+from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
+from kennfeld.optimize.sums import compiled as compiled_form
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.preprocessing import prepared_files
 from kennfeld.preprocessing.prepared_files import ENDING, PreparedFiles
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.project.results import write_simulation
-from kennfeld.task_runner import SerialRunner
 from tests.draws import mostly_slow
 from tests.project.partitioned_projects import (
     FEW,

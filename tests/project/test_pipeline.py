@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld.errors import Location
+from kennfeld.base.errors import Location
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.recordings import find_databases, find_recordings
 

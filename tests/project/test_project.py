@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read as read_parameters
-from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Map, Scalar
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Map, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import torque
 

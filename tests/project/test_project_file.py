@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.project import Project
 from tests.draws import few_or_many
 

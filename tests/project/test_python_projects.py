@@ -3,8 +3,8 @@
 import pytest
 
 from kennfeld import cli
-from kennfeld.errors import InputError
-from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.base.errors import InputError
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.project import Project
 from tests.draws import mostly_slow
 from tests.project.partitioned_projects import TIMED, in_partitions, write_timed

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.project import Project

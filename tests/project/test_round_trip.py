@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kennfeld.base.errors import Findings
 from kennfeld.calfiles import endings
-from kennfeld.errors import Findings
 from kennfeld.project import forms, surrogate_training, value_forms
 from kennfeld.project.document import ProjectDocument
 from kennfeld.project.schema import ChannelsForm, ProjectFile

@@ -10,9 +10,9 @@ from asammdf import MDF, Signal
 from scipy.io import loadmat
 
 from kennfeld import cli
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import InputError
-from kennfeld.file_spans import FileSpans
+from kennfeld.base.errors import InputError
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.domain.file_spans import FileSpans
 from kennfeld.project import Project
 from kennfeld.project.results import results_folder, write
 from kennfeld.project.simulated_recordings import simulated_recordings

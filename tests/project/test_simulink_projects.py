@@ -6,25 +6,26 @@ import re
 import numpy as np
 import pytest
 
-from kennfeld import cli, parameter_set
+from kennfeld import cli
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.errors import InputError
+from kennfeld.domain import parameter_set
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.graph.interpreter import evaluate
+from kennfeld.importers.simulink.formula_export import write_formula
+from kennfeld.importers.simulink.importing import simulink
 from kennfeld.models import merge_start_values
 from kennfeld.models.formula import read as read_formula
-from kennfeld.models.simulink.formula_export import write_formula
-from kennfeld.models.simulink.importing import simulink
 from kennfeld.optimize.api import calibrate, simulate
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import write
 from kennfeld.report.provenance import sources
 from tests.draws import mostly_slow
-from tests.models.simulink.simulink_data import sldd, thing
-from tests.models.simulink.simulink_files import LAYOUTS, Model
-from tests.models.simulink.torque_drawing import torque
+from tests.importers.simulink.simulink_data import sldd, thing
+from tests.importers.simulink.simulink_files import LAYOUTS, Model
+from tests.importers.simulink.torque_drawing import torque
 
 DRAWN = "slx parts"
 

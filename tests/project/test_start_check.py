@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.parameters import Axis, Curve, Scalar
+from kennfeld.domain.parameters import Axis, Curve, Scalar
 from kennfeld.project import Project
 
 

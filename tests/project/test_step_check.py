@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kennfeld import cli
-from tests.models.simulink.simulink_files import Model
+from tests.importers.simulink.simulink_files import Model
 
 PROJECT = """[model]
 file = "lag.slx"

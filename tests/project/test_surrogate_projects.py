@@ -10,8 +10,8 @@ import pytest
 
 from kennfeld import cli
 from kennfeld.analysis.extrapolation import find_extrapolation
+from kennfeld.domain.rbf import Expansion
 from kennfeld.project import Project, partitioned_loading
-from kennfeld.rbf import Expansion
 from kennfeld.report import document, from_folder
 from kennfeld.surrogate import (
     DynamicSurrogate,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.parameters import Axis, Block, Curve, Map, Scalar
+from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar
 from kennfeld.project import Project
 
 

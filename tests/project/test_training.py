@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kennfeld import cli
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.project.surrogate_training import Training, read_training
 from kennfeld.surrogate import read_surrogate
 from kennfeld.surrogate.training import SurrogateSettings

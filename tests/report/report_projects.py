@@ -60,7 +60,7 @@ def a_cube(shop):
 
 def a_network(shop):
     """A network with one free layer of two inputs and three neurons; needs the package onnx."""
-    from tests.models.onnx_network.networks import perceptron, random_layers
+    from tests.importers.onnx.networks import perceptron, random_layers
 
     perceptron(shop.folder / "net.onnx", random_layers([2, 3, 1]))
     toml = '[functions]\nnet = "net.onnx"\n[parameters."net.layer1"]\nfree = true\n'

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from kennfeld.markup import decimal, element, percent, round_digits, table
+from kennfeld.base.markup import decimal, element, percent, round_digits, table
 from kennfeld.report.drawings import Histogram, Trace, TraceEnvelope, sample_indices
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from kennfeld.analysis.residuals import residuals
-from kennfeld.optimize.partitions import split_files
-from kennfeld.optimize.problem import partitions_of
-from kennfeld.optimize.result import Result
+from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.problem.partitions import split_files
+from kennfeld.optimize.problem.problem import partitions_of
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
 from tests.draws import mostly_slow

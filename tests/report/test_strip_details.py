@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from kennfeld.base.trace_envelope import TraceEnvelope
 from kennfeld.report import document, strip_details
 from kennfeld.report.coded_numbers import decode_numbers
 from kennfeld.report.strip_details import DetailRoom
-from kennfeld.trace_envelope import TraceEnvelope
 from tests.report.report_projects import Page, Workshop
 
 COUNT = 30_000

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from kennfeld.dataset import Dataset
-from kennfeld.rbf import Expansion
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, SurrogateQuality, Validity
 
 

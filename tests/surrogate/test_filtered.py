@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.rbf import Expansion
+from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import FilteredSurrogate, filtered_training, read_surrogate, write_surrogate
 from kennfeld.surrogate.input_filters import filtered_points
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate

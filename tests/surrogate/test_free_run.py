@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.surrogate.narx_training import (
     TrainedValues,
     TrainingSettings,

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError
-from kennfeld.rbf import Expansion
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, FilteredSurrogate, read_surrogate, write_surrogate
 from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, LinearisedRun
 from kennfeld.surrogate.recursion import UNLIMITED

@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.rbf import Expansion
 from kennfeld.native.rbf_code import KERNELS
-from kennfeld.rbf import Expansion
 from kennfeld.surrogate.exact_gp import Exact, exact_likelihood
 from kennfeld.surrogate.gaussian_process import gaussian_process
 from kennfeld.surrogate.gp_kernel import Plane, greedy, k_means

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.rbf import Expansion
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import model_selection
 from kennfeld.surrogate.lag_screening import OUTPUT, channel_lags, screen_lags
 from kennfeld.surrogate.model_selection import select_lags

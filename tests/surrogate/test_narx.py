@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.surrogate.recursion import Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
 from tests.surrogate.surrogates import dynamic_surrogate, random_expansion, static_surrogate

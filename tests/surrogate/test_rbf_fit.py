@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.errors import ArgumentError
-from kennfeld.parameters import Curve, Map, Scalar
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.parameters import Curve, Map, Scalar
 from kennfeld.surrogate.rbf_fit import compress_map, expand_data
 
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.rbf import Expansion
+from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import StaticSurrogate, read_surrogate, recognises_surrogate, write_surrogate
 from kennfeld.surrogate.uncertainty import Uncertainty
 from tests.surrogate.surrogates import dynamic_surrogate, random_expansion, static_surrogate

@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.domain.dataset import Dataset
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, dynamic_training
 from kennfeld.surrogate.model_selection import _lowest, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.models.fmu import lag_fmu, tank_fmu
+from tests.importers.fmu import lag_fmu, tank_fmu
 
 PLANT = """[model]
 file = "lag.fmu"

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from kennfeld import cli
-from kennfeld.machine_code import code_cache
+from kennfeld.base.machine_code import code_cache
 
 DIGEST = "0123456789" * 4
 PROJECT = 'model.file = "m.kf"\n[[dataset]]\nfiles = "d.csv"\n[[criterion]]\nnode = "m"\ntarget = "y"\n'

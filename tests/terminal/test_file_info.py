@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.errors import InputError
-from kennfeld.rbf import Expansion
+from kennfeld.base.errors import InputError
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
 from kennfeld.terminal.file_info import describe_file
 from tests.measurement.bus_files import DBC, drive, write_mf4

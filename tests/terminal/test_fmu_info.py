@@ -1,7 +1,7 @@
 import pytest
 
 from kennfeld.terminal.file_info import describe_file
-from tests.models.fmu.lag_fmu import DESCRIPTIONS, pack
+from tests.importers.fmu.lag_fmu import DESCRIPTIONS, pack
 
 GEAR = 'name="u" valueReference="3" causality="input"><Integer start="0"/>'
 

@@ -11,11 +11,11 @@ import pytest
 
 from kennfeld import cli
 from kennfeld.graph.external_function import CodeNotRunError, code_gate, load_function
+from kennfeld.importers.fmu.importing import fmu
 from kennfeld.models import code_consent
-from kennfeld.models.fmu.importing import fmu
 from kennfeld.terminal import foreign_code
-from tests.models.fmu.lag_fmu import build
-from tests.models.onnx_network.networks import perceptron, random_layers
+from tests.importers.fmu.lag_fmu import build
+from tests.importers.onnx.networks import perceptron, random_layers
 from tests.terminal.foreign_projects import write_fmu_project, write_python_project
 
 MARKER = 'from pathlib import Path\nPath(__file__).with_name("ran").touch()'
@@ -258,7 +258,7 @@ def test_a_scheduler_is_asked_for_once_per_address(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], terminal: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("kennfeld.dask_runner.CONNECT_TIMEOUT", 0.01)
+    monkeypatch.setattr("kennfeld.base.dask_runner.CONNECT_TIMEOUT", 0.01)
     project = write_cluster_project(tmp_path, "nobody://one:1")
     terminal.append("y")
     for _ in range(2):
@@ -275,7 +275,7 @@ def test_a_scheduler_is_asked_for_once_per_address(
 def test_what_is_not_a_scheduler_is_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("kennfeld.dask_runner.CONNECT_TIMEOUT", 0.2)
+    monkeypatch.setattr("kennfeld.base.dask_runner.CONNECT_TIMEOUT", 0.2)
     project = write_cluster_project(tmp_path, listener.address)
     assert cli.run(["report", "--trust", str(project)]) == 2
     remark, error = capsys.readouterr().err.splitlines()

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.terminal.file_info import describe_file
 from kennfeld.terminal.label_search import find_entries
 

@@ -10,7 +10,7 @@ pytest.importorskip("onnx", reason="the package onnx is not installed")
 from onnx import helper
 
 from kennfeld.cli import run
-from tests.models.onnx_network.networks import perceptron, random_layers, save
+from tests.importers.onnx.networks import perceptron, random_layers, save
 
 
 def test_info_shows_inputs_outputs_layers_and_operators(tmp_path, capsys):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from kennfeld import cli
-from kennfeld.errors import Finding, Location
+from kennfeld.base.errors import Finding, Location
 from kennfeld.terminal.diff_lines import _RED, _paint
 from kennfeld.terminal.output import align, print_findings, print_lines
 

@@ -14,13 +14,13 @@ from typing import Any
 import pytest
 
 from kennfeld import cli
-from kennfeld.errors import Location
-from kennfeld.machine_code.call_record import ForeignCall, read_calls
-from kennfeld.machine_code.crash_report import describe_end
-from kennfeld.process_limits import MOST_PROCESSES
-from kennfeld.task_runner import WorkersDiedError
+from kennfeld.base.errors import Location
+from kennfeld.base.machine_code.call_record import ForeignCall, read_calls
+from kennfeld.base.machine_code.crash_report import describe_end
+from kennfeld.base.process_limits import MOST_PROCESSES
+from kennfeld.base.task_runner import WorkersDiedError
+from kennfeld.base.watch_folder import FOLDER
 from kennfeld.terminal.watched_commands import call_limit
-from kennfeld.watch_folder import FOLDER
 from tests.terminal.foreign_projects import (
     environment,
     run_command,
@@ -343,7 +343,9 @@ def test_a_worker_that_ended_in_a_call_is_named(
 
     monkeypatch.setenv(FOLDER, str(tmp_path))
     monkeypatch.setattr("kennfeld.project.Project.read", fail)
-    record = "from kennfeld.machine_code.call_record import CallRecord; CallRecord('lag.fmu', ['fmi2DoStep']).begin(1)"
+    record = (
+        "from kennfeld.base.machine_code.call_record import CallRecord; CallRecord('lag.fmu', ['fmi2DoStep']).begin(1)"
+    )
     worker = subprocess.Popen([sys.executable, "-c", f"{record}; import os; os.abort()"])
     status = worker.wait()
     assert describe_end(worker.pid, status) == "lag.fmu: its code crashed in fmi2DoStep: aborted (SIGABRT)"

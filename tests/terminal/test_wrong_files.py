@@ -7,8 +7,8 @@ import pytest
 
 from kennfeld import cli
 from kennfeld.terminal.output import MAX_FINDINGS
-from tests.models.ascet.amd_files import archive
-from tests.models.ascet.component_samples import plant_component
+from tests.importers.ascet.amd_files import archive
+from tests.importers.ascet.component_samples import plant_component
 from tests.project.hostile_projects import TRAINING, write_project
 
 Captured = pytest.CaptureFixture[str]
@@ -64,7 +64,7 @@ def test_of_very_many_problems_the_first_are_printed_and_all_are_json(tmp_path: 
 
 
 def test_errors_come_before_warnings_if_there_are_very_many(capsys: Captured) -> None:
-    from kennfeld.errors import Finding, Location
+    from kennfeld.base.errors import Finding, Location
     from kennfeld.terminal.output import print_findings
 
     warnings = [Finding(Location(), f"w{number}", severity="warning") for number in range(30)]

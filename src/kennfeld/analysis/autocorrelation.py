@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.persistence import MIN_SAMPLES, LaggedProducts, inflation
 
 MAX_LAGS = 1000

@@ -6,11 +6,11 @@ from dataclasses import field
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import Use
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.lookup_coverage import Lookup, Lookups, cell_shape
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Use
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.quality.lookup_coverage import Lookup, Lookups, cell_shape
 
 
 @dataclass(frozen=True, eq=False)

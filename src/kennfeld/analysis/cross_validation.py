@@ -14,22 +14,22 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
-from kennfeld.arrays import Bool
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, InputError, Location
-from kennfeld.file_spans import short_names
-from kennfeld.formatting import join_names
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool
+from kennfeld.base.errors import ArgumentError, InputError, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.portable_pickle import pickle_content
+from kennfeld.base.task_runner import TaskRunner, message_line
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.file_spans import short_names
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.partitions import Partition
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Progress, Result, TraceLine
+from kennfeld.optimize.fit.result import Progress, Result, TraceLine
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.partitions import Partition
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
-from kennfeld.portable_pickle import pickle_content
-from kennfeld.task_runner import TaskRunner, message_line
 
 Kind = Literal["auto", "files", "blocks", "random"]
 GAP = 0.05  # share of a block that is not fitted on each side of it

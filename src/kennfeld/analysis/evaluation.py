@@ -5,12 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.traversal import with_names
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.optimize.problem.problem import Problem, difference
+from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.preprocessing.binding import BoundDataset
 
 

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Dataset, Use
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.numeric import finite_or_none
-from kennfeld.optimize.partitions import StoredDatasets, shared_content
-from kennfeld.optimize.problem import Problem, partitions_of
-from kennfeld.optimize.surrogate_calls import SurrogateCalls
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.numeric import finite_or_none
+from kennfeld.base.sample_statistics import merge_all
+from kennfeld.domain.dataset import Dataset, Use
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.problem.partitions import StoredDatasets, shared_content
+from kennfeld.optimize.problem.problem import Problem, partitions_of
+from kennfeld.optimize.quality.surrogate_calls import SurrogateCalls
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.sample_statistics import merge_all
 
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate

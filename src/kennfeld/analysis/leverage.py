@@ -6,10 +6,10 @@ from dataclasses import field
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.lookup_coverage import Lookup, Lookups
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.lookup_coverage import Lookup, Lookups
 from kennfeld.preprocessing.sample_weights import sample_weights
 
 MAX_LEVERAGE = 0.999  # a sample that alone determines a value has no residual

@@ -7,18 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.constraints import Equality, Limit, Shape
-from kennfeld.errors import Location
-from kennfeld.free_axes import free_axes, with_fixed_axes
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.task_runner import RunnerLostError
+from kennfeld.domain.constraints import Equality, Limit, Shape
+from kennfeld.domain.free_axes import free_axes, with_fixed_axes
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.value_layout import ValueLayout
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula import extend
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.task_runner import RunnerLostError
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import NodeSimulator
 
 ACTIVE = 1e-7  # of the terms of a row: closer than this is at the limit
 

@@ -9,18 +9,18 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
-from kennfeld.arrays import Float
-from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
-from kennfeld.optimize.partitions import StoredDatasets, shared_content
-from kennfeld.optimize.problem import Problem, partitions_of
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.portable_pickle import pickle_content
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.portable_pickle import pickle_content
+from kennfeld.base.sample_statistics import Mergeable, gather, merge_all
+from kennfeld.domain.dataset import SAMPLES_PER_BLOCK, Dataset
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.problem.partitions import StoredDatasets, shared_content
+from kennfeld.optimize.problem.problem import Problem, partitions_of
+from kennfeld.optimize.quality.lookup_coverage import Lookup, Lookups, coordinates
+from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
-from kennfeld.sample_statistics import Mergeable, gather, merge_all
 
 NODES_AT_ONCE = 8  # so that those of a long piece need little memory
 

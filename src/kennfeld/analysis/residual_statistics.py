@@ -9,11 +9,11 @@ from dataclasses import field
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.error_sums import ErrorSums
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.sample_statistics import Moments, QuantileSearch, Ranks
+from kennfeld.optimize.quality.error_sums import ErrorSums
 from kennfeld.optimize.trust.persistence import LaggedProducts
-from kennfeld.sample_statistics import Moments, QuantileSearch, Ranks
 
 MIDDLE, MOST = 0.5, 0.95  # quantiles of the size of the errors
 TAILS = 0.001  # share of the errors on each side that may lie outside a histogram

@@ -30,13 +30,13 @@ from kennfeld.analysis.residual_statistics import (
     relative_errors,
     scaled_errors,
 )
-from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Use
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.sample_statistics import Mergeable
+from kennfeld.domain.dataset import Use
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.trust.persistence import LaggedProducts
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.sample_statistics import Mergeable
 
 _Row = TypeVar("_Row", bound=Mergeable)  # Python 3.11
 

@@ -5,9 +5,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.notebook_display import NotebookDisplay
-from kennfeld.numeric import finite_or_none
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.notebook_display import NotebookDisplay
+from kennfeld.base.numeric import finite_or_none
 
 MAX_RATIO = 1.3  # of the RMSE on held-out data to that in training; above it the fit follows noise
 

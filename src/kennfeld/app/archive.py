@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 
 MAX_BYTES = 4_000_000_000  # of all files
 MAX_FILES = 20_000

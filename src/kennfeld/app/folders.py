@@ -3,9 +3,9 @@
 import os
 from pathlib import Path
 
-from kennfeld.errors import ArgumentError
-from kennfeld.file_errors import convert_errors
-from kennfeld.output_paths import plain_name, within
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.output_paths import plain_name, within
 
 MAX_NAME = 200  # characters of a name in messages
 

@@ -10,10 +10,10 @@ from kennfeld.app.server.restart import servers_folder
 from kennfeld.app.server.security import TICKET, new_token
 from kennfeld.app.server.server import serve
 from kennfeld.app.workspace import AppWorkspace
-from kennfeld.atomic_files import write_whole
-from kennfeld.errors import InputError, Location
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.run_processes import unmarked
 from kennfeld.models.code_consent import allowed_only
-from kennfeld.run_processes import unmarked
 
 REDIRECT = """<!doctype html>
 <meta charset="utf-8">

@@ -8,8 +8,8 @@ from dataclasses import field
 from pathlib import Path
 from typing import Any
 
-from kennfeld.atomic_files import write_whole
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.lazy_dataclass import dataclass
 
 MAX_PROJECTS = 20
 

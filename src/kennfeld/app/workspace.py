@@ -14,8 +14,8 @@ from kennfeld.app.recent import forget, recent_projects, remember, summarise
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
-from kennfeld.errors import ArgumentError, InputError, Location
-from kennfeld.output_paths import plain_name
+from kennfeld.base.errors import ArgumentError, InputError, Location
+from kennfeld.base.output_paths import plain_name
 from kennfeld.project.demo import all_or_none, prepare, write
 from kennfeld.project.schemas import PROJECT_SCHEMA, directive, schema_text
 

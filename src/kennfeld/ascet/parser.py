@@ -12,8 +12,8 @@ from kennfeld.ascet import syntax as e
 from kennfeld.ascet.expression_parser import EsdlSyntaxError
 from kennfeld.ascet.lexer import MAX_CHARACTERS, tokens_of
 from kennfeld.ascet.state_machine_parser import DeclarationHead, StateMachineParser
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 
 _MAX_ERRORS: Final = 40
 _KINDS: Final = ("characteristic", "const", "sysconst")

@@ -4,8 +4,8 @@ from typing import Final
 
 from kennfeld.ascet.expression_parser import EsdlSyntaxError, TokenReader
 from kennfeld.ascet.lexer import MAX_CHARACTERS, tokens_of
-from kennfeld.errors import InputError, Location
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 
 STARTUP: Final = "startup"
 _SECONDS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

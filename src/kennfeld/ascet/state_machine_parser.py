@@ -4,7 +4,7 @@ from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.statement_parser import EsdlStatementParser
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 
 _MODIFIERS: Final = frozenset(
     {"public", "private", "protected", "static", "singleton", "stateless", "extern", "virtual", "final", "volatile"}

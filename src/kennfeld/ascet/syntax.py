@@ -6,7 +6,7 @@ A file has a package, imports and declarations: classes, data interfaces, types,
 from dataclasses import field
 from typing import NamedTuple
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 class TextPosition(NamedTuple):

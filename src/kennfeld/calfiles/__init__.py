@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from kennfeld.base.lazy_names import lazy_names
 from kennfeld.calfiles.files import (
     CalibrationFile,
     ParameterSummary,
@@ -14,12 +15,11 @@ from kennfeld.calfiles.files import (
     unwritable,
     write,
 )
-from kennfeld.lazy_names import lazy_names
-from kennfeld.parameter_set import use_writer
+from kennfeld.domain.parameter_set import use_writer
 
 if TYPE_CHECKING:
+    from kennfeld.calfiles.a2l.image_files import A2lFile, describe_a2l
     from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
-    from kennfeld.calfiles.flash.description import A2lFile, describe_a2l
     from kennfeld.calfiles.merging import Change, Merged, merge
 
 __all__ = [
@@ -48,7 +48,7 @@ __getattr__ = lazy_names(
     __name__,
     {
         "comparison": "Comparison Difference Tolerance compare",
-        "flash.description": "A2lFile describe_a2l",
+        "a2l.image_files": "A2lFile describe_a2l",
         "merging": "Change Merged merge",
     },
 )

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError
-from kennfeld.formatting import size_text
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter, Text
-from kennfeld.rbf import RBF
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import size_text
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
+from kennfeld.domain.rbf import RBF
 
 _Item = Parameter | Text | Axis
 

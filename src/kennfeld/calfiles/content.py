@@ -7,10 +7,10 @@ from math import nan
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import FileFindings, Item, Key
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Axis, Parameter, Text
 
 
 @dataclass
@@ -88,7 +88,7 @@ def in_stored_order(member: Parameter, axes: Sequence[Axis] | None = None) -> tu
         axes: The axes of the file to be updated, which may fall where those of the parameter rise; by default those of
             the parameter.
 
-    >>> from kennfeld.parameters import Curve
+    >>> from kennfeld.domain.parameters import Curve
     >>> in_stored_order(Curve("C", Axis([0, 1], falling=True), [5, 6]))
     (array([6., 5.]), [array([1., 0.])])
     """

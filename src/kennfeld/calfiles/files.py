@@ -7,10 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.atomic_files import write_whole
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import nearest
+from kennfeld.base.garbage_collection import no_collection
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import CalibrationSource, Item, ReadResult, WriteResult
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.file_errors import convert_errors
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, Text
 from kennfeld.files.descriptions import A2L, A2L_FRAGMENT, fragment_of_a2l
 from kennfeld.files.file_format import CalibrationConverter, FileFormat, Role, call
 from kennfeld.files.formats import BINARY, XML, calibration_formats
@@ -18,11 +23,6 @@ from kennfeld.files.head import FileHead
 from kennfeld.files.identification import Identity, identify
 from kennfeld.files.recordings import CSV
 from kennfeld.files.unpacking import unpacked
-from kennfeld.formatting import nearest
-from kennfeld.garbage_collection import no_collection
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
     Raises:
         ArgumentError: The ending is that of no calibration format.
 
-    >>> from kennfeld.parameters import Scalar
+    >>> from kennfeld.domain.parameters import Scalar
     >>> print(*losses(ParameterSet([Scalar("Kp", 2.0, description="gain")]), "a.csv"))
     a.csv: descriptions are left out: 1 label (Kp). Write it as .json to keep them.
     """
@@ -166,7 +166,7 @@ def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
 
     Raises `ArgumentError` for an unknown ending.
 
-    >>> from kennfeld.parameters import Scalar
+    >>> from kennfeld.domain.parameters import Scalar
     >>> list(unwritable(ParameterSet([Scalar("Gain", 2.0), Scalar("Main Path/Gain:Gain", 1.0)]), ".dcm"))
     ['Main Path/Gain:Gain']
     """

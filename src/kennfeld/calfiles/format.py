@@ -5,12 +5,12 @@ from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 
-from kennfeld.errors import Finding, Findings, Location
+from kennfeld.base.errors import Finding, Findings, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, Text
 from kennfeld.files.encoding import detect_encoding
 from kennfeld.files.head import HEAD_SIZE
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
 
 Item = Parameter | Text
 Key = tuple[str, str]  # name and variant

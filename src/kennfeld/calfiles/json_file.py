@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import nearest
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult
 from kennfeld.calfiles.storable import report_repeated
-from kennfeld.errors import ArgumentError
-from kennfeld.formatting import nearest
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS, LABELS, Axis, Block, Parameter, Text, TextKind, parameter
-from kennfeld.rbf import RBF, Expansion
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS, LABELS, Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.rbf import RBF, Expansion
 
 _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
 _PARTS = ("offset", "slopes", "weights", "centres", "widths")

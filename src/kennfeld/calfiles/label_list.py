@@ -9,11 +9,11 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import count_noun, join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import CalibrationSource
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.file_errors import convert_errors
-from kennfeld.formatting import count_noun, join_names
-from kennfeld.lazy_dataclass import dataclass
 
 ENDING = ".lab"
 _SECTION = re.compile(r"\[([^\[\]]+)\]\s*;*\s*\Z")

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from kennfeld.base.errors import Finding
+from kennfeld.base.formatting import count_labels, holds_control_characters
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.verbal_values import warn_about_kinds
-from kennfeld.errors import Finding
-from kennfeld.formatting import count_labels, holds_control_characters
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter
 
 _USE_JSON = "Write it as .json to keep them."
 _USE_PROJECT = "Keep them in a project file."

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun, join_names, size_text
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import FileFindings, Item, Key, build_set
-from kennfeld.formatting import count_noun, join_names, size_text
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Scalar, Text, TextKind, parameter
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Block, Scalar, Text, TextKind, parameter
 
 INFO = "kennfeld_info"  # the struct that says more about variables which are plain numbers
 _VALUES = ("values", "value", "data", "table", "tabledata")

@@ -8,13 +8,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_state import note_opened
+from kennfeld.base.formatting import reason_of
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, UnreadableObject, Value, holds_samples, parameters_of
-from kennfeld.errors import InputError, Location
-from kennfeld.file_state import note_opened
+from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.files.calibrations import SCRIPT_TITLE
 from kennfeld.files.head import FileHead
-from kennfeld.formatting import reason_of
 from kennfeld.matlab import values as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.mat_reader import read_nodes, to_value
@@ -22,7 +23,6 @@ from kennfeld.matlab.mat_v73 import is_matlab_guarded
 from kennfeld.matlab.script_files import Files
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import LookupTable, to_calibration_parameter
-from kennfeld.parameters import AXIS_LETTERS
 
 _MAX_DEPTH = 40
 

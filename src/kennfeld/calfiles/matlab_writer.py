@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, Value
 from kennfeld.calfiles.matlab_reader import format_comment
 from kennfeld.calfiles.storable import USE_JSON, report_repeated_variables
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS, LABELS, Text
 from kennfeld.files.calibrations import SCRIPT_TITLE
 from kennfeld.matlab.variable_names import KEYWORDS, variable_name
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS, LABELS, Text
 
 _RESERVED_NAMES = KEYWORDS | {INFO, "Inf", "NaN", "reshape", "char", "ans"}
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.formatting import count_labels
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.comparison import Difference, compare
 from kennfeld.calfiles.format import Item
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import count_labels
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, Text
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def merge(sources: Sequence[tuple[str, ParameterSet]]) -> Merged:
     Raises:
         InputError: The breakpoints of a group axis change under a table that is not replaced with it.
 
-    >>> from kennfeld.parameters import Scalar
+    >>> from kennfeld.domain.parameters import Scalar
     >>> old, new = ParameterSet([Scalar("K", 1.0)]), ParameterSet([Scalar("K", 2.0)])
     >>> merge([("old", old), ("new", new)]).parameters["K"].value
     2.0

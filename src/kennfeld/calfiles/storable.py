@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 
 USE_JSON = "Write it as .json."
 

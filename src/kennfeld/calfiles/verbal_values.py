@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter, Text, TextKind
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter, Text, TextKind
 
 _BOOLEAN = frozenset({"true", "false"})
 _Item = TypeVar("_Item", bound=Parameter | Text)

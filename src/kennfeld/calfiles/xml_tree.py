@@ -8,8 +8,8 @@ import re
 from collections.abc import Iterator, Sequence
 from xml.parsers import expat
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.lazy_dataclass import dataclass
 
 SEPARATOR = "\x1f"  # of the texts of equal elements that were joined; no XML can hold it
 

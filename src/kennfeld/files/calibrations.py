@@ -97,8 +97,8 @@ IMAGE = FileFormat(
     IMAGE_ENDINGS,
     matches(_IMAGE_RECORD),
     calibration=_convert_by(
-        "flash.description:read_flash",
-        "flash.description:write_flash",
+        "a2l.image_files:read_flash",
+        "a2l.image_files:write_flash",
         label="Intel HEX or S-records with an A2L file",
     ),
 )

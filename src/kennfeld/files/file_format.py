@@ -9,8 +9,8 @@ from enum import Enum
 from importlib import import_module
 from typing import Any
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.head import HEAD_SIZE, FileHead
-from kennfeld.lazy_dataclass import dataclass
 
 # names whose first letter is spoken with a vowel
 _SPOKEN = ("A", "E", "I", "O", "FMU", "HDF", "HP", "HTML", "MDF", "MLG", "MSL", "MSQ", "XML")

@@ -45,7 +45,7 @@ def _is_simulink(head: FileHead) -> bool:
 def _is_enumeration(head: FileHead) -> bool:
     if head.ending != ".m" or not _CLASS.search(head.text):
         return False
-    return call("kennfeld.models.simulink.variables.enumerations:enumeration_of", head.text) is not None
+    return call("kennfeld.importers.simulink.variables.enumerations:enumeration_of", head.text) is not None
 
 
 def _is_formula(head: FileHead) -> bool:

@@ -11,14 +11,14 @@ from io import BufferedIOBase, BytesIO
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, cast
 
-from kennfeld.archives import ZIP_ERRORS
-from kennfeld.errors import InputError, Location
-from kennfeld.file_errors import nearest_file
-from kennfeld.file_state import note_opened
+from kennfeld.base.archives import ZIP_ERRORS
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_errors import nearest_file
+from kennfeld.base.file_state import note_opened
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.encoding import decode
 from kennfeld.files.limited_stream import limited
 from kennfeld.files.xml_root import xml_root
-from kennfeld.lazy_dataclass import dataclass
 
 HEAD_SIZE = 65536  # bytes or characters that tell what a file is
 

@@ -5,7 +5,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.files.file_format import FileFormat, Role
 from kennfeld.files.foreign import BY_ENDING, OLE, identify_foreign, identify_package
 from kennfeld.files.formats import BINARY, ZIP_ARCHIVE, certain_formats, named_format, uncertain_formats, usual_format

@@ -3,8 +3,8 @@
 import io
 from typing import BinaryIO, cast
 
-from kennfeld.archives import most_unpacked
-from kennfeld.errors import InputError, Location
+from kennfeld.base.archives import most_unpacked
+from kennfeld.base.errors import InputError, Location
 
 _BUFFER = 1 << 16  # bytes
 

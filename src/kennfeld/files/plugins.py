@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kennfeld.errors import Finding, Location, warn
+from kennfeld.base.errors import Finding, Location, warn
 from kennfeld.files.file_format import FileFormat, Recogniser
 from kennfeld.files.head import FileHead
 

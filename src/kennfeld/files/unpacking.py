@@ -8,10 +8,10 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import BinaryIO, NamedTuple
 
-from kennfeld.archives import ZIP_ERRORS, find_oversized
-from kennfeld.errors import InputError, Location
+from kennfeld.base.archives import ZIP_ERRORS, find_oversized
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.formatting import join_names, nearest
 from kennfeld.files.head import COPY, DAMAGED, FileHead, open_member, open_unpacked
-from kennfeld.formatting import join_names, nearest
 
 _CHUNK = 1 << 20  # bytes
 _MAX_LISTED = 8  # members in a message

@@ -12,11 +12,11 @@ from dataclasses import replace
 from functools import partial, reduce
 from typing import NamedTuple
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors
-from kennfeld.lazy_dataclass import dataclass
 
 SLOPES = {
     "position": "density",

@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction, is_sequential
 from kennfeld.graph.lookup_lowering import Free, TableRef, is_atom
 from kennfeld.graph.node import Graph, Node, extract
 from kennfeld.graph.traversal import dependents, rewrite
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Parameter
 
 
 class TableValue(NamedTuple):
@@ -36,7 +36,7 @@ class TableValue(NamedTuple):
 def table_values(parameter: Parameter) -> list[TableValue]:
     """Return all values of a parameter.
 
-    >>> from kennfeld.parameters import Curve
+    >>> from kennfeld.domain.parameters import Curve
     >>> table_values(Curve("C", [0, 1], [1, 2]))
     [TableValue(table='C', place=(0,)), TableValue(table='C', place=(1,))]
     """

@@ -17,13 +17,13 @@ from functools import partial
 from math import isfinite
 from typing import TypeAlias
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.adjoints import AdjointProgram, breakpoint_slope, layer_partials, partials, pull_back
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.traversal import ancestors, dependents
-from kennfeld.lazy_dataclass import dataclass
 
 MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
 UNBOUNDED = ("exp", "log", "log10", "tan", "sinh", "cosh")  # operations with infinite results of finite arguments

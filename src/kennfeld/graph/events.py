@@ -17,11 +17,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.node import Graph, Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors, dependents
-from kennfeld.lazy_dataclass import dataclass
 
 POINTS = 256  # random points, between neighbours of which a condition may change
 HALVINGS = 22  # of the way between two points, after which its ends are compared; and again after as many more

@@ -14,10 +14,10 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError
+from kennfeld.base.threads import computed_once
 from kennfeld.graph.node import Node
-from kennfeld.threads import computed_once
 
 
 class LoadedFunction(Protocol):
@@ -187,7 +187,7 @@ def load_function(function: ExternalFunction) -> LoadedFunction:
 
 @computed_once
 def _load(function: ExternalFunction) -> LoadedFunction:
-    from kennfeld.machine_code.external import provide  # here, because graphs are read without machine code
+    from kennfeld.base.machine_code.external import provide  # here, because graphs are read without machine code
 
     module, _, name = function.loader.partition(":")
     loaded: LoadedFunction = getattr(import_module(module), name)(*function.arguments)

@@ -5,8 +5,8 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.parameters import Axis, Extrapolation
+from kennfeld.base.arrays import Float
+from kennfeld.domain.parameters import Axis, Extrapolation
 
 WINDOW = 4.0  # standard deviations at which the smoothing kernel is truncated
 

@@ -4,8 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import ArrayLike, Float, Int
-from kennfeld.free_axes import AxisKey, free_axes
+from kennfeld.base.arrays import ArrayLike, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.free_axes import AxisKey, free_axes
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.rbf import RBF
 from kennfeld.graph.dense_layer import DenseLayer, evaluate_layer
 from kennfeld.graph.derivative import Linearization, Slopes, Written
 from kennfeld.graph.external_function import evaluate_points
@@ -20,9 +23,6 @@ from kennfeld.graph.interpolation import (
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef, lower_lookups
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.rbf import RBF
 
 
 def evaluate(

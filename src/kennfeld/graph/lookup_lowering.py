@@ -7,17 +7,17 @@ from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError
-from kennfeld.free_axes import AxisKey, free_axes, key_of
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.free_axes import AxisKey, free_axes, key_of
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Extrapolation, Parameter
+from kennfeld.domain.rbf import RBF, Hinge, Kernel
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node
 from kennfeld.graph.stable_forms import rebuild
 from kennfeld.graph.traversal import dependents, rewrite
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Extrapolation, Parameter
-from kennfeld.rbf import RBF, Hinge, Kernel
 
 Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 

@@ -18,7 +18,7 @@ from dataclasses import field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 
 STEP = "dt"
 NEXT_STEP = "dt_next"

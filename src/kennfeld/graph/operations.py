@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 class Writer(Protocol):

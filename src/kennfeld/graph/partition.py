@@ -2,11 +2,11 @@
 
 from collections.abc import Collection, Mapping
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, extract
 from kennfeld.graph.traversal import dependents, rewrite
-from kennfeld.lazy_dataclass import dataclass
 
 _COST = {
     "const": 0, "input": 1, "state": 1000, "div": 4, "select": 1, "position": 10, "interpolate": 10, "expansion": 1000,

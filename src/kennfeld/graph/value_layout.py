@@ -5,12 +5,12 @@ from dataclasses import field
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.free_axes import AxisKey, free_axes, with_breakpoints
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.lookup_lowering import Free
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from dataclasses import field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab import mat_nodes as n
 
 _MAX_STRINGS = 1_000_000

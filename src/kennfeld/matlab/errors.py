@@ -1,7 +1,7 @@
 """Errors of MATLAB text, and the limits of what a script may consume."""
 
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab.syntax import SourcePosition
 
 

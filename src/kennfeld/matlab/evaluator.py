@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.formatting import nearest, size_text
+from kennfeld.base.formatting import nearest, size_text
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError

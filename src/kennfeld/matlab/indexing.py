@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Int
-from kennfeld.formatting import size_text
+from kennfeld.base.arrays import Int
+from kennfeld.base.formatting import size_text
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, is_vector, numbers, trim_dimensions
 

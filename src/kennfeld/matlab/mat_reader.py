@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.matlab import mat_nodes, mat_v4, mat_v5, mat_v73
 from kennfeld.matlab import values as v
 from kennfeld.matlab.mcos import resolve_objects

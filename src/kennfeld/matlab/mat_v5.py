@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.formatting import size_text
+from kennfeld.base.formatting import size_text
 from kennfeld.matlab import mat_nodes as n
 
 _MATRIX, _COMPRESSED = 14, 15

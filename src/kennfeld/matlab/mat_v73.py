@@ -13,9 +13,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from kennfeld.errors import Location
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.library_process import LibraryFailure, LibraryProcess
+from kennfeld.base.errors import Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.library_process import LibraryFailure, LibraryProcess
 from kennfeld.matlab import mat_nodes as n
 
 LIBRARY = LibraryProcess("HDF5")

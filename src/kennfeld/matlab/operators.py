@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.formatting import size_text
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import size_text
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from kennfeld.errors import Finding
+from kennfeld.base.errors import Finding
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.expression_parser import ExpressionParser

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.values import MatlabValueError, Value, from_python, text

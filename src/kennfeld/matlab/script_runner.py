@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding, Location, Severity
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Finding, Location, Severity
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.assignment import assign, without_field

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab import values as v
 
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"

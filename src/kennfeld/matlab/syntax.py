@@ -6,7 +6,7 @@
 from dataclasses import field
 from typing import NamedTuple
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 class SourcePosition(NamedTuple):

@@ -11,9 +11,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float
-from kennfeld.formatting import size_text
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import size_text
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab.syntax import Expression
 
 Array: TypeAlias = NDArray[Any]

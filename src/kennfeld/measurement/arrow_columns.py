@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.measurement.arrow_numbers import numbers_of
 from kennfeld.measurement.exact_numbers import rest_of_integers
 from kennfeld.measurement.header import Header

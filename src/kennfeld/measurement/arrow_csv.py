@@ -6,6 +6,7 @@ from concurrent.futures import Executor
 import pyarrow as pa
 from pyarrow import csv
 
+from kennfeld.base.threads import available_cores
 from kennfeld.files.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.arrow_numbers import numbers_of
 from kennfeld.measurement.cells import MISSING, TRUTH
@@ -13,7 +14,6 @@ from kennfeld.measurement.csv_body import CsvBody, count_lines
 from kennfeld.measurement.csv_dialect import Dialect
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import BLOCK, Column, ColumnBuilder
-from kennfeld.threads import available_cores
 
 
 def read_mixed(body: CsvBody, header: Header, pool: Executor) -> list[Column] | None:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 
 def numbers_of(column: Any) -> Float:

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import join_names
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.formatting import join_names
 from kennfeld.measurement.bus_frames import Frames, joined
 from kennfeld.measurement.source import MeasurementFile
 

@@ -10,7 +10,8 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.threads import available_cores
 from kennfeld.files.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.cells import TRUTH, parse_number
 from kennfeld.measurement.csv_body import CsvBody
@@ -21,7 +22,6 @@ from kennfeld.measurement.plain_csv import read_numbers
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.unit_text import may_be_time
-from kennfeld.threads import available_cores
 
 _LINE = 1 << 24  # bytes
 _SAMPLE = 200  # lines

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.base.arrays import Bool, Float
 from kennfeld.measurement.bus_messages import BusSignal
 
 _WORD = 64  # bits

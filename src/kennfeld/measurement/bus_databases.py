@@ -6,10 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from kennfeld.errors import ArgumentError, InputError, Location
-from kennfeld.file_errors import convert_errors, nearest_file
-from kennfeld.file_state import while_unchanged
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import ArgumentError, InputError, Location
+from kennfeld.base.file_errors import convert_errors, nearest_file
+from kennfeld.base.file_state import while_unchanged
+from kennfeld.base.lazy_dataclass import dataclass
 
 if TYPE_CHECKING:
     from kennfeld.measurement.bus_messages import BusDatabase

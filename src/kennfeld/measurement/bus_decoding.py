@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Int
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import count_noun, join_names
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Int
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.formatting import count_noun, join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_bits import extract_raw, to_numbers, to_physical
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.bus_frames import Frames, Sender, group_number

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from kennfeld.errors import Finding
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Finding
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 class Switch(NamedTuple):

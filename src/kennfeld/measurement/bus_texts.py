@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.measurement.bus_messages import BusSignal
 
 # words that control units use for a signal without a value; cantools returns the text itself for all names

@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.atomic_files import write_whole
-from kennfeld.code_digest import code_digest
-from kennfeld.dataset import Channel, Clock, Dataset
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_state import FileState, digest
+from kennfeld.base.arrays import Float
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.code_digest import code_digest
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_state import FileState, digest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Clock, Dataset
 from kennfeld.files.recordings import MDF
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.arrow_numbers import array_of, view_of
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.companions import files_of

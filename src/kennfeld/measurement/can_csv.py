@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import count_noun
 from kennfeld.files.can_csv_columns import can_csv_separator, column_names
-from kennfeld.formatting import count_noun
 from kennfeld.measurement.bus_frames import Frames, from_rows
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.stamps import is_stamp, parse_stamps

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import count_noun, reason_of
+from kennfeld.base.optional_packages import optional_package
 from kennfeld.files.encoding import decode
 from kennfeld.files.recordings import ASC, ASC_HEADER, BLF, CAN_CSV, CANDUMP, TRC
-from kennfeld.formatting import count_noun, reason_of
 from kennfeld.measurement import blf, can_csv
 from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
@@ -25,7 +26,6 @@ from kennfeld.measurement.log_start_time import asc_start_time, blf_start_time
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription
-from kennfeld.optional_packages import optional_package
 
 _READERS = {ASC: "ASCReader", TRC: "TRCReader", CANDUMP: "CanutilsLogReader"}
 _FROM_ZERO = (ASC,)  # kinds whose channels the library counts from 0

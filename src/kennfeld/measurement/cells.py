@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 Decimal = Literal[".", ",", ".,"]  # the last one: a point, beside commas that separate thousands
 

@@ -11,11 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import Channel, Clock, Dataset, common_start_time
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import join_names, nearest, one_line
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.formatting import join_names, nearest, one_line
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Clock, Dataset, common_start_time
 from kennfeld.measurement.instants import instant_findings, separate_instants
 from kennfeld.measurement.resampling import even_grid, resample_all
 from kennfeld.measurement.table import Column, Selection, Table

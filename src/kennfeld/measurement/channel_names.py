@@ -5,8 +5,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Protocol, Self, TypeVar
 
-from kennfeld.errors import Findings
-from kennfeld.formatting import join_names, nearest
+from kennfeld.base.errors import Findings
+from kennfeld.base.formatting import join_names, nearest
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection
 

@@ -1,8 +1,8 @@
 """Refuses files that claim more values than they can hold, before any memory is asked for."""
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.base.process_limits import memory_bound
 from kennfeld.measurement.source import MeasurementFile
-from kennfeld.process_limits import memory_bound
 
 _VALUE = 8  # bytes of a double
 

@@ -11,7 +11,7 @@ from datetime import date
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.measurement.table import Column
 from kennfeld.measurement.unit_text import states_unit_of_time, time_unit
 

@@ -3,7 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.files.file_format import call
 from kennfeld.measurement.source import MeasurementFile
 

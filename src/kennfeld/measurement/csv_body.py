@@ -5,7 +5,7 @@ import mmap
 
 import numpy as np
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.csv_dialect import Dialect
 
 _WINDOW = 4096  # bytes that are searched at once for the end of a line

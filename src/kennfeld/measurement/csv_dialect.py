@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
-from kennfeld.errors import InputError, Location
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.table import MAX_MARKS, is_mark

@@ -1,7 +1,7 @@
 """The error for a file that a library cannot read; libraries trust what they read, and fail in many ways."""
 
-from kennfeld.errors import InputError
-from kennfeld.formatting import reason_of
+from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import reason_of
 from kennfeld.measurement.source import MeasurementFile
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.domain.dataset import Dataset
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Table
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_errors import convert_errors
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import count_noun, join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.foreign import identify_foreign
-from kennfeld.formatting import count_noun, join_names
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch, bits_of
 from kennfeld.measurement.unit_text import plain_unit
 

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError, Location
-from kennfeld.file_errors import nearest_file
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_errors import nearest_file
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.encoding import detect_encoding
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
     RecordedGroup,

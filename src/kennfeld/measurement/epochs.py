@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.unit_text import says_time, states_unit_of_time, time_unit
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.measurement.cells import Decimal
 
 _LARGE = 1e8  # smaller numbers with as many digits need no more than a double has

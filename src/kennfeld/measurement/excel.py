@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import nearest
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import nearest
+from kennfeld.base.workbooks import UnsavedFormulas, Workbook, column_letters, open_workbook
 from kennfeld.measurement.header import find_header, header_remarks
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table
-from kennfeld.workbooks import UnsavedFormulas, Workbook, column_letters, open_workbook
 
 _HEAD_ROWS = 200
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table

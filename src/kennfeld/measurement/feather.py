@@ -4,7 +4,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement.arrow_columns import column_of, header_of, is_numeric, text_column
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.source import MeasurementFile

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.time_column import find_time
 from kennfeld.measurement.unit_text import in_seconds, time_unit

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.errors import Finding
+from kennfeld.base.errors import Finding
 from kennfeld.measurement.table import Column, Table
 from kennfeld.measurement.time_column import find_time
 from kennfeld.measurement.unit_text import is_fraction_name

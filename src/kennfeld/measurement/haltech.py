@@ -11,10 +11,10 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.encoding import detect_encoding
-from kennfeld.formatting import join_names
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.header import Header, unique_names
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError
-from kennfeld.formatting import join_names
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import join_names
+from kennfeld.base.process_limits import memory_bound
 from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
 from kennfeld.measurement.damage import damaged
@@ -38,7 +39,6 @@ from kennfeld.measurement.variable_attributes import (
     unit_of,
     unpack_numbers,
 )
-from kennfeld.process_limits import memory_bound
 
 _MAX_OBJECTS = 100_000
 _MAX_DEPTH = 20

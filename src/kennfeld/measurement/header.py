@@ -5,9 +5,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import takewhile
 
-from kennfeld.errors import Finding, Location
-from kennfeld.formatting import join_names
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, is_dated, is_missing, parse_number
 from kennfeld.measurement.stamps import is_stamp
 from kennfeld.measurement.unit_text import in_seconds, is_clock, looks_like_unit, plain_unit, split_name, time_unit

@@ -9,10 +9,10 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.base.arrays import Bool
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.encoding import detect_encoding
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.csv_dialect import split_line
 from kennfeld.measurement.header import Header, unique_names
 from kennfeld.measurement.source import MeasurementFile

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, Severity
-from kennfeld.formatting import count_noun
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import Finding, Severity
+from kennfeld.base.formatting import count_noun
 from kennfeld.measurement.table import Column, Table
 from kennfeld.measurement.time_column import SAME_INSTANT, advances
 

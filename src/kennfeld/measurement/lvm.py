@@ -10,10 +10,10 @@ from dataclasses import field
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.encoding import detect_encoding
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.source import MeasurementFile

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Findings, InputError
+from kennfeld.base.errors import Findings, InputError
+from kennfeld.base.formatting import join_names, size_text
 from kennfeld.files.containers import HDF5
-from kennfeld.formatting import join_names, size_text
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.matlab.mcos import resolve_objects

@@ -12,8 +12,8 @@ from os.path import commonprefix
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab.builtin_objects import MatTable, MatTimes, texts_of
 from kennfeld.matlab.mat_nodes import (
     MatCells,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.matlab.variable_names import KEYWORDS, variable_name
 from kennfeld.measurement.writable_recording import WritableRecording
 

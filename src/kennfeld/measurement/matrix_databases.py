@@ -3,10 +3,10 @@
 import io
 import logging
 
-from kennfeld.errors import InputError, Location
-from kennfeld.formatting import reason_of
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.formatting import reason_of
+from kennfeld.base.optional_packages import optional_package
 from kennfeld.measurement.peak_symbols import with_whole_signals
-from kennfeld.optional_packages import optional_package
 
 
 def to_dbc(file: str, content: bytes, kind: str) -> tuple[list[str], list[str]]:

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import count_noun, join_names, reason_of
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.library_process import LibraryProcess
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import count_noun, join_names, reason_of
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.library_process import LibraryProcess
+from kennfeld.base.optional_packages import optional_package
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
 from kennfeld.measurement.claimed_values import check_claimed
@@ -35,7 +36,6 @@ from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, plain_unit
-from kennfeld.optional_packages import optional_package
 
 _AT_ONCE = 50_000_000  # values in memory for a description
 _MAX_VALUES = 500_000_000  # of all requested channels, 4 GB

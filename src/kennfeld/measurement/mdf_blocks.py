@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 
 # which of a block's links lead on; what else a block refers to may lead back with good reason
 _LINKS_4 = {

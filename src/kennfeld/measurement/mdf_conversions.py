@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.conversion_formulas import parse_formula
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.conversion_formulas import parse_formula
 
 _NO_UNITS = ("", "-", "1")
 _LEAST_TEXTS = (0.0, 1.0)  # raw values of which one has a text in an enumeration

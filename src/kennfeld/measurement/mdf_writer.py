@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Location
+from kennfeld.base.errors import Location
+from kennfeld.base.optional_packages import optional_package
+from kennfeld.domain.dataset import Dataset
 from kennfeld.measurement.mdf_start_time import HeaderTime
 from kennfeld.measurement.writable_recording import WritableRecording
-from kennfeld.optional_packages import optional_package
 
 _PACKAGE = "asammdf"
 _VERSION = "4.10"  # that all tools of the field read

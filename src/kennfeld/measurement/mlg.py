@@ -14,10 +14,10 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.errors import Findings, InputError, Location
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.header import Header, unique_names
 from kennfeld.measurement.source import MeasurementFile

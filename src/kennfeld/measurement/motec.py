@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.mlg import plain_text
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.source import MeasurementFile

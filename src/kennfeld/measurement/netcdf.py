@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,

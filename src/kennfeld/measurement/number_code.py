@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 
-from kennfeld.arrays import Int
-from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import ZERO, FunctionWriter, StackVariable, literal
+from kennfeld.base.arrays import Int
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.ir import ZERO, FunctionWriter, StackVariable, literal
 
 PADDING = 64  # bytes behind the text that the parser may load
 ODD_FIELDS = 4  # row, column, begin, end

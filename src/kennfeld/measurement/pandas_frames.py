@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.measurement.recorded_groups import RecordedChannel
 
 _FIXED = {"frame": "axis1", "series": "index"}  # kinds of the fixed format, and the dataset of their index

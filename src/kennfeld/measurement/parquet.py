@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.measurement.arrow_columns import column_of, header_of, is_numeric, text_column
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.damage import damaged

@@ -6,7 +6,7 @@ from threading import Event
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.base.arrays import Float, Int
 from kennfeld.measurement.cells import Decimal, is_truth, parse_number
 from kennfeld.measurement.csv_body import CsvBody, count_lines
 from kennfeld.measurement.number_code import ODD_FIELDS, PADDING, compile_parser, powers_of_ten

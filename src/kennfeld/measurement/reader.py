@@ -6,15 +6,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.file_spans import FileSpans
+from kennfeld.base.errors import ArgumentError, Finding, InputError
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.file_spans import FileSpans
 from kennfeld.files.file_format import Role, call
 from kennfeld.files.formats import ZIP_ARCHIVE, recording_formats
 from kennfeld.files.head import FileHead
 from kennfeld.files.identification import identify_head
 from kennfeld.files.unpacking import choose_member, unpacked
-from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.bus_databases import AnyDatabase, DatabaseFile, to_databases
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.dataset_tables import table_of

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding, Findings, InputError, Location, Severity
-from kennfeld.formatting import join_names
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, Findings, InputError, Location, Severity
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.header import Header, unique_names

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import PAUSE, SAMPLES_PER_BLOCK, longest_usual_step
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.domain.dataset import PAUSE, SAMPLES_PER_BLOCK, longest_usual_step
 
 _SAME_INSTANT = 1e-9  # s; a grid point this close to a time stamp is that sample
 _MAX_LEVELS = 16  # of a gear, a mode or a switch

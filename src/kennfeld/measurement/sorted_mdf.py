@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.mdf_conversions import KINDS_4, ConversionKind, MdfConversion, UnsupportedConversionError
 from kennfeld.measurement.mdf_start_time import HeaderTime
 

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
-from kennfeld.errors import Location
+from kennfeld.base.errors import Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.file_format import FileFormat, MeasurementReader, Role
 from kennfeld.files.head import FileHead, guarded, open_unpacked, read_head
 from kennfeld.files.identification import identify_head, split_address
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
 
 _T = TypeVar("_T")  # Python 3.11
@@ -80,7 +80,7 @@ def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
 
     >>> locate("missing/bench.csv")
     Traceback (most recent call last):
-    kennfeld.errors.InputError: missing/bench.csv: there is no such file. Check the path: the folder does not exist.
+    kennfeld.base.errors.InputError: missing/bench.csv: there is no such file. Check the path: the folder does not exist.
     """
     return locate_head(path, sheet)[0]
 

@@ -12,8 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import is_missing
 
 _DAY = 86_400.0

@@ -12,11 +12,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import replace_infinite
-from kennfeld.errors import Finding, Location
-from kennfeld.formatting import join_names
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import replace_infinite
 from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_truth, parse_numbers, quote_cell
 from kennfeld.measurement.exact_numbers import rest_of_cells
 from kennfeld.measurement.header import Header

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset, concatenate
-from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import join_names, nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Dataset, concatenate
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.instants import Instants, instant_findings, separate_instants
 from kennfeld.measurement.resampling import even_grid, resample_all, samples_on

@@ -16,11 +16,11 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
 
-from kennfeld.archives import ZIP_ERRORS, find_oversized
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError
-from kennfeld.file_errors import nearest_file
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.archives import ZIP_ERRORS, find_oversized
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError
+from kennfeld.base.file_errors import nearest_file
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.optional_packages import optional_package
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.unit_text import in_seconds, may_be_time, split_name
-from kennfeld.optional_packages import optional_package
 
 _STEP, _OFFSET, _START, _UNIT = "wf_increment", "wf_start_offset", "wf_start_time", "wf_xunit_string"
 _COLUMNS = "wf_xcolumns"  # of a group: "One" if its first channel is the time, as LabVIEW writes it

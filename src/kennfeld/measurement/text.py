@@ -18,10 +18,10 @@ from itertools import islice
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.encoding import GUESSED_ENCODINGS, detect_encoding
 from kennfeld.files.recordings import MSL
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.clock_numbers import decode_clock
 from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split_line

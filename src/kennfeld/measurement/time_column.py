@@ -10,10 +10,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import Clock
-from kennfeld.errors import Finding, Location, Severity
-from kennfeld.formatting import count_noun
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import Finding, Location, Severity
+from kennfeld.base.formatting import count_noun
+from kennfeld.domain.dataset import Clock
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.table import Column, Table, limit_findings
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, says_time, states_unit_of_time, time_unit

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.measurement.unit_text import in_seconds, says_time
 
 _UNITS = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.base.errors import Finding, InputError
 from kennfeld.files.encoding import detect_encoding
 from kennfeld.measurement.cells import Decimal
 from kennfeld.measurement.clock_numbers import seconds_of_clock

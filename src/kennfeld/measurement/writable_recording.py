@@ -5,9 +5,9 @@ from datetime import datetime
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Dataset
 
 
 @dataclass(frozen=True, eq=False)

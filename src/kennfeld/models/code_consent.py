@@ -11,14 +11,14 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Literal
 
-from kennfeld.atomic_files import write_whole
-from kennfeld.consent_gate import Kind, address_gate
-from kennfeld.errors import Finding, Location
-from kennfeld.formatting import join_names
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.consent_gate import Kind, address_gate
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.code_cache import is_own
 from kennfeld.graph.external_function import CodeNotRunError, ExternalFunction, code_gate
 from kennfeld.graph.node import Node
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.code_cache import is_own
 from kennfeld.models.function_files import code_digest, companion_files
 
 MAX_DIGESTS = 1000  # the oldest ones are forgotten

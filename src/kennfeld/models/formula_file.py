@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from kennfeld.atomic_files import write_whole
-from kennfeld.errors import InputError, Location
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import InputError, Location
 from kennfeld.models.model import Model
 
 

@@ -6,10 +6,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kennfeld.errors import Findings, InputError, Location
+from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.formatting import join_names
 from kennfeld.files import functions as formats
 from kennfeld.files.file_format import FileFormat, call
-from kennfeld.formatting import join_names
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
 
@@ -54,7 +54,7 @@ KINDS: tuple[FunctionKind, ...] = (
     FunctionKind(
         "an FMU",
         formats.FMU,
-        "kennfeld.models.fmu.importing:read_fmu",
+        "kennfeld.importers.fmu.importing:read_fmu",
         named=False,
         runs=True,
         choices=("co-simulation", "model-exchange"),
@@ -62,26 +62,26 @@ KINDS: tuple[FunctionKind, ...] = (
     FunctionKind(
         "a C file",
         formats.C,
-        "kennfeld.models.c_code.importing:read_function",
+        "kennfeld.importers.c.importing:read_function",
         named=True,
         runs=False,
-        lister="kennfeld.models.c_code.importing:list_functions",
+        lister="kennfeld.importers.c.importing:list_functions",
     ),
     FunctionKind(
         "a Python file",
         formats.PYTHON,
-        "kennfeld.models.python_code.importing:read_function",
+        "kennfeld.importers.python.importing:read_function",
         named=True,
         runs=True,
-        lister="kennfeld.models.python_code.importing:list_functions",
-        digester="kennfeld.models.python_code.loaded_files:digest_of_loaded",
-        companions="kennfeld.models.python_code.loaded_files:files_loaded_by",
+        lister="kennfeld.importers.python.importing:list_functions",
+        digester="kennfeld.importers.python.loaded_files:digest_of_loaded",
+        companions="kennfeld.importers.python.loaded_files:files_loaded_by",
         translated=True,
     ),
     FunctionKind(
         "an ONNX network",
         formats.ONNX,
-        "kennfeld.models.onnx_network.importing:read_function",
+        "kennfeld.importers.onnx.importing:read_function",
         named=False,
         runs=False,
     ),
@@ -204,6 +204,6 @@ def named_functions(functions: CallableSources) -> Collection[ModelFunction]:
 
 
 def _python_function(function: Callable[..., Any], name: str) -> ModelFunction:
-    module = import_module("kennfeld.models.python_code.importing")  # as readers are: it knows this module
+    module = import_module("kennfeld.importers.python.importing")  # as readers are: it knows this module
     read: ModelFunction = module.python_function(function, name=name)
     return read

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding, Location
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.traversal import rewrite
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate

@@ -7,13 +7,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
-from kennfeld.errors import ArgumentError, Finding
+from kennfeld.base.errors import ArgumentError, Finding
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, has_marks, is_continuous
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.model import Model
-from kennfeld.parameter_set import ParameterSet
 
 Deferred = Callable[[], int]
 Write = Callable[[GraphBuilder, Sequence[Any]], Sequence[int]]

@@ -5,9 +5,9 @@ import re
 
 import numpy as np
 
-from kennfeld.formatting import size_text
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Parameter
+from kennfeld.base.formatting import size_text
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameters import Parameter
 
 _MAX_WRITTEN = 200  # values of a table that are written one by one
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+\Z")  # of a TOML table, without quotes

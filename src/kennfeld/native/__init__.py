@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from kennfeld.criteria import Loss
+from kennfeld.base.lazy_names import lazy_names
+from kennfeld.domain.criteria import Loss
 from kennfeld.graph.value_layout import ValueLayout
-from kennfeld.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from kennfeld.native.accumulator import Accumulator, Normal

@@ -16,14 +16,14 @@ from itertools import groupby
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import available_cores
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
 from kennfeld.native.symmetric import SymmetricMatrix
 from kennfeld.native.workspace import Workspace, stores_blocks
-from kennfeld.threads import available_cores
 
 TAPE_BYTES = 512 * 1024  # of a chunk; of half of it, the calls take a tenth of the time
 SHARES = 4

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
 
 DOUBLE = np.dtype(np.float64)
 INT32 = np.dtype(np.int32)

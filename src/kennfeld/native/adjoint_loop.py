@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import accumulate, count
 
+from kennfeld.base.machine_code.engine import shared_function
+from kennfeld.base.machine_code.external import c_pointer
+from kennfeld.base.machine_code.ir import ZERO, FunctionWriter, Vector, integer_table
 from kennfeld.graph.adjoints import AdjointProgram
-from kennfeld.machine_code.engine import shared_function
-from kennfeld.machine_code.external import c_pointer
-from kennfeld.machine_code.ir import ZERO, FunctionWriter, Vector, integer_table
 
 PARAMETERS = (
     ("i64", "rows"),

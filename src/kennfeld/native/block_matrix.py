@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import LANES, ZERO, FunctionWriter, Vector
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.ir import LANES, ZERO, FunctionWriter, Vector
 from kennfeld.native.addresses import INT32, INT64, address
 
 BLOCK = 8

@@ -18,10 +18,10 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int, aligned_zeros
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
+from kennfeld.base.arrays import Bool, Float, Int, aligned_zeros
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 from kennfeld.native.addresses import INT64, address, is_strided, strided
 from kennfeld.native.block_matrix import BLOCKS, BlockMatrix
 from kennfeld.native.envelope import BLOCK, Envelope

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float, Int
-from kennfeld.errors import ArgumentError
-from kennfeld.machine_code.ir import FunctionWriter
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.machine_code.ir import FunctionWriter
 from kennfeld.native.addresses import UINT32, address
 
 SHIFT = 12

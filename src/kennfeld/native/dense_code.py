@@ -6,8 +6,8 @@ depend on the activation, not on the size of the layer, and are compiled once ea
 
 from collections.abc import Callable, Iterator
 
+from kennfeld.base.machine_code.ir import EIGHT, LANES, FunctionWriter, Vector
 from kennfeld.graph.dense_layer import ACTIVATIONS
-from kennfeld.machine_code.ir import EIGHT, LANES, FunctionWriter, Vector
 from kennfeld.native.elementwise import guarded_product
 
 AT_ONCE = 4  # vectors of outputs; more sums than one keep the multipliers busy

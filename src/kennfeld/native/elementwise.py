@@ -5,8 +5,8 @@ Elementary functions are those of the C library.
 
 from collections.abc import Callable
 
-from kennfeld.machine_code.external import c_pointer
-from kennfeld.machine_code.ir import HALF, ONE, ZERO, FunctionWriter, literal
+from kennfeld.base.machine_code.external import c_pointer
+from kennfeld.base.machine_code.ir import HALF, ONE, ZERO, FunctionWriter, literal
 
 ELEMENTARY = frozenset(
     {

@@ -10,17 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.free_axes import AxisKey
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.engine import SharedFunction, shared_function
+from kennfeld.base.machine_code.external import c_pointer
+from kennfeld.base.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, literal
+from kennfeld.domain.free_axes import AxisKey
 from kennfeld.graph import Node
 from kennfeld.graph.dense_layer import ACTIVATIONS, DenseLayer, DenseOutput
 from kennfeld.graph.external_function import ExternalFunction, ExternalOutput
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef
 from kennfeld.graph.value_layout import ValueLayout
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.engine import SharedFunction, shared_function
-from kennfeld.machine_code.external import c_pointer
-from kennfeld.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, load_sample
 from kennfeld.native.dense_code import write_layer, write_pull
 from kennfeld.native.elementwise import CONDITIONS, VALUES, guarded_product, power

@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Int, Sparse
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Int, Sparse
+from kennfeld.base.lazy_dataclass import dataclass
 
 BLOCK = 8
 BUSY = (np.inf, 4.0, 2.0)  # times the median number of neighbours from which a value comes last; the best is taken

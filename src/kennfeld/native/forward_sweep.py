@@ -17,7 +17,7 @@ P[k] = A[k-1] ... A[0] and T [n, entries], which is not zero in these columns on
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from kennfeld.machine_code.ir import HALF, LANES, ONE, ZERO, FunctionWriter, Vector
+from kennfeld.base.machine_code.ir import HALF, LANES, ONE, ZERO, FunctionWriter, Vector
 from kennfeld.native.tape_layout import TapeLayout
 from kennfeld.native.tape_reader import ENTRIES, SUMS, Rows, TapeEntries, dot, load_row, whole_width
 

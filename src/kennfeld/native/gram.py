@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import EIGHT, ZERO, FunctionWriter, Vector
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.ir import EIGHT, ZERO, FunctionWriter, Vector
 from kennfeld.native.addresses import INT64, address
 from kennfeld.native.cholesky import (
     FACTOR,

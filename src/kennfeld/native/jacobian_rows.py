@@ -9,9 +9,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from math import prod
 
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.ir import ZERO, literal
 from kennfeld.graph.derivative import Linearization, Written
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.ir import ZERO, literal
 from kennfeld.native.adjoint_loop import PullProgram
 from kennfeld.native.elementwise import guarded_product
 from kennfeld.native.emitter import CodeItem, MemoryLayout, StepEmitter

@@ -11,7 +11,7 @@ takes over the previous value of another one, as in a shift register, it takes o
 from contextlib import AbstractContextManager
 from itertools import accumulate, chain
 
-from kennfeld.machine_code.ir import EIGHT, LANES, ZERO, FunctionWriter, Vector, integer_table
+from kennfeld.base.machine_code.ir import EIGHT, LANES, ZERO, FunctionWriter, Vector, integer_table
 from kennfeld.native.tape_layout import MANY, TapeLayout
 from kennfeld.native.tape_reader import ENTRIES, Rows, TapeEntries, dot, load_row, times, whole_width
 

@@ -2,19 +2,19 @@
 
 from collections.abc import Sequence
 
+from kennfeld.base.machine_code.engine import compile_written
+from kennfeld.base.machine_code.ir import FunctionWriter
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.derivative import Linearization, differentiate
 from kennfeld.graph.external_function import load_functions
 from kennfeld.graph.lookup_lowering import Free, LoweredGraph
 from kennfeld.graph.value_layout import order_values
-from kennfeld.machine_code.engine import compile_written
-from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.jacobian_rows import entries_of
 from kennfeld.native.sample_loop import Output, cost_code
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape import start_code, tape_code
 from kennfeld.native.tape_layout import TapeLayout
-from kennfeld.parameter_set import ParameterSet
 
 
 class Kernel:

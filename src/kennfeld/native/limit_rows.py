@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import LANES, ZERO, FunctionWriter, literal
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.ir import LANES, ZERO, FunctionWriter, literal
 from kennfeld.native.addresses import INT64, address
 
 FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding

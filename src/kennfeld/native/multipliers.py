@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import ONE, ZERO, FunctionWriter, literal
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.ir import ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.addresses import INT64, address, strided
 
 RIDGE = 1e-12  # share of each row's product with itself that is added to it, so that dependent rows have a factor

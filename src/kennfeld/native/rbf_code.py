@@ -1,6 +1,6 @@
 """LLVM IR of expansions in radial basis functions: value, slopes along the inputs, slopes of the values.
 
-y = c + sum_d b_d x_d + sum_i w_i bell(r_i), r_i^2 = sum_d ((x_d - z_id) / s_id)^2, see `kennfeld.rbf`. Eight centres
+y = c + sum_d b_d x_d + sum_i w_i bell(r_i), r_i^2 = sum_d ((x_d - z_id) / s_id)^2, see `kennfeld.domain.rbf`. Eight centres
 are processed at once. The functions depend on the number of inputs and the kernel, not on the model, and are compiled
 once each.
 """
@@ -8,14 +8,14 @@ once each.
 from collections.abc import Iterator
 from typing import Final, get_args
 
-from kennfeld.machine_code.ir import EIGHT, LANES, ONE, FunctionWriter, Vector
-from kennfeld.rbf import MAX_DISTANCE, Kernel
+from kennfeld.base.machine_code.ir import EIGHT, LANES, ONE, FunctionWriter, Vector
+from kennfeld.domain.rbf import MAX_DISTANCE, Kernel
 
 KERNELS: Final[tuple[Kernel, ...]] = get_args(Kernel)
 LEAST = -700.0  # exponent below which a basis function is treated as 0
 ALL = f"<{', '.join(['i1 true'] * LANES)}>"
 PARAMETERS = (
-    ("ptr", "values"),  # double[...], offset, slopes, weights, centres, widths; see `kennfeld.rbf`
+    ("ptr", "values"),  # double[...], offset, slopes, weights, centres, widths; see `kennfeld.domain.rbf`
     ("i64", "centres"),
     ("ptr", "x"),  # double[inputs]
     ("ptr", "out"),

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import MappingProxyType
 
-from kennfeld.criteria import Loss
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.ir import ONE, ZERO, FunctionWriter, literal
+from kennfeld.domain.criteria import Loss
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.traversal import ancestors
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.ir import ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, find, load_sample, visit
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
 

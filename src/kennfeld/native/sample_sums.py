@@ -8,7 +8,7 @@ entries of one.
 
 from collections.abc import Callable
 
-from kennfeld.machine_code.ir import EIGHT, HALF, LANES, ZERO, FunctionWriter, Vector
+from kennfeld.base.machine_code.ir import EIGHT, HALF, LANES, ZERO, FunctionWriter, Vector
 from kennfeld.native import block_matrix
 from kennfeld.native.tape_reader import ENTRIES, TapeEntries
 

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.column_table import BLOCK, ColumnTable, Order, Row
 
 

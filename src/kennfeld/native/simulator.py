@@ -5,24 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.machine_code.engine import compile_written
+from kennfeld.base.machine_code.ir import FunctionWriter
+from kennfeld.base.threads import available_cores, map_in_order
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.call_columns import BatchCall, read_batches
 from kennfeld.graph.derivative import Linearization, differentiate
 from kennfeld.graph.external_function import batch_function, load_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.node import Graph, extract
 from kennfeld.graph.value_layout import order_values
-from kennfeld.machine_code.engine import compile_written
-from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native.addresses import INT64, POINTER, address
 from kennfeld.native.column_table import ColumnTable, Row
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.sample_loop import values_code
 from kennfeld.native.tape import start_code
 from kennfeld.native.trajectory_gate import TrajectoryGate
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.threads import available_cores, map_in_order
 
 CHUNK = 65536  # samples a native call, so that it ends within milliseconds
 SHARE = 32768  # samples that are worth a thread

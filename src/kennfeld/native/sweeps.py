@@ -26,8 +26,8 @@ free^2). G accepts repeated columns in any order; `fold` computes H from it.
 
 from functools import cache, cached_property
 
-from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import ZERO, FunctionWriter
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.ir import ZERO, FunctionWriter
 from kennfeld.native.forward_sweep import forward_functions
 from kennfeld.native.jacobian_sweeps import rows_functions
 from kennfeld.native.sample_sums import block_sums, dense_sums

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int, Sparse
+from kennfeld.base.arrays import Bool, Float, Int, Sparse
 from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 
 SymmetricMatrix = Float | BlockMatrix

@@ -10,10 +10,10 @@ polynomials here and not calls of the C library. Search and window do not depend
 import math
 from collections.abc import Iterator, Sequence
 
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.engine import shared_function
+from kennfeld.base.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 from kennfeld.graph.interpolation import WINDOW
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.engine import shared_function
-from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 # Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
 # interpolation, with a relative error below 4e-15.

@@ -16,9 +16,9 @@ entries may have the same column.
 
 from collections.abc import Sequence
 
+from kennfeld.base.machine_code.ir import ZERO, FunctionWriter
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Linearization
-from kennfeld.machine_code.ir import ZERO, FunctionWriter
 from kennfeld.native.adjoint_loop import FILLED, PullProgram
 from kennfeld.native.column_table import find
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items

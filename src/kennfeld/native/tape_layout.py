@@ -4,8 +4,8 @@ from collections.abc import Collection
 from functools import cached_property
 from itertools import count
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.derivative import Linearization
-from kennfeld.lazy_dataclass import dataclass
 
 MANY = 8  # states beyond which loops over them are faster than code for each
 

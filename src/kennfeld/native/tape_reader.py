@@ -5,7 +5,7 @@ Doubles that are structurally zero are not read: they are the text `ZERO`, and p
 
 from collections.abc import Collection, Sequence
 
-from kennfeld.machine_code.ir import ZERO, FunctionWriter
+from kennfeld.base.machine_code.ir import ZERO, FunctionWriter
 
 VECTOR = 8  # rows of S are padded to a multiple of this; what goes over the end of a matrix row adds zeros
 ENTRIES = (("ptr", "index"), ("ptr", "slope"), ("ptr", "count"), ("i64", "room"))

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from threading import Condition
 
+from kennfeld.base.threads import computed_once
 from kennfeld.graph.external_function import ExternalFunction, is_sequential, trajectories_at_once
 from kennfeld.graph.node import Node
-from kennfeld.threads import computed_once
 
 
 class TrajectoryGate:

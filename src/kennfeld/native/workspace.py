@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float, Int, aligned_zeros
+from kennfeld.base.arrays import Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT32, INT64, POINTER, address, strided
 from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.forward_sweep import scratch_size

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from kennfeld.lazy_names import lazy_names
+from kennfeld.base.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from kennfeld.notebook.display import html_of

@@ -4,15 +4,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.formatting import count_noun
-from kennfeld.markup import Html, decimal, element
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.markup import Html, decimal, element
+from kennfeld.base.trace_envelope import Trace, TraceEnvelope
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.notebook.parameter_display import with_unit
 from kennfeld.notebook.pictures import line_chart, strip
 from kennfeld.notebook.result_display import findings_parts
 from kennfeld.notebook.tables import MAX_ROWS, block, caption, text_table
-from kennfeld.trace_envelope import Trace, TraceEnvelope
 
 STRIP_POINTS, CHART_POINTS = 300, 1000
 _HEADING = ("channel", "unit", "values", "minimum", "mean", "maximum", "missing")

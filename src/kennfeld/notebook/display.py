@@ -4,15 +4,15 @@ from collections.abc import Callable
 from typing import Any
 
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import Finding, FindingList, Findings, visible
+from kennfeld.base.errors import Finding, FindingList, Findings, visible
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.notebook.dataset_display import channel_html, dataset_html
 from kennfeld.notebook.parameter_display import parameter_html, parameter_set_html
 from kennfeld.notebook.result_display import cross_validation_html, findings_html, result_html, trust_html
-from kennfeld.optimize.result import Result
+from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.trust.trust import Trust
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 
 _WRITERS: dict[type, Callable[[Any], str]] = {
     Parameter: parameter_html,
@@ -31,7 +31,7 @@ _WRITERS: dict[type, Callable[[Any], str]] = {
 def html_of(value: object) -> str:
     """Return a value as HTML for a notebook, without scripts; names in it are escaped.
 
-    >>> from kennfeld.parameters import Scalar
+    >>> from kennfeld.domain.parameters import Scalar
     >>> html_of(Scalar("Kp", 0.08)).count("<b>Kp</b>")
     1
     """

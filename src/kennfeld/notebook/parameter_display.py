@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from kennfeld.formatting import count_noun, size_text
-from kennfeld.markup import Html, element, full_decimal
+from kennfeld.base.formatting import count_noun, size_text
+from kennfeld.base.markup import Html, element, full_decimal
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.domain.rbf import RBF
 from kennfeld.notebook.pictures import heat_map, line_chart
 from kennfeld.notebook.tables import block, caption, number_table, text_table
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
-from kennfeld.rbf import RBF
 
 MAX_PICTURE = 60  # breakpoints of an axis; a larger map has a table alone
 

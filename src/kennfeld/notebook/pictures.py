@@ -5,9 +5,9 @@ from math import floor, log10
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.markup import Html, element
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.markup import Html, element
 
 WIDTH, HEIGHT = 420, 200
 STRIP_HEIGHT = 54

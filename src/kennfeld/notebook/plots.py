@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError, Location
-from kennfeld.formatting import join_names, nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Location
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.optional_packages import optional_package
+from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
 from kennfeld.notebook.dataset_display import reduced
 from kennfeld.notebook.parameter_display import with_unit
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Result
+from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
-from kennfeld.optional_packages import optional_package
-from kennfeld.parameters import AXIS_LETTERS, Parameter
 
 _CALL = Location("plot")
 MAX_SERIES = 8  # pairs of a criterion and a dataset in one figure

@@ -5,11 +5,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.errors import Finding
-from kennfeld.formatting import count_noun
-from kennfeld.markup import Child, Html, decimal, element
+from kennfeld.base.errors import Finding
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.markup import Child, Html, decimal, element
 from kennfeld.notebook.tables import block, caption, lines, text_table
-from kennfeld.optimize.result import Result
+from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.trust.trust import Trust
 
 MAX_DIRECTIONS = 5

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.formatting import size_text
-from kennfeld.markup import Child, Html, element, full_decimal
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import size_text
+from kennfeld.base.markup import Child, Html, element, full_decimal
 from kennfeld.notebook.pictures import Rgb, colour_scale, css, ink_on
 
 MAX_ROWS = 20

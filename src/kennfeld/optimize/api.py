@@ -6,22 +6,22 @@ from typing import Any, Literal
 
 import numpy as np
 
-from kennfeld.constraints import Equality, Limit, Pin, Shape
-from kennfeld.criteria import Criterion
-from kennfeld.dataset import Dataset, Use
-from kennfeld.errors import ArgumentError, Findings, InputError, warn
-from kennfeld.formatting import nearest
-from kennfeld.free_axes import with_free_axes
+from kennfeld.base.errors import ArgumentError, Findings, InputError, warn
+from kennfeld.base.formatting import nearest
+from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
+from kennfeld.domain.criteria import Criterion
+from kennfeld.domain.dataset import Dataset, Use
+from kennfeld.domain.free_axes import with_free_axes
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter, Scalar
 from kennfeld.graph import Graph
 from kennfeld.models import Model, bind_scalars, merge_start_values
 from kennfeld.models.formula import formula
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.overlap import overlap_findings
-from kennfeld.optimize.problem import Factor, Problem, Smoothness
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.optimize.result import Progress, Result
-from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.validation import (
+from kennfeld.optimize.fit.result import Progress, Result
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.overlap import overlap_findings
+from kennfeld.optimize.problem.problem import Factor, Problem, Smoothness
+from kennfeld.optimize.problem.validation import (
     check_inputs,
     check_problem,
     dataset_location,
@@ -29,8 +29,8 @@ from kennfeld.optimize.validation import (
     step_findings,
     weight_warnings,
 )
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter, Scalar
+from kennfeld.optimize.quality.quality import NodeSimulator
+from kennfeld.optimize.search.multistart import run
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.coercion import Data, to_dataset
 from kennfeld.preprocessing.model_step import clock_findings, recorded_samples, refine_step

@@ -6,12 +6,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import PAUSE, Dataset, longest_usual_step, time_steps
-from kennfeld.errors import InputError, Location
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import PAUSE, Dataset, longest_usual_step, time_steps
 from kennfeld.graph import Graph
 from kennfeld.graph.node import NEXT_STEP, STEP, TIME
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
 _Column = TypeVar("_Column", Float, Bool)  # Python 3.11

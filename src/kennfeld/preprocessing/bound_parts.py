@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Int
-from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import SAMPLES_PER_BLOCK, Dataset
 from kennfeld.preprocessing.binding import BoundDataset
 
 

@@ -6,16 +6,16 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula import expression
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.recipe import DataSettings
 from kennfeld.preprocessing.time_shift import shift_channels

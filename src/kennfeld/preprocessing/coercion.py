@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import ArrayLike, Float
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, InputError, Location, warn
+from kennfeld.base.arrays import ArrayLike, Float
+from kennfeld.base.errors import ArgumentError, InputError, Location, warn
+from kennfeld.domain.dataset import Dataset
 from kennfeld.graph import Graph
 from kennfeld.measurement.table import Column, Table
 from kennfeld.measurement.time_column import clock_of, find_time, time_in_seconds

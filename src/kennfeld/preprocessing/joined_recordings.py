@@ -6,11 +6,11 @@ from datetime import datetime
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset, common_start_time, join_files
-from kennfeld.errors import ArgumentError, Finding
-from kennfeld.file_spans import FileSpans
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Finding
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Dataset, common_start_time, join_files
+from kennfeld.domain.file_spans import FileSpans
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.units import compare_units, is_unit_missing
 

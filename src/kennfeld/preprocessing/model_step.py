@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_spans import FileSpans
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.file_spans import FileSpans
 from kennfeld.measurement.time_column import unit_remedy
 from kennfeld.preprocessing.time_shift import resample_channel
 

@@ -8,11 +8,11 @@ ones; and plateaus are averaged over scored samples only.
 from collections.abc import Callable, Iterator
 from dataclasses import field, replace
 
-from kennfeld.dataset import Dataset, Settling
-from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.formatting import nearest
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset, Settling
 from kennfeld.graph import Graph
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.binding import TIME_TOLERANCE
 from kennfeld.preprocessing.calculated import Calculated, holds
 from kennfeld.preprocessing.joined_recordings import JoinedRecordings

@@ -9,10 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import Dataset, longest_usual_step
-from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import count_noun
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import count_noun
+from kennfeld.domain.dataset import Dataset, longest_usual_step
 from kennfeld.preprocessing.recipe import DatasetEntry
 
 _TIME_TOLERANCE = 1e-6  # s; time stamps are further apart

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float, Int
-from kennfeld.atomic_files import write_whole
-from kennfeld.code_digest import code_digest
-from kennfeld.column_file import ColumnFile, read_columns, write_columns
-from kennfeld.content_digest import digest_of
-from kennfeld.dataset import Channel, Clock, Dataset, Settling
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.code_digest import code_digest
+from kennfeld.base.column_file import ColumnFile, read_columns, write_columns
+from kennfeld.base.content_digest import digest_of
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Clock, Dataset, Settling
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import prepare_dataset

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 
 BITS = 16
 FEW = 1 << 16  # values whose remaining bits are counted in one pass

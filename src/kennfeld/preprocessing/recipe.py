@@ -4,10 +4,10 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Literal, Protocol
 
-from kennfeld.dataset import Use
-from kennfeld.errors import Location
-from kennfeld.file_keys import KeyProblem, key
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Use
+from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.measurement.bus_databases import Network
 
 _DBC_EXAMPLE = 'Write dbc = "engine.dbc", or { file = "engine.dbc", bus = 1 }.'

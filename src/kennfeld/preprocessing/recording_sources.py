@@ -11,11 +11,11 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from kennfeld import file_state
-from kennfeld.consent_gate import require_address
-from kennfeld.errors import InputError, Location
-from kennfeld.file_state import note_opened, while_unchanged
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base import file_state
+from kennfeld.base.consent_gate import require_address
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_state import note_opened, while_unchanged
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.companions import files_of
 from kennfeld.measurement.source import locate
 from kennfeld.preprocessing.recordings import find_recordings

@@ -10,21 +10,21 @@ from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_errors import nearest_file
-from kennfeld.file_spans import FileSpans
-from kennfeld.formatting import join_names, nearest, quoted
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_errors import nearest_file
+from kennfeld.base.formatting import join_names, nearest, quoted
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import within
+from kennfeld.base.threads import map_in_order
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.file_spans import FileSpans
 from kennfeld.graph import Graph
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import describe, list_columns, read_leniently
-from kennfeld.output_paths import within
 from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatabaseEntry, DatasetEntry, DataSettings
 from kennfeld.preprocessing.units import Units, select_time_units
-from kennfeld.threads import map_in_order
 
 ReadingWatch = Callable[[int, int], None]
 

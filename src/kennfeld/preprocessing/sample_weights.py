@@ -9,13 +9,13 @@ from dataclasses import field
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.criteria import Criterion, Region
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import join_names, nearest
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.criteria import Criterion, Region
+from kennfeld.domain.dataset import Dataset
 from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula import expression
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import holds

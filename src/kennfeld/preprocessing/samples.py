@@ -10,20 +10,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import map_in_order
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.node import extract
 from kennfeld.graph.partition import GraphPartition
 from kennfeld.graph.traversal import dependents
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.column_table import Order
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.simulator import Simulator
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.threads import map_in_order
 
 SAMPLES_PER_BLOCK = 2**17  # samples
 SAMPLES_PER_LOOKUP = 2**13  # samples whose cells are computed at once, within the cache

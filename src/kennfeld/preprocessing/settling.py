@@ -17,12 +17,12 @@ from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Dataset, Settling
-from kennfeld.errors import InputError, Location
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset, Settling
 from kennfeld.graph import Graph, GraphBuilder, State
 from kennfeld.graph.node import STEPS, TIME, extract
-from kennfeld.lazy_dataclass import dataclass
 
 SHARE, KEEP = AVERAGING = ("\0share", "\0keep")  # inputs that no formula text can name
 AGE = "\0age"  # steps since the point began; infinite in data that are not held

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, Location
-from kennfeld.formatting import join_names
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.preprocessing.binding import BoundDataset
 
 MAX_GAPS = 100  # that are listed

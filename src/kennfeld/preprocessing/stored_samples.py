@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float
-from kennfeld.column_file import read_columns
+from kennfeld.base.arrays import Float
+from kennfeld.base.column_file import read_columns
 from kennfeld.native.column_table import Order
 from kennfeld.native.samples import Piece, Samples
 

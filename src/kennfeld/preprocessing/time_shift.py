@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import Dataset
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.domain.dataset import Dataset
 from kennfeld.measurement.resampling import is_stepped
 
 _SAME_INSTANT = 1e-6  # of a step

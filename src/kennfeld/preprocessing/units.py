@@ -12,11 +12,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import Finding, Location
-from kennfeld.formatting import join_names, nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
 from kennfeld.preprocessing.recipe import DataSettings
 

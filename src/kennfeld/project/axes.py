@@ -4,18 +4,18 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.breakpoint_rounding import rounded, separated
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, Findings, Location
-from kennfeld.formatting import join_names, nearest
-from kennfeld.free_axes import AxisKey
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.domain.breakpoint_rounding import rounded, separated
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.free_axes import AxisKey
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis
 from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.optimize.linear_limits import breakpoint_bounds
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.validation import check_shared_axes
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis
+from kennfeld.optimize.limits.linear_limits import breakpoint_bounds
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.validation import check_shared_axes
 from kennfeld.project.data_column import DataColumn
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.schema import ProjectFile

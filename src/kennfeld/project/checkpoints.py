@@ -17,18 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.atomic_files import write_whole
+from kennfeld.base.arrays import Float
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import below, within
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import join_names
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.result import Checkpoint, StartResult
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Text
+from kennfeld.optimize.fit.result import Checkpoint, StartResult
 from kennfeld.optimize.search.start_runner import with_values
-from kennfeld.output_paths import below, within
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Text
 
 FOLDER, ASIDE, NOTE = "saves", "before", "kennfeld_save"
 _NAME = re.compile(r"\d+-(\d+|end)\.json")

@@ -11,12 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.formatting import join_names, quoted
 from kennfeld.calfiles import unwritable
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.file_spans import short_names
+from kennfeld.domain.file_spans import short_names
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.files.calibrations import IMAGE_ENDINGS
-from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import CodeNotRunError, function_remarks
 from kennfeld.graph.factors import factors
@@ -24,21 +26,19 @@ from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.doubtful_arguments import find_crossed
-from kennfeld.optimize.equal_neurons import REMEDY, describe, equal_neurons
-from kennfeld.optimize.jumps import MAX_NAMES, find_jumps
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.lookup_coverage import Coverage
-from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.projection import project
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.optimize.repeats import repeat_findings
+from kennfeld.optimize.ends.equal_neurons import REMEDY, describe, equal_neurons
+from kennfeld.optimize.ends.repeats import repeat_findings
+from kennfeld.optimize.ends.zero_slopes import departure
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem.doubtful_arguments import find_crossed
+from kennfeld.optimize.problem.problem import Problem, difference
+from kennfeld.optimize.problem.validation import unbounded
+from kennfeld.optimize.quality.lookup_coverage import Coverage
+from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.strategies.global_search import FEW
-from kennfeld.optimize.validation import unbounded
-from kennfeld.optimize.zero_slopes import departure
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.optimize.strategies.jumps import MAX_NAMES, find_jumps
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.model_step import clock_findings
 from kennfeld.preprocessing.pipeline import LoadedData

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from kennfeld.dask_runner import ClusterAddress, scheduler_address
-from kennfeld.errors import InputError, Location
-from kennfeld.file_state import while_unchanged
+from kennfeld.base.dask_runner import ClusterAddress, scheduler_address
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_state import while_unchanged
+from kennfeld.base.output_paths import is_below
 from kennfeld.models.code_consent import ConsentRequest, address_request, code_request
 from kennfeld.models.function_files import kind_of, read_function_file, split_reference
 from kennfeld.models.model_function import as_model
-from kennfeld.output_paths import is_below
 from kennfeld.preprocessing.recording_sources import is_remote, store_of
 from kennfeld.project.schema import ProjectFile
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 
-from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
-from kennfeld.criteria import Criterion, Region, Target
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, Findings, Location
-from kennfeld.formatting import count_noun, nearest
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Parameter
+from kennfeld.base.errors import Finding, Findings, Location
+from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
+from kennfeld.domain.criteria import Criterion, Region, Target
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameters import Parameter
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.parameter_tables import Tables

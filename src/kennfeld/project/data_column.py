@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Dataset
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset
 from kennfeld.graph import Graph
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.calculated import evaluate_expression
 
 

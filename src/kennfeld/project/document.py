@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from kennfeld.atomic_files import write_whole
-from kennfeld.errors import Findings
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import Findings
 from kennfeld.project.forms import NamedEntriesForm, form_of, keys_of, read_entry, write_entry
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.section import KeyLocation, KeyPath, Section

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.optimize.result import Result
+from kennfeld.optimize.fit.result import Result
 from kennfeld.project.results import ResultSource, write, write_validation
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from errno import EINVAL, ELOOP
 from pathlib import Path
 from typing import BinaryIO
 
-from kennfeld.output_paths import is_link, is_plain_name
+from kennfeld.base.output_paths import is_link, is_plain_name
 
 PREFIX = ".kennfeld-"
 MAX_SYNCS = 16  # files at the same time

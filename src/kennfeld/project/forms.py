@@ -13,8 +13,8 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.project.section import Section, as_finite, list_words, show
 
 # Editors pass infinite numbers of TOML to the schema as null, which JSON has instead.

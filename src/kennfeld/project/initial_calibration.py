@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.base.formatting import nearest, size_text
 from kennfeld.calfiles import read_several
-from kennfeld.calfiles.flash.origin import FlashOrigin
+from kennfeld.calfiles.a2l.origin import FlashOrigin
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.rbf import RBF
 from kennfeld.files import Role, identify
 from kennfeld.files.calibrations import IMAGE_ENDINGS
-from kennfeld.formatting import nearest, size_text
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 from kennfeld.project.schema import ProjectFile
-from kennfeld.rbf import RBF
 
 MAX_REMARKS = 5  # on one file
 
@@ -113,7 +113,7 @@ def _identity(flash: FlashOrigin) -> tuple[Finding, ...]:
 
 def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: Findings) -> bool:
     """Return if the initial files contain an image of each format to be written."""
-    from kennfeld.calfiles.flash.description import unwritable
+    from kennfeld.calfiles.a2l.image_files import unwritable
 
     wanted = [ending for ending in file.calibration.output if ending in IMAGE_ENDINGS]
     reasons = [reason for ending in wanted if (reason := unwritable(image, ending))]
@@ -158,7 +158,7 @@ def _clash(file: ProjectFile, old: Parameter, new: Parameter, first: str, second
 def describe_parameter(parameter: Parameter) -> str:
     """Return kind and size of a parameter.
 
-    >>> from kennfeld.parameters import Curve
+    >>> from kennfeld.domain.parameters import Curve
     >>> describe_parameter(Curve("C", [0, 1], [2, 3]))
     'a curve of 2 values'
     """

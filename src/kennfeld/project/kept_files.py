@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.code_cache import cache_folder
-from kennfeld.output_paths import is_link
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.code_cache import cache_folder
+from kennfeld.base.output_paths import is_link
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.preprocessing.recordings import CACHE
 from kennfeld.project.project import Project

@@ -6,10 +6,10 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.formatting import count_labels, join_names, most_similar
 from kennfeld.calfiles.label_list import LabelList, read_label_list
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.formatting import count_labels, join_names, most_similar
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.domain.parameter_set import ParameterSet
 
 MARK = "@"  # before the name of a label list
 _MAX_COMPARED = 100  # names whose most similar one is looked for

@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.calfiles import endings
-from kennfeld.errors import Finding, InputError, Location
 
 KEY = "files"
 RUN_AGAIN = "Run kennfeld calibrate again."

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.formatting import count_noun, nearest
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
 from kennfeld.graph.factors import factors
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.formula import extend, read, spell_name
 from kennfeld.models.formula.functions import FUNCTIONS
@@ -19,7 +20,6 @@ from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.function_files import kind_of, read_function_file, split_reference
 from kennfeld.models.model_function import ModelFunction, as_model
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import ESDL, PROTECTED, SIMULINK, ProjectFile, is_esdl_file, is_simulink_file
 from kennfeld.project.value_forms import DIRECTIONS
 
@@ -158,7 +158,7 @@ def _folders(file: ProjectFile) -> list[Path]:
 
 def _read_esdl(file: ProjectFile, initial: ParameterSet | None) -> Model:
     """Read an ESDL class or a task; names of parameters follow those of the calibration files."""
-    from kennfeld.models.ascet.importing import esdl
+    from kennfeld.importers.ascet.importing import esdl
 
     entry = file.model
     return esdl(
@@ -178,7 +178,7 @@ def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
 
     Literals of blocks that the project names, such as `Torque/Gain1:Gain`, become parameters.
     """
-    from kennfeld.models.simulink.importing import simulink
+    from kennfeld.importers.simulink.importing import simulink
 
     entry, folders = file.model, _folders(file)
     files = [file.folder / name for name in entry.parameters]

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError, Findings
-from kennfeld.file_keys import KeyProblem
-from kennfeld.formatting import nearest
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import ArgumentError, Findings
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.file_keys import KeyProblem
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, parameter
+from kennfeld.domain.rbf import RBF
 from kennfeld.graph.interpolation import regrid
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, parameter
 from kennfeld.project.axes import Axes, free_breakpoints
 from kennfeld.project.initial_calibration import describe_parameter, format_shape
 from kennfeld.project.label_selection import expand_lists
@@ -25,7 +26,6 @@ from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import grid_points_within, missing_directions
 from kennfeld.project.table_schema import Factor, ParameterEntry
 from kennfeld.project.value_forms import DIRECTIONS, Range
-from kennfeld.rbf import RBF
 
 Report = Callable[[str, str, str], None]  # key, message, remedy
 

@@ -10,14 +10,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.portable_pickle import pickle_content
+from kennfeld.base.task_runner import TaskRunner
 from kennfeld.graph.node import STEPS
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
-from kennfeld.optimize.data_form import even_step
-from kennfeld.optimize.limit_nodes import keeps_pieces
-from kennfeld.optimize.partitions import (
+from kennfeld.optimize.problem.data_form import even_step
+from kennfeld.optimize.problem.limit_nodes import keeps_pieces
+from kennfeld.optimize.problem.partitions import (
     Partition,
     Partitions,
     Recordings,
@@ -26,8 +28,7 @@ from kennfeld.optimize.partitions import (
     split_files,
     with_worker,
 )
-from kennfeld.optimize.problem import Problem
-from kennfeld.portable_pickle import pickle_content
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.joined_recordings import JoinedRecordings
 from kennfeld.preprocessing.pipeline import LoadedData
@@ -38,7 +39,6 @@ from kennfeld.preprocessing.recording_sources import RecordingSource, find_sourc
 from kennfeld.preprocessing.recordings import ChannelRequest, default_name, find_databases
 from kennfeld.preprocessing.units import check_stated_units
 from kennfeld.project.data_column import DataColumn
-from kennfeld.task_runner import TaskRunner
 
 EXCERPT = 200_000  # samples of all files
 LEAST_EXCERPT = 100  # samples of each

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.constraints import Limit
-from kennfeld.criteria import Criterion
-from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.formatting import join_names, nearest
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.constraints import Limit
+from kennfeld.domain.criteria import Criterion
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.external_function import CodeNotRunError
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import bind_scalars, merge_start_values
-from kennfeld.optimize.limit_nodes import channels_of
-from kennfeld.optimize.options import Step
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import infeasible
-from kennfeld.optimize.validation import (
+from kennfeld.optimize.limits.projection import infeasible
+from kennfeld.optimize.problem.limit_nodes import channels_of
+from kennfeld.optimize.problem.options import Step
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.validation import (
     check_limits,
     delay_findings,
     have_targets,
@@ -28,7 +29,6 @@ from kennfeld.optimize.validation import (
     step_findings,
     trajectory_findings,
 )
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import Calculated, parse_calculated
 from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets

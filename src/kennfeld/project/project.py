@@ -6,28 +6,28 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from kennfeld.consent_gate import require_address
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, FindingList, InputError, warn
-from kennfeld.file_errors import convert_errors
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.output_paths import below, is_below
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.base.consent_gate import require_address
+from kennfeld.base.errors import Finding, FindingList, InputError, warn
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import below, is_below
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.search_settings import SearchSettings
 from kennfeld.project.schema import ProjectFile, is_esdl_file, read_project
-from kennfeld.search_settings import SearchSettings
 
 if TYPE_CHECKING:
-    from kennfeld.dask_runner import ClusterAddress
-    from kennfeld.optimize.options import Options
-    from kennfeld.optimize.problem import Problem
-    from kennfeld.optimize.result import Result
+    from kennfeld.base.dask_runner import ClusterAddress
+    from kennfeld.base.task_runner import TaskRunner
+    from kennfeld.optimize.fit.result import Result
+    from kennfeld.optimize.problem.options import Options
+    from kennfeld.optimize.problem.problem import Problem
     from kennfeld.preprocessing.pipeline import Loader
     from kennfeld.preprocessing.prepared_files import PreparedFiles
     from kennfeld.preprocessing.recordings import ReadingWatch
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
     from kennfeld.project.simulation import Simulation
-    from kennfeld.task_runner import TaskRunner
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Project:
     @property
     def options(self) -> "Options":
         """Settings of the optimizer."""
-        from kennfeld.optimize.options import Options
+        from kennfeld.optimize.problem.options import Options
 
         shared = {part.name: getattr(self.file.optimizer, part.name) for part in fields(SearchSettings)}
         steps = self._assembly.steps if self.file.steps else ()
@@ -160,8 +160,8 @@ class Project:
     @cached_property
     def _runner(self) -> "TaskRunner":
         """The evaluation of partitions: in this process, in processes that are started here, or on a cluster."""
-        from kennfeld.dask_runner import DaskRunner
-        from kennfeld.task_runner import SerialRunner
+        from kennfeld.base.dask_runner import DaskRunner
+        from kennfeld.base.task_runner import SerialRunner
 
         address = self.cluster_address
         return SerialRunner() if address is None else DaskRunner.start(address, self.report)
@@ -169,7 +169,7 @@ class Project:
     @property
     def cluster_address(self) -> "ClusterAddress | None":
         """The cluster of `[cluster]`; None if partitions are evaluated in this process."""
-        from kennfeld.dask_runner import ClusterAddress
+        from kennfeld.base.dask_runner import ClusterAddress
 
         cluster, folder = self.file.cluster, self.file.folder
         if not cluster.scheduler and (cluster.workers or 1) == 1:
@@ -277,7 +277,7 @@ class Project:
         Raises:
             InputError: the project has errors, or there is no checkpoint to resume from.
         """
-        from kennfeld.optimize.result import Seconds
+        from kennfeld.optimize.fit.result import Seconds
         from kennfeld.optimize.search.multistart import run
 
         problem, options = self.problem(), replace(self.options, workers=workers)

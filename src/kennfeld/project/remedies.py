@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool
-from kennfeld.formatting import count_noun
-from kennfeld.free_axes import free_axes
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.arrays import Bool
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.free_axes import free_axes
+from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.trust.remedies import Remedy
-from kennfeld.parameters import Parameter
 from kennfeld.project.value_forms import DIRECTIONS
 
 MORE_SMOOTHNESS = 10.0  # factor
@@ -163,7 +163,7 @@ class _Writer:
 def boxes(table: Parameter, where: Bool) -> list[dict[str, list[float]]]:
     """Return ranges of axis values, as `lock` lists them, that cover exactly the marked grid points.
 
-    >>> from kennfeld.parameters import Curve
+    >>> from kennfeld.domain.parameters import Curve
     >>> boxes(Curve("C", [0.0, 1.0, 2.0], [0.0] * 3), np.array([True, True, False]))
     [{'x': [0.0, 1.0]}]
     """

@@ -10,29 +10,29 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.atomic_files import write_whole
+from kennfeld.base.arrays import Float
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.output_paths import below
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
 from kennfeld.calfiles.label_list import write_label_list
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.file_errors import convert_errors
+from kennfeld.domain.free_axes import free_axes
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.domain.rbf import RBF
 from kennfeld.files.calibrations import IMAGE_ENDINGS
-from kennfeld.free_axes import free_axes
-from kennfeld.output_paths import below
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.project.csv_cells import neutral_cell
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests
 from kennfeld.project.simulation import Simulation
 from kennfeld.project.simulation_files import save
 from kennfeld.project.simulation_files import write_simulation as write_simulation
-from kennfeld.rbf import RBF
 
 if TYPE_CHECKING:
-    from kennfeld.optimize.result import Result, TraceLine
+    from kennfeld.optimize.fit.result import Result, TraceLine
     from kennfeld.optimize.trust.trust import Trust
 
 COLUMNS = (
@@ -315,7 +315,7 @@ def _scratch(folder: Path) -> Iterator[Path]:
 
 
 def _write_trace(trace: Sequence["TraceLine"], path: Path) -> None:
-    from kennfeld.optimize.result import TraceLine
+    from kennfeld.optimize.fit.result import TraceLine
 
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

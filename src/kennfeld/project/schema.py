@@ -9,12 +9,14 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from kennfeld.errors import Findings, InputError, Location
-from kennfeld.file_keys import KeyProblem, key
+from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.watch_folder import DEFAULT_LIMIT
+from kennfeld.domain.file_keys import KeyProblem, key
+from kennfeld.domain.search_settings import SearchSettings
 from kennfeld.files import functions
 from kennfeld.files.calibrations import AMD
 from kennfeld.files.calibrations import ESDL as ESDL_CLASS
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project.forms import (
     EitherForm,
@@ -44,8 +46,6 @@ from kennfeld.project.value_forms import (
     TargetEntry,
     TargetForm,
 )
-from kennfeld.search_settings import SearchSettings
-from kennfeld.watch_folder import DEFAULT_LIMIT
 
 SIMULINK = functions.SIMULINK.endings
 [PROTECTED] = functions.PROTECTED.endings

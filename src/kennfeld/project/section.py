@@ -5,9 +5,9 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import field, replace
 from typing import Any
 
-from kennfeld.errors import Findings, Location
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Findings, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
 
 KeyPath = tuple[str | int, ...]  # keys of TOML; entries of a list count from 1
 

@@ -4,9 +4,9 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from kennfeld.errors import Finding, Location
-from kennfeld.optimize.overlap import HOLD_BACK, overlap_findings
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.errors import Finding, Location
+from kennfeld.optimize.problem.overlap import HOLD_BACK, overlap_findings
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.recording_sources import find_addresses
 from kennfeld.project.schema import ProjectFile

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.criteria import Criterion
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.optimize.problem import Problem
+from kennfeld.domain.criteria import Criterion
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.binding import BoundDataset
 
 

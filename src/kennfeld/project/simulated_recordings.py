@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Int
-from kennfeld.dataset import Dataset
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset
 from kennfeld.measurement.writable_recording import WritableRecording
 from kennfeld.preprocessing.model_step import recorded_samples
 from kennfeld.preprocessing.prepared_files import cut

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.file_spans import short_names
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.partitions import Part, Partition, Partitions, StoredDatasets, shared_content
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.optimize.surrogate_calls import SurrogateCalls
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import map_in_order
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.domain.file_spans import short_names
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.problem.partitions import Part, Partition, Partitions, StoredDatasets, shared_content
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import NodeSimulator
+from kennfeld.optimize.quality.surrogate_calls import SurrogateCalls
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.skipped_samples import SkippedSamples
 from kennfeld.project.initial_calibration import describe_parameter
 from kennfeld.project.simulated_channels import complete, renamed_inputs
-from kennfeld.threads import map_in_order
 
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kennfeld.atomic_files import replace_atomically
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.file_errors import convert_errors
-from kennfeld.formatting import join_names
+from kennfeld.base.atomic_files import replace_atomically
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import join_names
 
 if TYPE_CHECKING:
     from kennfeld.project.simulation import Simulation

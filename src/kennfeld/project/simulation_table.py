@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import Dataset
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.domain.dataset import Dataset
 from kennfeld.project.csv_cells import neutral_cell
 from kennfeld.project.simulated_recordings import numbers_of_pieces
 from kennfeld.project.simulation import SimulatedPart, Simulation

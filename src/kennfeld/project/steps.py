@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool
-from kennfeld.errors import Findings
-from kennfeld.optimize.lookup_coverage import Coverage, touched
-from kennfeld.optimize.options import Step
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.arrays import Bool
+from kennfeld.base.errors import Findings
+from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.problem.options import Step
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.lookup_coverage import Coverage, touched
 from kennfeld.optimize.search.step_problem import check_steps
-from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.project.label_selection import expand_lists
 from kennfeld.project.schema import ProjectFile, StepEntry

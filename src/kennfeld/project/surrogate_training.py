@@ -7,13 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.file_keys import KeyProblem, key
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.output_paths import within
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import within
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.file_keys import KeyProblem, key
+from kennfeld.domain.search_settings import MAX_STARTS
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import load_datasets
 from kennfeld.preprocessing.recipe import DatasetEntry
@@ -22,7 +23,6 @@ from kennfeld.project.forms import Form, IntegerForm, TableOfForm, TextsForm, ke
 from kennfeld.project.schema import SectionsFile, open_sections
 from kennfeld.project.section import Section
 from kennfeld.project.value_forms import PairForm
-from kennfeld.search_settings import MAX_STARTS
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate

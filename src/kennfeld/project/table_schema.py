@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Location
-from kennfeld.file_keys import KeyProblem, key
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Extrapolation
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.file_keys import KeyProblem, key
+from kennfeld.domain.parameters import Extrapolation
 from kennfeld.project.forms import EitherForm, NumberForm, TableOfForm, TextForm
 from kennfeld.project.value_forms import (
     DIRECTIONS,

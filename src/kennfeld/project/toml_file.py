@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_errors import convert_errors
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
 
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 _HEAD = re.compile(r"\s*\[{1,2}([^\[\]]+)\]")

@@ -5,7 +5,7 @@ import tomllib
 from bisect import bisect_right
 from typing import Literal
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.project.section import KeyPath
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")  # also comments

@@ -6,12 +6,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import endings
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
-from kennfeld.file_keys import key
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.domain.file_keys import key
 from kennfeld.project.forms import (
     INFINITE,
     FilesForm,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.base.arrays import Float, Int
 
 MAX_STEPS = 1 << 30  # of the range of a column, so that differences fit into 32 bits
 LEVEL = 1  # of compression: the bytes of noise cannot be compressed, and others can at once

@@ -11,12 +11,12 @@ from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.analysis.part_evaluation import EvaluatedPart, PartEvaluator, PartPasses, PartPlace
 from kennfeld.analysis.residual_statistics import TAILS, ErrorRange
 from kennfeld.analysis.residuals import Fit
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.sample_statistics import QuantileSearch
+from kennfeld.base.trace_envelope import Trace, TraceEnvelope
 from kennfeld.report.stamps import Stamps
 from kennfeld.report.strip_details import SAMPLED, DetailRoom, DrawnSignals, SignalPlan
-from kennfeld.sample_statistics import QuantileSearch
-from kennfeld.trace_envelope import Trace, TraceEnvelope
 
 TOTAL_POINTS = 120_000  # of all time plots and scatter plots together
 TRACE_POINTS = (400, 4000)  # minimum and maximum of one trace

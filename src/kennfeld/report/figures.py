@@ -9,9 +9,9 @@ import numpy as np
 
 from kennfeld.analysis.cell_errors import CellErrors
 from kennfeld.analysis.residuals import Residuals
-from kennfeld.markup import Html, element, round_digits
-from kennfeld.optimize.result import TraceLine
-from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.base.markup import Html, element, round_digits
+from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.report.drawings import Drawing, Histogram
 from kennfeld.report.report_data import ParameterChange, ReportData
 from kennfeld.report.strip_details import coded_details

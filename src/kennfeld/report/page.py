@@ -11,9 +11,9 @@ from typing import Any
 
 from kennfeld import __version__
 from kennfeld.analysis.extrapolation import Extrapolation
-from kennfeld.errors import Finding
-from kennfeld.markup import Html, element
-from kennfeld.optimize.result import Result
+from kennfeld.base.errors import Finding
+from kennfeld.base.markup import Html, element
+from kennfeld.optimize.fit.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
 from kennfeld.project.schema import ReportEntry

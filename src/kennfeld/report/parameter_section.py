@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool
-from kennfeld.markup import MISSING, Html, decimal, details, element, note, percent, table
-from kennfeld.parameters import Parameter
+from kennfeld.base.arrays import Bool
+from kennfeld.base.markup import MISSING, Html, decimal, details, element, note, percent, table
+from kennfeld.domain.parameters import Parameter
 from kennfeld.report import figures
 from kennfeld.report.figures import Pictures
 from kennfeld.report.report_data import ParameterChange, ReportData

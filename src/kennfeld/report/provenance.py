@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.formatting import size_text
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.formatting import size_text
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import map_in_order
 from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, size_in_store
 from kennfeld.project import Project
 from kennfeld.project.label_selection import listed_files
 from kennfeld.project.value_forms import TargetEntry
-from kennfeld.threads import map_in_order
 
 Row = tuple[str, str, str]  # section, key, value
 

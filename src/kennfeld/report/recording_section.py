@@ -2,9 +2,15 @@
 
 from collections.abc import Sequence
 
-from kennfeld.formatting import count_noun
-from kennfeld.markup import MISSING, Html, change, decimal, details, element, note, table
-from kennfeld.optimize.recording_quality import LEAST_SECONDS, SHARE, RecordingQuality, of_several_files, worst_first
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.markup import MISSING, Html, change, decimal, details, element, note, table
+from kennfeld.optimize.quality.recording_quality import (
+    LEAST_SECONDS,
+    SHARE,
+    RecordingQuality,
+    of_several_files,
+    worst_first,
+)
 from kennfeld.report.report_data import ReportData
 
 SHOWN = 10  # rows that are not folded

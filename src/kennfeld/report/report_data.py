@@ -10,17 +10,17 @@ from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.part_evaluation import PartPasses
 from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.errors import Finding
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import Finding
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Quality, Scorer
-from kennfeld.optimize.recording_quality import RecordingQuality
-from kennfeld.optimize.result import Result
+from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import Quality, Scorer
+from kennfeld.optimize.quality.recording_quality import RecordingQuality
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.model import coordinates_of
 from kennfeld.project.schema import ReportEntry

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from kennfeld.analysis.residuals import Fit, Residuals
-from kennfeld.formatting import count_noun
-from kennfeld.markup import Child, Html, decimal, details, element, full_decimal, note, percent, quantity, table
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.markup import Child, Html, decimal, details, element, full_decimal, note, percent, quantity, table
 from kennfeld.report import figures
 from kennfeld.report.drawings import Drawing
 from kennfeld.report.figures import Pictures

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.formatting import count_noun
-from kennfeld.markup import MISSING, Html, change, decimal, details, element, note, quantity, table
-from kennfeld.optimize.quality import CONSTANT
-from kennfeld.optimize.result import Result, StartResult
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.markup import MISSING, Html, change, decimal, details, element, note, quantity, table
+from kennfeld.optimize.fit.result import Result, StartResult
+from kennfeld.optimize.quality.quality import CONSTANT
 from kennfeld.report import figures
 from kennfeld.report.figures import Pictures
 from kennfeld.report.parameter_section import render_parameters

@@ -7,9 +7,9 @@ import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.analysis.part_evaluation import PartPlace
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.trace_envelope import TraceEnvelope
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.trace_envelope import TraceEnvelope
 
 
 @dataclass

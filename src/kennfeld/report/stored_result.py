@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import read as read_parameters
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.recording_quality import RecordingQuality, WorstStretch
-from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.fit.result import Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import Quality
+from kennfeld.optimize.quality.recording_quality import RecordingQuality, WorstStretch
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.trust.trust import Trust
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.csv_cells import original_cell
 from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run

@@ -11,12 +11,12 @@ import numpy as np
 
 from kennfeld.analysis.part_evaluation import DatasetExtent, EvaluatedPart, PartEvaluator, PartPlace
 from kennfeld.analysis.residuals import Fit
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.trace_envelope import Trace, TraceEnvelope
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.report.coded_numbers import code_numbers
 from kennfeld.report.stamps import Stamps
-from kennfeld.trace_envelope import Trace, TraceEnvelope
 
 TOTAL_NUMBERS = 3_000_000  # of all details of a page: 3 to 9 MB of text
 RESERVE = 0.1  # share of them for strips whose samples have no room, and as much for inputs and nodes

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.markup import decimal, percent, quantity
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.markup import decimal, percent, quantity
 from kennfeld.report.report_data import ReportData, Score
 
 MAX_TEST_RATIO = 1.3  # of test to training error; above it the fit follows noise, or the test data extrapolate

@@ -7,10 +7,10 @@ import numpy as np
 
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.limit_margins import active_constraints, output_ranges
-from kennfeld.constraints import Equality
-from kennfeld.formatting import join_names
-from kennfeld.markup import MISSING, Html, decimal, element, full_decimal, note, percent, table
-from kennfeld.parameters import AXIS_LETTERS, Parameter
+from kennfeld.base.formatting import join_names
+from kennfeld.base.markup import MISSING, Html, decimal, element, full_decimal, note, percent, table
+from kennfeld.domain.constraints import Equality
+from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
 from kennfeld.report.report_data import ReportData
 
 if TYPE_CHECKING:

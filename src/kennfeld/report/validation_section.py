@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
-from kennfeld.markup import MISSING, Html, decimal, element, note, table
+from kennfeld.base.markup import MISSING, Html, decimal, element, note, table
 
 EXPLANATION = (
     "Each fold was held out once: the other folds were calibrated from the same start, and the result was scored on it."

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 
 ORDERS = (1, 2, 3, 4, 6, 8)  # of an ARX model that are tried

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Findings, InputError, Location
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.baselines import LinearRecursion, arx, free_run_residual, one_step_plane, plane
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.filtered_training import FilteredModel, train_filtered

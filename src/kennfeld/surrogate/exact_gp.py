@@ -16,9 +16,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Kernel
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Kernel
 from kennfeld.surrogate.gp_kernel import LEAST_VARIANCE, Plane, kernel_matrix, scaled_second_moment
 from kennfeld.surrogate.training_points import TrainingPoints
 

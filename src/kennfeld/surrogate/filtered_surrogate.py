@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.input_filters import filtered_points
 from kennfeld.surrogate.recursion import UNLIMITED
 from kennfeld.surrogate.surrogate_models import SurrogateQuality, check_names

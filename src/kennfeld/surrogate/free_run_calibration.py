@@ -15,10 +15,10 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.baselines import one_step_plane
 from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, LinearisedRun
 from kennfeld.surrogate.model_selection import BLOCKS, CENTRES, SAMPLES, HoldoutFold, folds

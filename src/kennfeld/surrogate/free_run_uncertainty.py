@@ -14,10 +14,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import JITTER
 from kennfeld.surrogate.recursion import bells_of, input_slopes
 from kennfeld.surrogate.recursion_code import LARGEST, covariance_code

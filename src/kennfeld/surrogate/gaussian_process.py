@@ -10,10 +10,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion, Hinge, Kernel
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion, Hinge, Kernel
 from kennfeld.surrogate.exact_gp import Exact
 from kennfeld.surrogate.gp_kernel import JITTER, Plane, greedy_centres
 from kennfeld.surrogate.hinge_selection import evaluate_hinges, select_hinges

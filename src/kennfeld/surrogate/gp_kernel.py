@@ -6,9 +6,9 @@ relevance determination). The mean is a plane, an offset and a slope per input, 
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Kernel, kernel_of_square
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Kernel, kernel_of_square
 
 RANK = 1e-10  # share of the largest singular value below which inputs are collinear
 ROUNDS = 30  # of k-means

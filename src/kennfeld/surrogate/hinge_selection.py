@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Hinge
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Hinge
 from kennfeld.surrogate.gp_kernel import RANK, Plane
 from kennfeld.surrogate.training_points import TrainingPoints
 

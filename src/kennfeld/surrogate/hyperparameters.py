@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Kernel
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Kernel
 from kennfeld.surrogate.exact_gp import exact_likelihood
 from kennfeld.surrogate.gp_kernel import LEFT, Plane, greedy
 from kennfeld.surrogate.sparse_gp import sparse_bound

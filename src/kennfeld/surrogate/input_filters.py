@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.surrogate.recursion import run_through
 
 

@@ -18,9 +18,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.narx_training import TrainedValues, TrainingSettings
 from kennfeld.surrogate.recursion import FreeRun, Lags, Recording, Runs, run_through, simulate
 

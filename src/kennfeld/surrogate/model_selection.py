@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.lag_screening import OUTPUT, ChannelLag, channel_lags, screen_lags
 from kennfeld.surrogate.narx_training import (
     HORIZONS,

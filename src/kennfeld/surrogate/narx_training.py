@@ -21,10 +21,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, input_slopes, run_through, simulate

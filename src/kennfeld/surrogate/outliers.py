@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.base.arrays import Bool, Float
 
 NEIGHBOURS = 10
 GROSS = 12.0  # robust deviations

@@ -4,10 +4,10 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError
-from kennfeld.parameters import Parameter
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import CANDIDATES, greedy, k_means
 from kennfeld.surrogate.training_data import Scaling, check_points
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.machine_code.ir import LANES
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.ir import LANES
+from kennfeld.domain.rbf import Expansion
 
 UNLIMITED = (-np.inf, np.inf)
 BLOCK = 1 << 19  # bells whose input part is computed in advance: 4 MB

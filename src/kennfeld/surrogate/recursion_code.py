@@ -19,8 +19,8 @@ c_kj = cov(e_k, e_{k-j}), which follow from those of earlier steps:
 from collections.abc import Sequence
 from functools import cache
 
-from kennfeld.machine_code.engine import NativeFunction, compile_written
-from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
+from kennfeld.base.machine_code.engine import NativeFunction, compile_written
+from kennfeld.base.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 LEAST = -700.0  # exponent below which a bell is 0
 LARGEST = 1e150  # magnitude of a covariance; its square is a finite number

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.surrogate.recursion import UNLIMITED
 
 BAND = 0.01  # share of the range that counts as one level

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.recursion import Recording, Runs, simulate
 
 RUNS = 24  # of each kind

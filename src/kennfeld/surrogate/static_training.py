@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import Dataset
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import baselines
 from kennfeld.surrogate.gaussian_process import GaussianProcess, gaussian_process
 from kennfeld.surrogate.rbf_fit import expand_data

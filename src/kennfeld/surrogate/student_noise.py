@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 FREEDOM = 4.0  # degrees of freedom
 LOG_CONSTANT = -0.980829253  # log of the density at 0, for a scale of 1: log(3 / 8)

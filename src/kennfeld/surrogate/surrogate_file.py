@@ -8,16 +8,16 @@ from typing import Any, get_args
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.atomic_files import write_whole
-from kennfeld.dataset import Use
-from kennfeld.errors import ArgumentError, Findings, InputError, Location
-from kennfeld.file_errors import convert_errors
+from kennfeld.base.arrays import Float
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import nearest
+from kennfeld.domain.dataset import Use
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.rbf import RBF, Expansion
 from kennfeld.files.functions import SURROGATE_KINDS
 from kennfeld.files.functions import recognises_surrogate as recognises_surrogate
-from kennfeld.formatting import nearest
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.rbf import RBF, Expansion
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality

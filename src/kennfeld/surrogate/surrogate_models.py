@@ -10,11 +10,11 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import Use
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Use
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, LinearisedRun
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty

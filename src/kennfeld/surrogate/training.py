@@ -5,10 +5,11 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Findings, Location
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import ArgumentError, Findings, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import blas_threads
+from kennfeld.domain.dataset import Dataset
 from kennfeld.surrogate.dynamic_training import train_dynamic
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.gaussian_process import CENTRES, KernelChoice, NoiseChoice
@@ -16,7 +17,6 @@ from kennfeld.surrogate.static_training import train_static
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
 from kennfeld.surrogate.training_data import missing_channels
-from kennfeld.threads import blas_threads
 
 Report = Callable[[str], None]
 

@@ -4,14 +4,14 @@ from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.file_spans import short_names
-from kennfeld.formatting import join_names, nearest
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.file_spans import short_names
+from kennfeld.domain.rbf import Expansion, Hinge, Kernel
 from kennfeld.measurement.resampling import even_grid, is_stepped, resample
-from kennfeld.rbf import Expansion, Hinge, Kernel
 from kennfeld.surrogate.recursion import Recording
 
 EVEN = 1e-3  # share of a step by which time stamps may be off

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,10 @@ from dataclasses import field
 
 import numpy as np
 
-from kennfeld.arrays import Float, readonly
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.base.arrays import Float, readonly
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import Plane, factor, kernel_matrix
 
 BLOCK = 4096

@@ -4,9 +4,9 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, readonly
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, readonly
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.surrogate.gp_kernel import bells, greedy_centres
 
 THRESHOLD = 0.2  # share of the prior deviation

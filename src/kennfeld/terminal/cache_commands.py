@@ -13,7 +13,7 @@ from kennfeld.terminal.output import align, print_lines, print_values
 @option("--clear", "Remove them; the next run reads and compiles again.")
 def cache(path: Path | None, clear: bool) -> int:
     """Show what is kept between runs to save time, or remove it."""
-    from kennfeld.formatting import count_noun
+    from kennfeld.base.formatting import count_noun
     from kennfeld.project.kept_files import kept_files
 
     kept = kept_files(path)

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_errors import convert_errors
-from kennfeld.output_paths import named
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.output_paths import named
 from kennfeld.terminal.output import quiet
 from kennfeld.terminal.project_argument import find_project
 

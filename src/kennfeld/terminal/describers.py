@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kennfeld import calfiles, measurement
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import count_noun, join_names, number_text, size_text
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.calibrations import AMD
 from kennfeld.files.identification import identify
-from kennfeld.formatting import count_noun, join_names, number_text, size_text
 from kennfeld.graph.events import events
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.terminal.model_selection import WHOLE, ModelSelection
 from kennfeld.terminal.output import align, separate
 
 if TYPE_CHECKING:
-    from kennfeld.models.simulink.variables.stored_variables import StoredVariable
+    from kennfeld.importers.simulink.variables.stored_variables import StoredVariable
     from kennfeld.preprocessing.recipe import DatasetEntry
 
 Table = Sequence[Sequence[str]]  # the heading first
@@ -255,7 +255,7 @@ def _describe_formula(path: Path, model: Model) -> FileInfo:
     jumps = events(graph, tuple(graph.parameters))
     notes = _surrogate_notes(model)
     if jumps:
-        from kennfeld.optimize.jumps import describe_events
+        from kennfeld.optimize.strategies.jumps import describe_events
 
         advice = 'Derivatives do not account for that; method = "global" does.'
         notes.append(f"{describe_events(jumps)} depending on parameters. {advice}")
@@ -291,14 +291,14 @@ def _surrogate_notes(model: Model) -> list[str]:
 def describe_simulink(file: DescribedFile) -> FileInfo:
     """Describe a Simulink model: its interface, and what can be calibrated and what prevents it."""
     path, part = file.path, file.selection.simulink
-    from kennfeld.models.simulink.outline import summarize_model
+    from kennfeld.importers.simulink.outline import summarize_model
     from kennfeld.terminal import simulink
 
     outline = summarize_model(path, part.folders)
     as_json = {"content": "Simulink model", **outline.as_dict()}
     tables, notes = simulink.model_tables(outline), simulink.model_notes(outline)
     if outline.kind != "library":
-        from kennfeld.models.simulink.importable_subsystems import inspect_simulink  # all block types
+        from kennfeld.importers.simulink.importable_subsystems import inspect_simulink  # all block types
 
         try:
             report = inspect_simulink(path, part.subsystem or None, *part[1:])
@@ -318,7 +318,7 @@ def describe_simulink(file: DescribedFile) -> FileInfo:
 def describe_esdl(file: DescribedFile) -> FileInfo:
     """Describe a class or an application of an ASCET project: what can be calibrated and what prevents it."""
     path, part = file.path, file.selection.esdl
-    from kennfeld.models.ascet.importing import classes_of, import_esdl
+    from kennfeld.importers.ascet.importing import classes_of, import_esdl
     from kennfeld.terminal import esdl
 
     is_application = path.suffix.lower() == ".app"
@@ -350,7 +350,7 @@ def describe_components(file: DescribedFile) -> FileInfo:
     """Describe ASCET 5 or 6 components: their methods, their values, and one of them as a model if it is selected."""
     if file.path.name.lower().endswith(".data.amd") and not any(file.selection.esdl):
         return describe_calibration(file)
-    from kennfeld.models.ascet.component_tree import is_archive
+    from kennfeld.importers.ascet.component_tree import is_archive
 
     model = describe_esdl(file)
     if not is_archive(file.path) or "import" in model.as_json:
@@ -362,7 +362,7 @@ def describe_components(file: DescribedFile) -> FileInfo:
 
 def describe_dictionary(file: DescribedFile) -> FileInfo:
     """Describe a Simulink data dictionary: its variables."""
-    from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+    from kennfeld.importers.simulink.variables.data_dictionary import read_dictionary
     from kennfeld.terminal import simulink
 
     dictionary = read_dictionary(file.path, follow=False)
@@ -381,7 +381,7 @@ def describe_dictionary(file: DescribedFile) -> FileInfo:
 def describe_enumeration(file: DescribedFile) -> FileInfo:
     """Describe the class file of an enumeration of MATLAB: its members."""
     path = file.path
-    from kennfeld.models.simulink.variables.enumerations import enumeration_of
+    from kennfeld.importers.simulink.variables.enumerations import enumeration_of
 
     name, members = enumeration_of(path.read_text(encoding="utf-8", errors="replace")) or ("", {})
     rows = [(f"{name}.{member}", number_text(number)) for member, number in members.items()]

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from kennfeld.base.formatting import count_more, count_noun
 from kennfeld.calfiles import Change, Comparison, Difference
-from kennfeld.formatting import count_more, count_noun
 from kennfeld.terminal.output import Painted, align
 
 _RED, _GREEN, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[32m", "\x1b[33m", "\x1b[0m"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.terminal.command_line import DONE, PATH, argument, force, option, require_new
 from kennfeld.terminal.output import print_lines, print_values
 from kennfeld.terminal.shell_completion import SHELLS, completion_script
@@ -29,7 +29,7 @@ def completion(context: click.Context, shell: str | None) -> int:
 @force
 def schema(training: bool, target: Path | None, force: bool) -> int:
     """Print the JSON schema by which editors complete and check project files."""
-    from kennfeld.atomic_files import write_whole
+    from kennfeld.base.atomic_files import write_whole
     from kennfeld.project.schemas import PROJECT_SCHEMA, TRAINING_SCHEMA, schema_text
 
     text = schema_text(TRAINING_SCHEMA if training else PROJECT_SCHEMA)

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from kennfeld.ascet import syntax as e
-from kennfeld.formatting import count_noun, number_text, shorten
-from kennfeld.models.ascet.import_report import EsdlReport, TaskSummary
+from kennfeld.base.formatting import count_noun, number_text, shorten
+from kennfeld.importers.ascet.import_report import EsdlReport, TaskSummary
 from kennfeld.terminal.simulink import MAX_REMARKS, Rows, parameter_rows, port_tables
 
 

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from kennfeld.errors import InputError, Location
-from kennfeld.formatting import nearest
-from kennfeld.garbage_collection import no_collection
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.garbage_collection import no_collection
 from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option, require_new
 from kennfeld.terminal.model_selection import ModelSelection, model_options
 from kennfeld.terminal.output import print_findings, print_lines
 
 if TYPE_CHECKING:
-    from kennfeld.parameter_set import ParameterSet
+    from kennfeld.domain.parameter_set import ParameterSet
 
 
 @click.command
@@ -96,14 +96,14 @@ def convert(
     companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
     require_new(force, target, *companion)
     if is_program:
-        from kennfeld.models.ascet.formula_export import write_esdl_formula
+        from kennfeld.importers.ascet.formula_export import write_esdl_formula
 
         class_name, methods, tasks, folders, step = selection.esdl
         paths = write_esdl_formula(source, target, class_name, methods, task=tasks, folders=folders, step=step)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
     if is_simulink:
-        from kennfeld.models.simulink.formula_export import write_formula
+        from kennfeld.importers.simulink.formula_export import write_formula
 
         paths = write_formula(source, target, *selection.simulink)
         print_lines(*(f"Written to {path}" for path in paths))
@@ -130,7 +130,7 @@ def _require_known_ending(target: Path, others: Sequence[str] = ()) -> None:
 
 def _read_fmu_values(source: Path, is_formula: bool) -> "ParameterSet":
     """Return the parameters of an FMU with their start values."""
-    from kennfeld.models.fmu.importing import fmu
+    from kennfeld.importers.fmu.importing import fmu
 
     model = fmu(source)
     if is_formula:
@@ -195,9 +195,9 @@ def diff(
 
 
 def _write_labels(names: Sequence[str], target: Path) -> None:
-    from kennfeld.atomic_files import write_whole
+    from kennfeld.base.atomic_files import write_whole
+    from kennfeld.base.file_errors import convert_errors
     from kennfeld.calfiles.label_list import write_label_list
-    from kennfeld.file_errors import convert_errors
 
     text, remarks = write_label_list(names, target.name)
     with convert_errors(target, "cannot be written", "Name another file."):

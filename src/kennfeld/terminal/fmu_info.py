@@ -6,12 +6,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from kennfeld.formatting import join_names, number_text
+from kennfeld.base.formatting import join_names, number_text
 from kennfeld.terminal.describers import PARAMETER_KINDS, DescribedFile, FileInfo, Table
 
 if TYPE_CHECKING:
-    from kennfeld.models.fmu.description import FmuDescription
-    from kennfeld.models.fmu.fmu_parameters import ParameterGroup
+    from kennfeld.importers.fmu.description import FmuDescription
+    from kennfeld.importers.fmu.fmu_parameters import ParameterGroup
 
 _MOST_PLATFORMS = 8
 
@@ -31,8 +31,8 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
     Raises:
         InputError: the file is damaged.
     """
-    from kennfeld.models.fmu.fmu_archive import read_archive
-    from kennfeld.models.fmu.importing import (
+    from kennfeld.importers.fmu.fmu_archive import read_archive
+    from kennfeld.importers.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
         find_obstacles,
@@ -82,7 +82,7 @@ class _FmuNumbers(NamedTuple):
     @classmethod
     def of(cls, description: "FmuDescription", *, stepped: bool) -> "_FmuNumbers":
         """Return those of an FMU; `stepped` for co-simulation, where start values replace states."""
-        from kennfeld.models.fmu.fmu_parameters import parameter_groups, start_groups
+        from kennfeld.importers.fmu.fmu_parameters import parameter_groups, start_groups
 
         kept = description.started_states if stepped else description.states
         starts = start_groups(description.started_states)

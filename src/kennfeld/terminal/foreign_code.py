@@ -10,9 +10,9 @@ from pathlib import Path
 
 import click
 
-from kennfeld.consent_gate import Kind, address_gate
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import join_names
+from kennfeld.base.consent_gate import Kind, address_gate
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.formatting import join_names
 from kennfeld.graph.external_function import CodeNotRunError, ExternalFunction, code_gate
 from kennfeld.graph.node import Node
 from kennfeld.models.code_consent import ConsentRequest, address_request, allow, code_files, code_request

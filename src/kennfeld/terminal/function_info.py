@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from kennfeld.formatting import count_noun, number_text, size_text
+from kennfeld.base.formatting import count_noun, number_text, size_text
+from kennfeld.domain.parameters import Parameter
 from kennfeld.models.function_files import list_functions, read_function_file
-from kennfeld.parameters import Parameter
 from kennfeld.terminal.describers import PARAMETER_KINDS, DescribedFile, FileInfo, Table
 
 

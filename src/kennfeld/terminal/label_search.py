@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 from fnmatch import fnmatchcase
 from typing import Any
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.terminal.describers import FileInfo, Table
 
 _NAMES = ("name", "node")  # keys whose value is a name

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.terminal.command_line import PATH, option
 
 

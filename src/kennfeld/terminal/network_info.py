@@ -2,12 +2,12 @@
 
 from collections import Counter
 
-from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import count_noun, size_text
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.formatting import count_noun, size_text
+from kennfeld.importers.onnx.importing import network_function
+from kennfeld.importers.onnx.network import Network, NetworkPort
+from kennfeld.importers.onnx.reading import read_network
 from kennfeld.models.model_function import ModelFunction
-from kennfeld.models.onnx_network.importing import network_function
-from kennfeld.models.onnx_network.network import Network, NetworkPort
-from kennfeld.models.onnx_network.reading import read_network
 from kennfeld.terminal.describers import DescribedFile, FileInfo, Table
 
 

@@ -9,7 +9,7 @@ from errno import EIO, EPIPE
 from shutil import get_terminal_size
 from typing import TextIO
 
-from kennfeld.errors import Finding, Location, is_plain, visible
+from kennfeld.base.errors import Finding, Location, is_plain, visible
 
 COLUMN_GAP = "  "
 MAX_FINDINGS = 20  # that are printed at once

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-from kennfeld.optimize.result import Progress, TraceLine
+from kennfeld.optimize.fit.result import Progress, TraceLine
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.terminal.command_line import INTERRUPTED
 from kennfeld.terminal.output import is_quiet, print_progress

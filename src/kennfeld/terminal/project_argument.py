@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from kennfeld.errors import InputError, Location
+from kennfeld.base.errors import InputError, Location
 
 NAME = "kennfeld.toml"
 PROJECT = "a project file"

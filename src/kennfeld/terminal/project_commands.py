@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.formatting import count_noun
+from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.formatting import count_noun
 from kennfeld.terminal.command_line import (
     DONE,
     INTERRUPTED,
@@ -41,8 +41,8 @@ from kennfeld.terminal.project_argument import find_project
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
-    from kennfeld.optimize.result import Result
-    from kennfeld.parameter_set import ParameterSet
+    from kennfeld.domain.parameter_set import ParameterSet
+    from kennfeld.optimize.fit.result import Result
     from kennfeld.project import Project
     from kennfeld.project.simulation import Simulation
 
@@ -109,7 +109,7 @@ def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
     The first 20 are printed on stderr, with location and fix; --json prints all on stdout. Nothing is fitted, and no
     scheduler is joined.
     """
-    from kennfeld.optimize.projection import movable
+    from kennfeld.optimize.limits.projection import movable
     from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
@@ -434,8 +434,8 @@ def _print_fit(
     problem = apply_shifts(project.problem(), shifts)
     parameters = replace_parameters(problem, values)
     if by_file:
-        from kennfeld.optimize.quality import Scorer
-        from kennfeld.optimize.recording_quality import recordings_table
+        from kennfeld.optimize.quality.quality import Scorer
+        from kennfeld.optimize.quality.recording_quality import recordings_table
 
         rows = Scorer(problem).scores(parameters, parameters).recordings
         print_lines("", *align(recordings_table(rows, before=False)), "")

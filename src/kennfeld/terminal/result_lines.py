@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from kennfeld.formatting import shorten, under_heading
+from kennfeld.base.formatting import shorten, under_heading
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
-    from kennfeld.optimize.result import Checkpoint, Result
+    from kennfeld.optimize.fit.result import Checkpoint, Result
 
 MAX_LINES = 3  # under one heading
 MAX_STARTS = 12  # that are listed one by one

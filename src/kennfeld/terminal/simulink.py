@@ -5,11 +5,11 @@ from typing import Protocol
 
 import numpy as np
 
-from kennfeld.formatting import count_noun, join_names, number_text, shorten, size_text
+from kennfeld.base.formatting import count_noun, join_names, number_text, shorten, size_text
+from kennfeld.importers.simulink.import_report import ImportReport
+from kennfeld.importers.simulink.outline import ModelOutline
+from kennfeld.importers.simulink.variables.data_dictionary import Dictionary
 from kennfeld.models.quantities import CalibratableParameter
-from kennfeld.models.simulink.import_report import ImportReport
-from kennfeld.models.simulink.outline import ModelOutline
-from kennfeld.models.simulink.variables.data_dictionary import Dictionary
 
 Rows = list[Sequence[str]]
 

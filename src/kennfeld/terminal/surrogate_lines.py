@@ -3,8 +3,8 @@
 import numpy as np
 
 from kennfeld.analysis.extrapolation import surrogate_coordinates
-from kennfeld.formatting import count_noun
-from kennfeld.optimize.quality import r2_text
+from kennfeld.base.formatting import count_noun
+from kennfeld.optimize.quality.quality import r2_text
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from kennfeld.watch_folder import DEFAULT_LIMIT
+from kennfeld.base.watch_folder import DEFAULT_LIMIT
 
 COMMANDS = ("check", "calibrate", "simulate", "report")  # that evaluate a project
 APP = "app"

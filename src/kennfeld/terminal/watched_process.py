@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from kennfeld.base.watch_folder import WATCHER, remove_noted, watch_folder
 from kennfeld.terminal.signals import FORWARDED, obey_forwarded
-from kennfeld.watch_folder import WATCHER, remove_noted, watch_folder
 
 PROCESS, ENDED = "process", "ended"  # files
 _INTERVAL = 1.0  # s between looks at the process that watches this one

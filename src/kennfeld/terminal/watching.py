@@ -18,18 +18,18 @@ from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
-from kennfeld.errors import Finding
-from kennfeld.machine_code.call_record import ForeignCall, read_calls, recorded_files
-from kennfeld.machine_code.crash_report import crash_finding, excess_finding, hang_finding, unloading_finding
-from kennfeld.process_limits import MOST_PROCESSES, machine_memory
-from kennfeld.run_processes import RunProcesses, mark_of, marked_environment
+from kennfeld.base.errors import Finding
+from kennfeld.base.machine_code.call_record import ForeignCall, read_calls, recorded_files
+from kennfeld.base.machine_code.crash_report import crash_finding, excess_finding, hang_finding, unloading_finding
+from kennfeld.base.process_limits import MOST_PROCESSES, machine_memory
+from kennfeld.base.run_processes import RunProcesses, mark_of, marked_environment
+from kennfeld.base.watch_folder import FOLDER, WATCHER, is_running, remove_noted
+from kennfeld.base.windows_job import WindowsJob
 from kennfeld.terminal.command_line import INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import FORWARDED, HANGUP, REQUESTS, held_back, leave_terminal, respected
 from kennfeld.terminal.watched_commands import APP
 from kennfeld.terminal.watched_process import ENDED, PROCESS
-from kennfeld.watch_folder import FOLDER, WATCHER, is_running, remove_noted
-from kennfeld.windows_job import WindowsJob
 
 INTERVAL = 0.5  # s between looks at the records of calls
 PATIENCE = 10.0  # s from the second request to end until the process is killed, or after its work is done

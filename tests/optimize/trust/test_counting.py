@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.dataset import Settling
+from kennfeld.domain.dataset import Settling
 
 GRID = np.arange(5.0)
 

@@ -7,10 +7,10 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.project.results import write_trust
 from tests.optimize.repetitions import agree, counts, own_targets
 

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.constraints import Limit
-from kennfeld.criteria import Criterion
+from kennfeld.domain.constraints import Limit
+from kennfeld.domain.criteria import Criterion
 from kennfeld.optimize import Options, Problem, Stop
-from kennfeld.optimize.fit import FitRun
-from kennfeld.optimize.result import Seconds
+from kennfeld.optimize.fit.fit import FitRun
+from kennfeld.optimize.fit.result import Seconds
 from kennfeld.optimize.trust.active_limits import multipliers
 from tests.draws import mostly_slow
 from tests.optimize.repetitions import agree

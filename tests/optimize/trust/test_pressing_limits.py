@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.constraints import Limit, Shape
+from kennfeld.domain.constraints import Limit, Shape
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.trust.pressing_limits import TouchedLimits
 

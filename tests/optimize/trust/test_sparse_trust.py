@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_array, eye_array
 
 import kennfeld as kf
-from kennfeld.constraints import Limit, Shape
+from kennfeld.domain.constraints import Limit, Shape
 from kennfeld.optimize import Problem, run
 from kennfeld.optimize.trust import matrices
 from kennfeld.optimize.trust.block_factor import BLOCK, BlockFactor

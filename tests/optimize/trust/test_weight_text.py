@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Block
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.models.model import Model, merge_start_values
 from kennfeld.optimize import Problem, run
 from kennfeld.optimize.trust.table_changes import WeakDirection
 from kennfeld.optimize.trust.weight_text import describe_weights
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Block
 
 RANDOM = np.random.default_rng(0)
 U, V = RANDOM.uniform(-1, 1, (2, 300))

@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
-from kennfeld.criteria import Region
+from kennfeld.domain.criteria import Region
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.optimize.trust.noise import classes, groups, rescore
 from tests.draws import few_or_many, mostly_slow
 from tests.optimize.repetitions import FEW, agree, counts, own_targets

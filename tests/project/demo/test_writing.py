@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from kennfeld import cli
-from kennfeld.errors import InputError
+from kennfeld.base.errors import InputError
 from kennfeld.project.demo import all_or_none, write, writing
 
 

@@ -11,7 +11,7 @@ from kennfeld.app.session.esdl_source import EsdlSource
 from kennfeld.app.session.function_source import completed_reference, has_no_functions
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
-from kennfeld.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role
 from kennfeld.files.identification import identify

@@ -17,12 +17,12 @@ from kennfeld.app.session.calibration_source import (
 from kennfeld.app.session.edited_values import fit_onto
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetTables
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Finding
+from kennfeld.base.output_paths import plain_name
 from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read, write
-from kennfeld.errors import ArgumentError, Finding
-from kennfeld.output_paths import plain_name
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, Text
 
 Item = Parameter | Text | Axis
 

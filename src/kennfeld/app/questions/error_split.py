@@ -8,9 +8,9 @@ from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.session.evidence import Correction, corrections
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session, View
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.traversal import named_lookups
-from kennfeld.parameters import Parameter
 
 MAX_WORST = 8
 APART = 200  # parts of a dataset; two of the worst samples are not in the same one

@@ -9,12 +9,12 @@ from kennfeld.app.answer import Answer, Given
 from kennfeld.app.session.esdl_source import EsdlSource
 from kennfeld.app.session.session import Session
 from kennfeld.ascet.amd.files import ARCHIVE
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.domain.parameter_set import ParameterSet
 
 if TYPE_CHECKING:  # for ASCET models only
-    from kennfeld.models.ascet.import_report import EsdlReport
-    from kennfeld.models.ascet.outline import ProgramOutline
+    from kennfeld.importers.ascet.import_report import EsdlReport
+    from kennfeld.importers.ascet.outline import ProgramOutline
     from kennfeld.models.model import Model
 
 MAX_CHARACTERS = 2_000_000  # of all source texts of an answer
@@ -69,7 +69,7 @@ def initial_values(session: Session) -> ParameterSet:
 
 def converted(session: Session) -> tuple[str, "Model", list[str]]:
     """Return the name of the ASCET model, the model, and its formula text; raises `InputError` with what stops it."""
-    from kennfeld.models.ascet.formula_export import formula_lines
+    from kennfeld.importers.ascet.formula_export import formula_lines
 
     source = require_program(session)
     result = source.imported(initial_values(session))
@@ -109,7 +109,7 @@ def _texts(source: EsdlSource, files: Sequence[Path], findings: Sequence[Finding
 
 
 def _sources(source: EsdlSource, files: Sequence[Path]) -> list[dict[str, str]]:
-    from kennfeld.models.ascet.importing import read_source
+    from kennfeld.importers.ascet.importing import read_source
 
     rows, room = [], MAX_CHARACTERS
     for path, label in source.labels(files).items():
@@ -136,7 +136,7 @@ def _problem(finding: Finding, files: Sequence[Path]) -> dict[str, Any]:
 
 def _lines(model: "Model", files: Sequence[Path]) -> list[dict[str, Any]]:
     """Return the formula text, each line with the place in the source of the variable that it calculates."""
-    from kennfeld.models.ascet.formula_export import formula_lines
+    from kennfeld.importers.ascet.formula_export import formula_lines
 
     numbers = _numbers(files)
     rows = []

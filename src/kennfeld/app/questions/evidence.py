@@ -7,8 +7,8 @@ from kennfeld.app.session.distributions import thin
 from kennfeld.app.session.evidence import Informing
 from kennfeld.app.session.selection import both, check_clock, condition, outside, read_selection, stretch_in_other_data
 from kennfeld.app.session.session import Session, View
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
 
 MAX_STRETCHES = 100  # of one dataset, the longest ones
 MAX_POINTS = 2500

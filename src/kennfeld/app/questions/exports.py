@@ -15,15 +15,15 @@ from kennfeld.app.questions.calibrations import rounded
 from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.edited_values import on_same_breakpoints
 from kennfeld.app.session.session import Run, Session
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.base.file_errors import convert_errors
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.file_errors import convert_errors
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.files.calibrations import IMAGE_ENDINGS
-from kennfeld.optimize.quality import Scorer
-from kennfeld.optimize.result import Result
+from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.optimize.search.problem_digest import problem_digest
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.results import FOLDER, RESULT, results_folder, write_text
 

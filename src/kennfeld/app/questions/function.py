@@ -16,11 +16,11 @@ from kennfeld.app.session.function_source import completed_reference, read_calle
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import Command, SetKeys, SetText, Several
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.formatting import most_similar, nearest
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
-from kennfeld.formatting import most_similar, nearest
 from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
 from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
@@ -28,9 +28,9 @@ from kennfeld.models.function_files import kind_of
 from kennfeld.project.schema import is_esdl_file, is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only
+    from kennfeld.importers.simulink.diagram import Diagram
+    from kennfeld.importers.simulink.import_report import ImportReport
     from kennfeld.models.model import Model
-    from kennfeld.models.simulink.diagram import Diagram
-    from kennfeld.models.simulink.import_report import ImportReport
 
 SIMULINK_KEYS = ("subsystem", "parameters", "bind")  # of [model], for Simulink models only
 ESDL_KEYS = ("class", "methods", "startup", "task")  # for ASCET models only
@@ -123,7 +123,7 @@ def convert_function(session: Session, given: Given) -> Answer:
 
 def _converted_diagram(session: Session) -> tuple[str, "Model", list[str]]:
     """Return the name of the Simulink model, the model, and its formula text; raises `InputError` if it is stopped."""
-    from kennfeld.models.simulink.formula_export import formula_lines
+    from kennfeld.importers.simulink.formula_export import formula_lines
 
     source = _require_source(session)
     diagram = source.diagram()
@@ -147,7 +147,7 @@ def _require_source(session: Session) -> SimulinkSource:
 
 def diagram(session: Session, given: Given) -> Answer:
     """Return the blocks of the imported part of the Simulink model, its formula text, and what stops it."""
-    from kennfeld.models.simulink.formula_export import formula_lines
+    from kennfeld.importers.simulink.formula_export import formula_lines
 
     source = _require_source(session)
     files = list(source.parameters[: len(source.parameters) - len(_initial_files(session))])

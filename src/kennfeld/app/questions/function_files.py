@@ -10,8 +10,8 @@ from kennfeld.app.folders import confined
 from kennfeld.app.session.function_source import FunctionSource, completed_reference, has_no_functions, read_called
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
-from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.formatting import count_noun
+from kennfeld.base.errors import ArgumentError, Finding, InputError
+from kennfeld.base.formatting import count_noun
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.node import CLOCK
@@ -94,7 +94,7 @@ def _choices(source: FunctionSource) -> list[str]:
     """Return the ways in which an FMU can be used; empty if there is one only."""
     if source.path.suffix.casefold() != ".fmu" or source.kind is None:
         return []
-    from kennfeld.models.fmu.fmu_archive import read_archive
+    from kennfeld.importers.fmu.fmu_archive import read_archive
 
     try:
         description = read_archive(source.path)
@@ -147,7 +147,7 @@ def _states(source: FunctionSource, model: Model) -> list[dict[str, Any]]:
 def _state_names(source: FunctionSource) -> list[str]:
     if source.path.suffix.casefold() != ".fmu":
         return []
-    from kennfeld.models.fmu.fmu_archive import read_archive
+    from kennfeld.importers.fmu.fmu_archive import read_archive
 
     return [element for state in read_archive(source.path).states for element in state.elements]
 
@@ -155,7 +155,7 @@ def _state_names(source: FunctionSource) -> list[str]:
 def _facts(source: FunctionSource) -> Iterator[tuple[str, str]]:
     """Yield what the file of an FMU or a network says of itself."""
     if source.path.suffix.casefold() == ".fmu":
-        from kennfeld.models.fmu.fmu_archive import read_archive
+        from kennfeld.importers.fmu.fmu_archive import read_archive
 
         description = read_archive(source.path)
         offered = {"model exchange": description.model_exchange, "co-simulation": description.co_simulation}
@@ -165,7 +165,7 @@ def _facts(source: FunctionSource) -> Iterator[tuple[str, str]]:
         yield "platforms", ", ".join(description.platforms)
         yield "variables", str(len(description.variables))
     elif source.path.suffix.casefold() == ".onnx":
-        from kennfeld.models.onnx_network.reading import read_network
+        from kennfeld.importers.onnx.reading import read_network
 
         network = read_network(source.path)
         yield "network", network.name

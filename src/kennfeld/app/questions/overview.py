@@ -9,7 +9,7 @@ from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session, View
-from kennfeld.errors import Finding, Location
+from kennfeld.base.errors import Finding, Location
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
 from kennfeld.graph import Graph

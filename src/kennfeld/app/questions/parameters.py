@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.app.answer import Answer, Given, finite_list
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
-from kennfeld.parameters import Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.project.model import coordinates_of
 
 

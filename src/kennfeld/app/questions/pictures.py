@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 MAX_POINTS = 12  # values along an axis
 

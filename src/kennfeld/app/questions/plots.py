@@ -13,8 +13,8 @@ from kennfeld.app.session.selection import read_selection, read_signal
 from kennfeld.app.session.session import Session, View
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.strips import Statistics, describe, statistics, strip
-from kennfeld.arrays import Bool, Float
-from kennfeld.errors import KennfeldError
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.errors import KennfeldError
 
 MAX_PIXELS = 8192  # of a screen
 MAX_MATRIX_POINTS = 2500  # samples in each plot of a scatter matrix

@@ -9,10 +9,10 @@ from kennfeld.app.folders import writable
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.files import ARCHIVE
 from kennfeld.ascet.parser import scan_esdl
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.models.ascet.declarations import read_source
-from kennfeld.output_paths import plain_name
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import plain_name
+from kennfeld.importers.ascet.declarations import read_source
 from kennfeld.project.schema import COMPONENTS, is_esdl_file
 
 APPLICATION = ".app"

@@ -8,9 +8,9 @@ from typing import Any
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.session.proposal import Range, propose
 from kennfeld.app.session.session import Session
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.file_state import note_opened, while_unchanged
-from kennfeld.formatting import count_noun
+from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.base.file_state import note_opened, while_unchanged
+from kennfeld.base.formatting import count_noun
 from kennfeld.measurement.bus_databases import DatabaseFile, to_databases
 from kennfeld.measurement.reader import describe
 from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, recording_files

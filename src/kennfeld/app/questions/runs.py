@@ -16,12 +16,12 @@ from kennfeld.app.session.live_model import Evaluation
 from kennfeld.app.session.run_job import Validation
 from kennfeld.app.session.session import Run, Session, View
 from kennfeld.app.session.state import SetTables
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError
-from kennfeld.optimize.recording_quality import of_several_files, recordings_table
-from kennfeld.optimize.result import Result, TraceLine
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.fit.result import Result, TraceLine
+from kennfeld.optimize.quality.recording_quality import of_several_files, recordings_table
 
 MAX_CHANGES = 400  # grid points of a table that are listed
 MAX_RECORDINGS = 500  # rows that are listed

@@ -9,9 +9,9 @@ from kennfeld.app.answer import Answer, Given
 from kennfeld.app.questions.overview import FUNCTIONS, RECORDINGS, SCREENS
 from kennfeld.app.questions.recordings import channel_names, recording_names
 from kennfeld.app.session.session import Session
+from kennfeld.base.errors import InputError
+from kennfeld.base.file_state import while_unchanged
 from kennfeld.calfiles import describe, endings
-from kennfeld.errors import InputError
-from kennfeld.file_state import while_unchanged
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of

@@ -10,7 +10,7 @@ from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import writable
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.project.schema import read_project
 from kennfeld.project.toml_file import parse_value
 

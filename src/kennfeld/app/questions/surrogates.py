@@ -11,8 +11,8 @@ from kennfeld.app.folders import confined
 from kennfeld.app.questions.recordings import files
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
-from kennfeld.atomic_files import write_whole
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.project.toml_file import is_training, read_toml
 
 if TYPE_CHECKING:  # loaded when a surrogate is read

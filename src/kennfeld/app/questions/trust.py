@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.session.session import Run, Session
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.project.remedies import KeyChanges, key_changes

@@ -24,8 +24,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from kennfeld.atomic_files import write_whole
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.lazy_dataclass import dataclass
 
 MAX_AGE = 30 * 86_400  # s after which a key is forgotten
 MAX_SERVERS = 50  # files that are kept

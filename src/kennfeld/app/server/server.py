@@ -27,7 +27,7 @@ from kennfeld.app.server.frames import pack
 from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
 from kennfeld.app.server.security import RequestGuard, new_token
 from kennfeld.app.workspace import UPLOAD_ENDING, AppWorkspace
-from kennfeld.errors import KennfeldError
+from kennfeld.base.errors import KennfeldError
 
 STATIC = Path(__file__).parent.parent / "static"
 MAX_MESSAGE = 4_000_000  # bytes; a pasted table of 10 000 values takes 200 000

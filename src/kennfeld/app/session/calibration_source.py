@@ -6,15 +6,15 @@ from typing import Any
 
 from kennfeld.app.folders import confined
 from kennfeld.app.session.session import Session
+from kennfeld.base.errors import ArgumentError, Finding, InputError
+from kennfeld.base.file_state import while_unchanged
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import endings, read, read_several, recognise
-from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.file_state import while_unchanged
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.files.calibrations import IMAGE_ENDINGS, JSON
 from kennfeld.files.descriptions import A2L
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.checkpoints import FOLDER as SAVES
 
 MAX_FILES = 300

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.base.arrays import Bool, Float, Int
 
 MAX_POINTS = 6000
 MAX_LIT = 1500  # selected samples that are drawn in addition

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import ArgumentError, Finding, Location
-from kennfeld.free_axes import AxisKey, breakpoints_by_name, free_axes, with_labelled
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Finding, Location
+from kennfeld.domain.free_axes import AxisKey, breakpoints_by_name, free_axes, with_labelled
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.interpolation import regrid
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 
 REMEDY = "Undo the change of the breakpoints, or check the values."
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.base.arrays import Float, Int
 
 BLOCK = 64  # samples whose extremes are computed in advance
 

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kennfeld.app.session.simulink_source import texts
-from kennfeld.errors import InputError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.base.errors import InputError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.project.schema import is_esdl_file
 
 if TYPE_CHECKING:  # for ASCET models only
-    from kennfeld.models.ascet.import_report import EsdlImport
-    from kennfeld.models.ascet.outline import ProgramOutline
+    from kennfeld.importers.ascet.import_report import EsdlImport
+    from kennfeld.importers.ascet.outline import ProgramOutline
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class EsdlSource:
     @property
     def root(self) -> Path:
         """The folder that contains the packages; that of the project if the file cannot be read."""
-        from kennfeld.models.ascet.method_choice import source_root
+        from kennfeld.importers.ascet.method_choice import source_root
 
         try:
             return source_root(self.path)
@@ -72,7 +72,7 @@ class EsdlSource:
 
     def outline(self) -> "ProgramOutline":
         """Return what can be chosen. Raises `InputError` if the file cannot be read."""
-        from kennfeld.models.ascet.outline import read_outline
+        from kennfeld.importers.ascet.outline import read_outline
 
         return read_outline(self.path)
 
@@ -82,7 +82,7 @@ class EsdlSource:
         Args:
             initial: values of characteristics, whose names the model takes over.
         """
-        from kennfeld.models.ascet.importing import import_esdl
+        from kennfeld.importers.ascet.importing import import_esdl
 
         return import_esdl(
             self.path,

@@ -7,11 +7,11 @@ import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset, LiveModel
 from kennfeld.app.session.lookup_index import LookupIndex
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.lookup_coverage import Lookups
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.quality.lookup_coverage import Lookups
 
 ACTING = 1e-3  # of the largest slope of a table
 FAR = 1e6  # times the values of a table: a change that only rounding errors ask for

@@ -6,7 +6,7 @@ Another program, or another app, may write the same files. An edit begins from w
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True)

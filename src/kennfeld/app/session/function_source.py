@@ -5,9 +5,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_state import note_opened, while_unchanged
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_state import note_opened, while_unchanged
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.models.function_files import FunctionKind, kind_of, list_functions, read_function_file, split_reference
 from kennfeld.models.model_function import ModelFunction, as_model
 

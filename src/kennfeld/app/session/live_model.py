@@ -6,13 +6,13 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.app.session.lookup_index import LookupIndex
-from kennfeld.arrays import Float, Int
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.lookup_coverage import Lookups, unmoved_tables
-from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.optimize.sample_slopes import SampleSlopes
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.problem.problem import Problem, difference
+from kennfeld.optimize.quality.lookup_coverage import Lookups, unmoved_tables
+from kennfeld.optimize.quality.quality import NodeSimulator
+from kennfeld.optimize.sums.sample_slopes import SampleSlopes
 from kennfeld.preprocessing.binding import BoundDataset
 
 

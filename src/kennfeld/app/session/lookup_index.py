@@ -6,9 +6,9 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.optimize.lookup_coverage import Lookup, cell_shape
-from kennfeld.parameters import Parameter
+from kennfeld.base.arrays import Float, Int
+from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.quality.lookup_coverage import Lookup, cell_shape
 
 
 class LookupIndex:

@@ -2,10 +2,11 @@
 
 from collections.abc import Collection, Mapping
 
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import ArgumentError, InputError
-from kennfeld.formatting import join_names
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.base.formatting import join_names
+from kennfeld.base.task_runner import SerialRunner
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.preprocessing.prepared_files import PreparedFiles
@@ -13,7 +14,6 @@ from kennfeld.preprocessing.recipe import DataSettings
 from kennfeld.preprocessing.recording_sources import find_sources, version_of
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.project.partitioned_loading import PartitionedLoading
-from kennfeld.task_runner import SerialRunner
 
 
 class PartitionedData(PartitionedLoading):

@@ -4,8 +4,8 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from kennfeld.errors import InputError
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import InputError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.models.model_function import ModelFunction

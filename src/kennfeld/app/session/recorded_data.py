@@ -6,10 +6,10 @@ from contextlib import suppress
 from dataclasses import replace
 
 from kennfeld.app.session.memory import return_unused
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import ArgumentError, InputError, KennfeldError
-from kennfeld.file_state import note_opened, version_of
-from kennfeld.formatting import join_names
+from kennfeld.base.errors import ArgumentError, InputError, KennfeldError
+from kennfeld.base.file_state import note_opened, version_of
+from kennfeld.base.formatting import join_names
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.pipeline import LoadedData, load_datasets, prepare_dataset
 from kennfeld.preprocessing.recipe import DataSettings

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.app.session.state import Restore, SessionState
-from kennfeld.atomic_files import write_whole
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import InputError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import below, within
 from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.calfiles.json_file import read_json, write_json
-from kennfeld.errors import InputError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.output_paths import below, within
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 
 FOLDER = ".kennfeld"  # beside the project file
 

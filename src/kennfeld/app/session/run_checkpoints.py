@@ -9,11 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from kennfeld.app.session.recovery import FOLDER
-from kennfeld.errors import InputError
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.result import Checkpoint
-from kennfeld.output_paths import below
+from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import below
+from kennfeld.optimize.fit.result import Checkpoint
 from kennfeld.project.checkpoints import ResumePoints, Saves
 
 INTERVAL = 2.0  # s between checkpoints without `save_every`

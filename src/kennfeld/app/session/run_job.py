@@ -13,16 +13,16 @@ from kennfeld.analysis.cross_validation import Kind
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.run_checkpoints import INTERVAL, RunCheckpoints
-from kennfeld.arrays import Float
-from kennfeld.dask_runner import ClusterAddress, DaskRunner
-from kennfeld.errors import Finding, InputError, KennfeldError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Checkpoint, Result, TraceLine
+from kennfeld.base.arrays import Float
+from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
+from kennfeld.base.errors import Finding, InputError, KennfeldError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.portable_pickle import pickle_content
+from kennfeld.optimize.fit.result import Checkpoint, Result, TraceLine
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
-from kennfeld.portable_pickle import pickle_content
 
 STEP_INTERVAL = 0.1  # s between reported steps
 VALUES_INTERVAL = 0.5  # s between reported values

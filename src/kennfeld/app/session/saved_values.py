@@ -6,10 +6,10 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
+from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read
-from kennfeld.errors import InputError
-from kennfeld.free_axes import AxisKey
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.domain.free_axes import AxisKey
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.project.table_schema import BREAKPOINT_KEYS
 from kennfeld.project.value_forms import FREE
 

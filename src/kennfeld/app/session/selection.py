@@ -7,9 +7,9 @@ import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.signals import GridPoint, SampleSelection, SignalName, SignalRange
-from kennfeld.errors import ArgumentError, Location
+from kennfeld.base.errors import ArgumentError, Location
 from kennfeld.models.formula import expression, spell_name
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.binding import bind_inputs
 
 DIGITS = 8  # of the numbers in a condition

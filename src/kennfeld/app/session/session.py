@@ -27,22 +27,22 @@ from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes,
 from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
 from kennfeld.app.session.surrogate_training import SurrogateTraining
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.atomic_files import write_whole
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.file_state import FileVersion, opened_files
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import within
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.dask_runner import ClusterAddress, DaskRunner
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.file_state import FileVersion, opened_files
-from kennfeld.free_axes import AXIS_LABEL
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.domain.free_axes import AXIS_LABEL
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.models import Model
 from kennfeld.models.code_consent import ConsentRequest, allow
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Result, TraceLine
-from kennfeld.output_paths import within
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.optimize.fit.result import Result, TraceLine
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument

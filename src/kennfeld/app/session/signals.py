@@ -7,8 +7,8 @@ import numpy as np
 
 from kennfeld.app.session.envelope import PixelEnvelope
 from kennfeld.app.session.live_model import Evaluation, LiveDataset, LiveModel
-from kennfeld.arrays import Bool, Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.lazy_dataclass import dataclass
 
 Kind = Literal["channel", "target", "node", "start", "error", "start error"]
 MOVING = ("node", "error", "target")  # kinds that may change with the values: a target may be a node

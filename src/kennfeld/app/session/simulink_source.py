@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kennfeld.file_state import note_opened, while_unchanged
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.file_state import note_opened, while_unchanged
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.project.schema import is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only
-    from kennfeld.models.simulink.diagram import Diagram
-    from kennfeld.models.simulink.import_report import ImportableSubsystem
+    from kennfeld.importers.simulink.diagram import Diagram
+    from kennfeld.importers.simulink.import_report import ImportableSubsystem
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _scalars(sections: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
 
 @while_unchanged(4)
 def _diagram(source: SimulinkSource) -> "Diagram":
-    from kennfeld.models.simulink.diagram import read_diagram
+    from kennfeld.importers.simulink.diagram import read_diagram
 
     source.note_opened()
     scalars = {name: value for name, value in source.scalars if value is not None}
@@ -112,7 +112,7 @@ def _diagram(source: SimulinkSource) -> "Diagram":
 
 @while_unchanged(4)
 def _parts(source: SimulinkSource) -> "Sequence[ImportableSubsystem]":
-    from kennfeld.models.simulink.importable_subsystems import find_subsystems
+    from kennfeld.importers.simulink.importable_subsystems import find_subsystems
 
     source.note_opened()
     files = [source.folder / name for name in source.parameters]

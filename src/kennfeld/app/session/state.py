@@ -12,9 +12,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Parameter
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameters import Parameter
 from kennfeld.project.document import ProjectDocument
 
 Texts = Mapping[str, str]

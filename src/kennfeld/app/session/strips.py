@@ -6,8 +6,8 @@ import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.signals import SampleSelection, SignalName, Signals
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import numpy as np
 
 from kennfeld.app.session.distributions import common_bins, histogram
 from kennfeld.app.session.session import Session, View
-from kennfeld.arrays import Float
-from kennfeld.formatting import count_noun
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun
 
 BINS = 24
 POINTS = 400  # of the picture

@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from kennfeld.errors import ArgumentError, KennfeldError
+from kennfeld.base.errors import ArgumentError, KennfeldError
 
 COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.app.session.surrogate_training import main; main()"
 MAX_LINES = 200  # of progress that are kept
@@ -112,7 +112,7 @@ def main() -> None:
     def send(**message: str) -> None:
         outgoing.write(f"{json.dumps(message)}\n")
 
-    from kennfeld.errors import Findings
+    from kennfeld.base.errors import Findings
     from kennfeld.project.fallback import write_surrogate_somewhere
     from kennfeld.project.surrogate_training import read_training
 

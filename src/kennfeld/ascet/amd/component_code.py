@@ -12,9 +12,9 @@ from kennfeld.ascet.amd.diagram_code import RESULT, DiagramCode, DiagramReferenc
 from kennfeld.ascet.amd.element_code import ElementCode
 from kennfeld.ascet.amd.state_machine import MACHINE, state_machine
 from kennfeld.ascet.parser import scan_esdl
-from kennfeld.errors import Finding, Location
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement
 
 _CASTS: Final = ("cast", "implementationCast")
 _HEAD: Final = "class C { void m() {"

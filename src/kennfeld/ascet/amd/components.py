@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from typing import Final
 
-from kennfeld.errors import InputError, Location
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement
 
 CLASS: Final = "ASCET_Class"
 PROJECT: Final = "ASCET_Project"

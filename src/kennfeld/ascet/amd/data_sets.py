@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final
 
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement
 
 _VALUES: Final = ("Numeric", "Logic", "Enumeration")
 _MAX_VALUES: Final = 1_000_000  # of an element

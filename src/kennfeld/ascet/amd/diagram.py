@@ -10,8 +10,8 @@ from dataclasses import field
 from typing import Final
 
 from kennfeld.ascet.amd.components import whole
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement
 
 _OUTPUTS: Final = ("ReturnPort", "MemberGetPort")
 _BLOCKS: Final = ("SimpleElement", "ComplexElement", "Operator", "Literal", "Control", "ImplementationCast")

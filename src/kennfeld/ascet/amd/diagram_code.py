@@ -12,8 +12,8 @@ from typing import Final
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.components import TABLES, AscetComponent, MethodSignature
 from kennfeld.ascet.amd.diagram import BlockDiagram, BlockPort, SequenceStep, interface_ports
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement
 
 RESULT: Final = "%result"  # the variable of the result of a method; no element has this name
 _MAX_DEPTH: Final = 120  # blocks behind each other

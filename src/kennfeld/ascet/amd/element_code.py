@@ -8,7 +8,7 @@ from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.components import ComponentElement
 from kennfeld.ascet.amd.data_sets import DataEntry, DataValue
 from kennfeld.ascet.amd.ranges import PhysicalRange, Ranges
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 
 SHARED: Final = "shared"  # annotation of elements that all components know by their names
 _UNSIGNED: Final = (0.0, 2.0**32 - 1)

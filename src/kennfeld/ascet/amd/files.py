@@ -14,13 +14,13 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from kennfeld.archives import ZIP_ERRORS, find_oversized
 from kennfeld.ascet.amd.xml_document import MAX_BYTES, parse_amd
-from kennfeld.errors import InputError, Location
-from kennfeld.file_errors import convert_errors
-from kennfeld.formatting import reason_of
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.archives import ZIP_ERRORS, find_oversized
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import reason_of
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement
 
 ARCHIVE: Final = ".axl"
 ENDING: Final = ".amd"

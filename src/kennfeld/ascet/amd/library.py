@@ -18,8 +18,8 @@ from kennfeld.ascet.amd.diagram_code import DiagramReferences
 from kennfeld.ascet.amd.element_code import ElementCode
 from kennfeld.ascet.amd.files import DATA, IMPLEMENTATION, MAIN, SPECIFICATION, AmdFiles, file_name
 from kennfeld.ascet.amd.ranges import read_ranges
-from kennfeld.errors import Finding, InputError
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.lazy_dataclass import dataclass
 
 _DEFAULT_PROJECT: Final = ".data.dp.amd"
 

@@ -3,8 +3,8 @@
 import math
 from typing import TypeAlias
 
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement
 
 
 @dataclass(frozen=True)

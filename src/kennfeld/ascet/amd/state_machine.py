@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.components import whole
-from kennfeld.xml_document import XmlElement
+from kennfeld.base.xml_document import XmlElement
 
 MACHINE = "statemachine"
 _LAST = 1_000_000

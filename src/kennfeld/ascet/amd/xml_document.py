@@ -5,7 +5,7 @@ The position of an element is kept so that a number in one of its attributes can
 
 from typing import Final
 
-from kennfeld.xml_document import XmlElement, XmlLimits, parse_xml
+from kennfeld.base.xml_document import XmlElement, XmlLimits, parse_xml
 
 MAX_BYTES: Final = 64_000_000  # of a file
 _MAX_ELEMENTS: Final = 2_000_000

@@ -10,11 +10,11 @@ from functools import partial
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.objects import A2l, CompuMethod, CompuTab, CompuVtab
 from kennfeld.calfiles.a2l.syntax import A2lError
-from kennfeld.conversion_formulas import Formula, nan_if_infinite, parse_formula
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.domain.conversion_formulas import Formula, nan_if_infinite, parse_formula
 
 _TABLE_KINDS = ("TAB_INTP", "TAB_NOINTP", "TAB_VERB")
 

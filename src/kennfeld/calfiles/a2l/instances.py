@@ -11,11 +11,11 @@ from itertools import product
 from math import prod
 from typing import Any
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.characteristics import parse_axis_pts, parse_characteristic, parse_sizes
 from kennfeld.calfiles.a2l.objects import AxisDescr, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.lazy_dataclass import dataclass
 
 _WORDS = "ADDRESS_TYPE CALIBRATION_ACCESS DISPLAY_IDENTIFIER ECU_ADDRESS_EXTENSION LAYOUT MODEL_LINK SYMBOL_TYPE_LINK"
 _OPTIONS = dict.fromkeys(_WORDS.split(), 1)

@@ -11,7 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import holds_control_characters
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.conversion import IDENTITY, VerbalConversion, conversion_of
 from kennfeld.calfiles.a2l.objects import (
     DIRECTIONS,
@@ -29,9 +31,7 @@ from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.verbal_values import kind_of_words
-from kennfeld.formatting import holds_control_characters
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
+from kennfeld.domain.parameters import Axis, Block, Parameter, Text, parameter
 
 _AXES = {"CURVE": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 ENCODINGS = {"": "latin-1", "ASCII": "latin-1", "UTF8": "utf-8"}  # of texts, as Python names them

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import field
 from math import inf
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import drop_trailing_ones
-from kennfeld.lazy_dataclass import dataclass
 
 DIRECTIONS = ("X", "Y", "Z", "4", "5")  # as keywords of record layouts name the axes
 

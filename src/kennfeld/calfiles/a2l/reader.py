@@ -5,18 +5,18 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import count_labels, count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.labels import Labels
 from kennfeld.calfiles.a2l.objects import A2l, AxisPts, Characteristic
+from kennfeld.calfiles.a2l.origin import FlashOrigin
 from kennfeld.calfiles.a2l.record_layout import AbsentError
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
-from kennfeld.calfiles.flash.origin import FlashOrigin
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.errors import ArgumentError
-from kennfeld.formatting import count_labels, count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, Text
 
 _MAX_LISTED = 20  # warnings with the same reason
 

@@ -13,11 +13,11 @@ from math import prod
 
 import numpy as np
 
-from kennfeld.arrays import Int
+from kennfeld.base.arrays import Int
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.objects import Component, RecordLayout
 from kennfeld.calfiles.a2l.storage import NUMBERS, SIZES, alignment_of
 from kennfeld.calfiles.a2l.syntax import A2lError
-from kennfeld.lazy_dataclass import dataclass
 
 _ROWS, _COLUMNS = "ROW_DIR", "COLUMN_DIR"
 _ALTERNATING = {"ALTERNATE_WITH_X": "X", "ALTERNATE_WITH_Y": "Y"}

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.conversion import CompuConversion
 from kennfeld.calfiles.a2l.objects import open_limit
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
 
 Raw = NDArray[Any]  # whole numbers of 64 bits, or floats
 

@@ -13,10 +13,10 @@ from itertools import takewhile
 from math import isnan
 from pathlib import Path
 
+from kennfeld.base.formatting import one_line
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
-from kennfeld.formatting import one_line
-from kennfeld.lazy_dataclass import dataclass
 
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
 # the main file; None if there is no such file.

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.formatting import count_labels, count_noun, join_names, size_text
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.conversion import IDENTITY, VerbalConversion
 from kennfeld.calfiles.a2l.labels import ENCODINGS, AxisInMemory, Label, Labels, SharedAxis
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisPts, Characteristic
@@ -22,10 +24,8 @@ from kennfeld.calfiles.content import turn
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.formatting import count_labels, count_noun, join_names, size_text
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, Text
 
 # of its span, as far as a breakpoint that cannot change may be off in a file with few digits
 _FIXED_POINT_TOLERANCE = 1e-5

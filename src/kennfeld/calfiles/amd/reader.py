@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from kennfeld.arrays import Float
 from kennfeld.ascet.amd.components import ComponentElement
 from kennfeld.ascet.amd.data_sets import DataEntry, DataValue, read_data_sets
 from kennfeld.ascet.amd.files import (
@@ -28,12 +27,13 @@ from kennfeld.ascet.amd.files import (
 from kennfeld.ascet.amd.library import ComponentLibrary, qualified_name
 from kennfeld.ascet.amd.ranges import PhysicalRange, read_ranges
 from kennfeld.ascet.amd.xml_document import parse_amd
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.file_errors import convert_errors
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Block, Scalar, Text, parameter
+from kennfeld.domain.parameters import Axis, Block, Scalar, Text, parameter
 
 _ZIP: Final = b"PK\x03\x04"
 _DEFAULT: Final = "default"

@@ -10,15 +10,15 @@ from typing import Final
 
 import numpy as np
 
-from kennfeld.arrays import Float
 from kennfeld.ascet.amd.data_sets import DataValue
 from kennfeld.ascet.amd.files import ARCHIVE, ENDING, file_name
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_labels, holds_control_characters, join_names
 from kennfeld.calfiles.amd.reader import AmdOrigin, AmdReference, AmdValue
 from kennfeld.calfiles.content import in_stored_order
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
-from kennfeld.formatting import count_labels, holds_control_characters, join_names
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter, Text
 
 _ZIP: Final = b"PK\x03\x04"
 _ATTRIBUTE: Final = rb"\s+[\w:.-]+\s*=\s*(?:\"[^\"]*\"|'[^']*')"

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.calfiles.xml_tree import SEPARATOR, Element
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import LABELS
+from kennfeld.domain.parameters import LABELS
 
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
 _VALUE_TAGS = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK", "CATEGORY")

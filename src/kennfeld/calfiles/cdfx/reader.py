@@ -11,14 +11,14 @@ from math import prod
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_labels, count_noun, size_text
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import Element, parse_xml
-from kennfeld.formatting import count_labels, count_noun, size_text
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
 
 _VERSION = re.compile(r"CDF(\d)(\d)")
 _SCALARS = ("VALUE", "BOOLEAN", "DEPENDENT_VALUE", "DEPEDNDENT_VALUE")  # so misspelt in the demo file of ASAM

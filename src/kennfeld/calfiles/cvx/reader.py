@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 _HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")
 _AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")

@@ -7,9 +7,9 @@ can point at it and the writer can replace single numbers in place.
 import re
 from dataclasses import field
 
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
 
 Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
 

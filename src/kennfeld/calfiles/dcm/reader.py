@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.dcm.lines import DcmBlock, DcmLines, split_blocks, unquote
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))
 _MAX_VARIANT_LINE = 4096  # characters of a line with the values of variants; the search takes the square of them

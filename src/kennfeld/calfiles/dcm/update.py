@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.calfiles.content import in_stored_order, replace_numbers, same_content, stored_like, turn
 from kennfeld.calfiles.dcm.lines import DcmBlock
 from kennfeld.calfiles.dcm.reader import Dcm, VariantValue, variant_values
 from kennfeld.calfiles.dcm.writer import axis_block, check_storable, item_block, quote, shares_block, whole_text
 from kennfeld.calfiles.format import Item, Key, WriteResult
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter, Text
 
 _WORD = re.compile(r"\S+")
 _AXES = ("ST/X", "ST/Y")

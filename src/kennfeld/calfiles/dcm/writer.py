@@ -5,13 +5,13 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import holds_control_characters, one_line
 from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.storable import USE_JSON, report_repeated, value_faults
-from kennfeld.formatting import holds_control_characters, one_line
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Parameter, Text
 
 _HEADER = """* encoding="UTF-8"
 * DAMOS format

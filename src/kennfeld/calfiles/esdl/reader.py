@@ -10,15 +10,15 @@ from dataclasses import field
 
 import numpy as np
 
-from kennfeld.arrays import Float
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.parser import scan_esdl
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Parameter, Scalar, parameter
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, parameter
 
 Number = e.Number | e.Truth | e.Unary
 

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
 from kennfeld.ascet import syntax as e
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_labels
 from kennfeld.calfiles.content import in_stored_order, turn
 from kennfeld.calfiles.esdl.reader import EsdlOrigin, EsdlValue, Number
 from kennfeld.calfiles.format import FileFindings, WriteResult
-from kennfeld.formatting import count_labels
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 
 
 def write_esdl(parameters: ParameterSet, file: str) -> WriteResult:

@@ -18,14 +18,14 @@ from datetime import date, time, timedelta
 from io import BytesIO
 from math import isfinite, nan
 
-from kennfeld.archives import ZIP_ERRORS
+from kennfeld.base.archives import ZIP_ERRORS
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.workbooks import Workbook, column_letters, open_workbook
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.errors import InputError, Location
+from kennfeld.domain.parameters import TextKind
 from kennfeld.files.head import FileHead
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import TextKind
-from kennfeld.workbooks import Workbook, column_letters, open_workbook
 
 INDEX, SCALARS, TEXTS, AXES = "Parameters", "Scalars", "Texts", "Axes"
 _LABELS = ("functions", "display name", "variant")

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.base.errors import ArgumentError, InputError, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.workbooks import Workbook, open_workbook
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.excel import layout
 from kennfeld.calfiles.excel.layout import AxisCells, Sheet, index_heading, sheet_of
 from kennfeld.calfiles.excel.tables import read_grid
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.errors import ArgumentError, InputError, Location
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
-from kennfeld.workbooks import Workbook, open_workbook
+from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
 _TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes
 

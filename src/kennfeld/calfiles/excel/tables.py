@@ -5,11 +5,11 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, AxisCells, Sheet
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import AXIS_LETTERS
+from kennfeld.domain.parameters import AXIS_LETTERS
 
 
 @dataclass

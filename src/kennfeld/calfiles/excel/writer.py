@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import holds_control_characters, size_text
+from kennfeld.base.workbooks import column_letters
 from kennfeld.calfiles.content import stored_breakpoints, turn
 from kennfeld.calfiles.excel import layout
 from kennfeld.calfiles.excel.layout import sheet_names
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated, value_faults
-from kennfeld.formatting import holds_control_characters, size_text
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter, Text
-from kennfeld.workbooks import column_letters
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
 
 _MAX_ROWS, _MAX_COLUMNS, _MAX_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
 _MAX_LINKS = 60_000

@@ -4,8 +4,8 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 
-from kennfeld.errors import ArgumentError
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
 
 _MAX_LINE_LENGTH = 600  # characters of a line
 

@@ -14,10 +14,10 @@ from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.flash.image import Image, Record
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
 
 _MAX_LISTED = 20  # findings of one kind that are listed
 _FILLER = b" \t\r\n\x1a\0"  # between lines and after the last one

@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.file_state import note_opened
+from kennfeld.base.formatting import count_noun, size_text
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import parse_xml
-from kennfeld.file_state import note_opened
-from kennfeld.formatting import count_noun, size_text
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
+from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
 _MAX_FILE_BYTES = 20_000_000
 _MAX_FILES = 50

@@ -4,13 +4,13 @@ from html import escape
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_labels, count_noun, holds_control_characters
 from kennfeld.calfiles.content import in_stored_order, replace_numbers, turn
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.msq.reader import Constant, Msq
-from kennfeld.formatting import count_labels, count_noun, holds_control_characters
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Text
 
 
 def write_msq(parameters: ParameterSet, file: str) -> WriteResult:

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from kennfeld.base.errors import InputError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.a2l.conversion import CompuConversion, conversion_of
+from kennfeld.calfiles.a2l.image_files import describe_a2l
 from kennfeld.calfiles.a2l.objects import A2l, AxisDescr, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.syntax import A2lError
-from kennfeld.calfiles.flash.description import describe_a2l
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
 from kennfeld.calfiles.par.lines import AXES
-from kennfeld.errors import InputError
-from kennfeld.lazy_dataclass import dataclass
 
 _NAMED = re.compile(r'[^\n:]*:\s*(?:"([^"\n]+)"|(\S+))')
 

@@ -18,10 +18,10 @@ from collections.abc import Iterator
 from dataclasses import field
 from math import isnan, prod
 
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
 
 _SIGNATURE = re.compile(r"\ufeff?\s*CANape PAR V(\d+(?:\.\d+)*)")
 _HEADER = re.compile(

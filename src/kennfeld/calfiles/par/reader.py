@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_labels
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import ItemCollector, describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.par.conversions import Conversions, StoredQuantity, find_conversions, physical
@@ -25,9 +27,7 @@ from kennfeld.calfiles.par.lines import (
     split_labels,
     version_of,
 )
-from kennfeld.formatting import count_labels
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
+from kennfeld.domain.parameters import Axis, Block, Parameter, Text, parameter
 
 _LIKE_A_NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?(?:\s.*)?")  # 1,5 or 1.5 bar, but not 2WD
 _NO_VALUES = "skipped: the texts behind its numbers are not physical values"

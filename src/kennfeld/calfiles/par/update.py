@@ -8,15 +8,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_labels
 from kennfeld.calfiles.content import in_stored_order
 from kennfeld.calfiles.format import FileFindings, WriteResult
 from kennfeld.calfiles.par.conversions import StoredQuantity, physical, stored
 from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber, displayed_value, is_hexadecimal
 from kennfeld.calfiles.par.reader import Par, agree
-from kennfeld.formatting import count_labels
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter, Text
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter, Text
 
 _OTHER_FORMAT = "Write DCM or CDFX, and load it in CANape."
 _TINY = 1e-12  # relative rounding of a conversion

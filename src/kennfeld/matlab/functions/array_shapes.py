@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.formatting import size_text
+from kennfeld.base.formatting import size_text
 from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
 from kennfeld.matlab.operators import cast_to_class, colon_range, concatenate_along, pad_dimensions, transpose

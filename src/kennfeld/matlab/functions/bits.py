@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab.functions.elementary import apply_pairwise
 from kennfeld.matlab.functions.numeric_registry import NumericArguments, Run, function
 from kennfeld.matlab.operators import pad_dimensions

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.base.arrays import Bool, Float
 from kennfeld.matlab.functions.numeric_registry import NumericArguments, Run, function
 from kennfeld.matlab.operators import (
     apply_binary,

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, function
 from kennfeld.matlab.values import MatlabValueError, Value, row
 

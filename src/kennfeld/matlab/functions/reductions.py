@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.elementary import apply_pairwise
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.formatting import nearest
+from kennfeld.base.formatting import nearest
 from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, function
 from kennfeld.matlab.operators import concatenate_rows

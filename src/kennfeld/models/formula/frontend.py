@@ -6,9 +6,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
-from kennfeld.errors import Finding, InputError, Location
-from kennfeld.file_errors import convert_errors
-from kennfeld.file_state import note_opened
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.file_state import note_opened
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.files.functions import recognises_surrogate
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
@@ -32,7 +33,6 @@ from kennfeld.models.formula.syntax import (
 )
 from kennfeld.models.function_files import CallableSources, named_functions
 from kennfeld.models.model import Model
-from kennfeld.parameter_set import ParameterSet
 
 if TYPE_CHECKING:
     from kennfeld.models.model_function import ModelFunction

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.graph import CLOCK
 from kennfeld.models.formula.syntax import Token
 

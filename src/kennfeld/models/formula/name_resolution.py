@@ -5,8 +5,8 @@ from itertools import chain
 from types import MappingProxyType
 from typing import Literal, NamedTuple, TypeVar
 
-from kennfeld.errors import Location
-from kennfeld.formatting import nearest
+from kennfeld.base.errors import Location
+from kennfeld.base.formatting import nearest
 from kennfeld.graph import CLOCK
 from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.models.formula.functions import CONSTANTS, FUNCTIONS

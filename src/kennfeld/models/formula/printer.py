@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from kennfeld.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError
 from kennfeld.graph import CLOCK, Graph, GraphBuilder, State
 from kennfeld.graph.integration import Advance, is_continuous
 from kennfeld.models.formula.functions import FUNCTIONS, OPERATORS

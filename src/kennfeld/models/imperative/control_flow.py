@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_context import MAX_PASSES, MAX_STATEMENTS
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError

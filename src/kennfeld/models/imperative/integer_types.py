@@ -3,8 +3,8 @@
 import re
 from typing import Final
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, truncate
 
 EXACT: Final = 52  # bits of words whose numbers doubles know exactly

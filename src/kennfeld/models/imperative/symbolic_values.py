@@ -8,8 +8,8 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.values import trim_dimensions
 from kennfeld.models.imperative.evaluation_errors import ProgramError

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
-from kennfeld.arrays import ignore_floating_errors
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, TraceLine
+from kennfeld.base.arrays import ignore_floating_errors
+from kennfeld.base.portable_pickle import pickle_content
+from kennfeld.base.task_runner import TaskRunner, message_line
+from kennfeld.optimize.fit.result import Checkpoint, CheckpointSink, Progress, TraceLine
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
-from kennfeld.portable_pickle import pickle_content
-from kennfeld.task_runner import TaskRunner, message_line
 
 
 def run_on_cluster(

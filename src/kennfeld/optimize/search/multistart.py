@@ -7,23 +7,23 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Float, ignore_floating_errors
-from kennfeld.errors import Findings, Location
-from kennfeld.formatting import join_names
-from kennfeld.free_axes import breakpoints_by_name
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.fit import FitRun
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem, bound_time_constants
-from kennfeld.optimize.projection import project
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, TraceLine, single_start
+from kennfeld.base.arrays import Float, ignore_floating_errors
+from kennfeld.base.errors import Findings, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import available_cores
+from kennfeld.domain.free_axes import breakpoints_by_name
+from kennfeld.optimize.fit.fit import FitRun
+from kennfeld.optimize.fit.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, TraceLine, single_start
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.problem import Problem, bound_time_constants
 from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, with_values
 from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
 from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.threads import available_cores
 
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
 

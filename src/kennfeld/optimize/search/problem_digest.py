@@ -3,13 +3,13 @@
 from dataclasses import fields
 from typing import Any
 
-from kennfeld.code_digest import code_digest
-from kennfeld.content_digest import digest_of
-from kennfeld.dataset import Dataset
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.partitions import Part, Partitions
-from kennfeld.optimize.problem import Problem
-from kennfeld.parameters import Parameter
+from kennfeld.base.code_digest import code_digest
+from kennfeld.base.content_digest import digest_of
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.partitions import Part, Partitions
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.recording_sources import version_of
 
 _ELSEWHERE = {"workers", "cluster", "starts", "save_every"}  # options that do not change where a start ends

@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import InputError
-from kennfeld.free_axes import breakpoints_by_name, free_axes, key_of, with_fixed_axes, with_labelled
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.fit import FitRun
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.options import Options, Step
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Seconds, StartResult, TraceLine
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.task_runner import RunnerLostError
+from kennfeld.base.threads import blas_threads
+from kennfeld.domain.free_axes import breakpoints_by_name, free_axes, key_of, with_fixed_axes, with_labelled
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.optimize.fit.fit import FitRun
+from kennfeld.optimize.fit.result import Checkpoint, CheckpointSink, Progress, Seconds, StartResult, TraceLine
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.problem.options import Options, Step
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.step_problem import (
     penalty_ratio,
     reduce_problem,
@@ -27,10 +29,8 @@ from kennfeld.optimize.search.step_problem import (
     with_fixed_limits,
 )
 from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status, Stop
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS
-from kennfeld.task_runner import RunnerLostError
-from kennfeld.threads import blas_threads
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 if TYPE_CHECKING:
     from kennfeld.optimize.tuning.smoothness import SmoothnessChoice

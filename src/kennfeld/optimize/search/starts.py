@@ -6,9 +6,9 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.optimize.problem import Problem
-from kennfeld.parameters import Parameter
+from kennfeld.base.arrays import Float
+from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.problem.problem import Problem
 
 BITS = 32
 

@@ -10,19 +10,19 @@ from glob import escape
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Int
-from kennfeld.constraints import Equality, Shape, Term
-from kennfeld.criteria import Criterion
-from kennfeld.errors import Finding, Findings, Location
-from kennfeld.formatting import nearest
-from kennfeld.free_axes import with_fixed_axes
+from kennfeld.base.arrays import Bool, Int
+from kennfeld.base.errors import Finding, Findings, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.domain.constraints import Equality, Shape, Term
+from kennfeld.domain.criteria import Criterion
+from kennfeld.domain.free_axes import with_fixed_axes
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Parameter
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.linear_limits import grid_points
-from kennfeld.optimize.options import Step, matching
-from kennfeld.optimize.problem import Factor, Problem, Smoothness
-from kennfeld.optimize.validation import check_shared_axes
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter
+from kennfeld.optimize.limits.linear_limits import grid_points
+from kennfeld.optimize.problem.options import Step, matching
+from kennfeld.optimize.problem.problem import Factor, Problem, Smoothness
+from kennfeld.optimize.problem.validation import check_shared_axes
 
 
 def step_problem(problem: Problem, step: Step) -> Problem:

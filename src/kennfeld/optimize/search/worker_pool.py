@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NoReturn
 
-from kennfeld.arrays import ignore_floating_errors
-from kennfeld.errors import InputError
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, TraceLine
+from kennfeld.base.arrays import ignore_floating_errors
+from kennfeld.base.errors import InputError
+from kennfeld.base.portable_pickle import pickle_content
+from kennfeld.optimize.fit.result import Checkpoint, CheckpointSink, Progress, TraceLine
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner
 from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
-from kennfeld.portable_pickle import pickle_content
 
 READY = "ready"
 POLL_INTERVAL = 0.1  # s; Windows does not deliver Ctrl-C during a wait without timeout

@@ -15,11 +15,11 @@ import threading
 from contextlib import suppress
 from typing import IO, Any
 
-from kennfeld.machine_code.crash_report import describe_end
-from kennfeld.portable_pickle import pickle_content
-from kennfeld.process_limits import MOST_PROCESSES, limit_foreign_code, machine_memory
-from kennfeld.run_processes import RunProcesses, mark_of, marked_environment
-from kennfeld.windows_job import WindowsJob
+from kennfeld.base.machine_code.crash_report import describe_end
+from kennfeld.base.portable_pickle import pickle_content
+from kennfeld.base.process_limits import MOST_PROCESSES, limit_foreign_code, machine_memory
+from kennfeld.base.run_processes import RunProcesses, mark_of, marked_environment
+from kennfeld.base.windows_job import WindowsJob
 
 STOP = "stop"
 

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.numeric import finite_or_none
+from kennfeld.base.arrays import Float
+from kennfeld.base.numeric import finite_or_none
 from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 

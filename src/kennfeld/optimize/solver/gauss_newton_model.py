@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.base.arrays import Float, Int
 from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.native.symmetric import SymmetricMatrix, as_array, part
 

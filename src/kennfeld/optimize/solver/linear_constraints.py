@@ -5,8 +5,8 @@ from dataclasses import field
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True)

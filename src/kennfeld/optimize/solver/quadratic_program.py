@@ -10,8 +10,8 @@ depend on each other, such as the four slopes around a flat cell of a map.
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.cholesky import Factor
 from kennfeld.native.gram import Gram
 from kennfeld.native.limit_rows import ChosenLimits

@@ -18,20 +18,20 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.free_axes import AxisKey
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.free_axes import AxisKey
+from kennfeld.domain.parameters import Axis, Parameter
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import project
+from kennfeld.optimize.limits.linear_limits import breakpoint_bounds, linear_limits
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.smoothing_continuation import SHORT_SCHEDULE, Continuation
-from kennfeld.parameters import Axis, Parameter
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 MAX_PARTS = 8  # into which a cell of a free axis is divided
 MAX_VALUES = 1000  # of the dense problem

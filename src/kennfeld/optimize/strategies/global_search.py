@@ -21,11 +21,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.formatting import count_noun
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.projection import project
+from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.solver.gauss_newton_model import Objective
 from kennfeld.optimize.solver.levenberg_marquardt import (
     STOPPED,
@@ -41,6 +40,7 @@ from kennfeld.optimize.solver.levenberg_marquardt import (
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.limit_excess import FEASIBLE
 from kennfeld.optimize.strategies.output_limits import AugmentedLagrangian, OutputLimits
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 FEW = 30  # values up to which a search without gradients is a good idea
 FEWEST = 5  # values up to which restarts can cover the space; a jagged cost needs them

@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.code_digest import code_digest
-from kennfeld.content_digest import digest_of
-from kennfeld.dataset import SAMPLES_PER_BLOCK
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.code_digest import code_digest
+from kennfeld.base.content_digest import digest_of
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import SAMPLES_PER_BLOCK
 from kennfeld.native.samples import Samples
-from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.strategies.limited_problem import LimitedProblem
+from kennfeld.optimize.sums.compiled import CompiledProblem
 
 FEASIBLE = 1e-6  # of a limit's scale: a violation below it counts as satisfied
 NEAR_ACTIVE = 1e-4  # of a limit's scale: distance at which a limit counts as active

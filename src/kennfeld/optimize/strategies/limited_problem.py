@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.criteria import Criterion
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.limit_nodes import LimitSide, add_limit_nodes, limit_sides
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.criteria import Criterion
+from kennfeld.optimize.problem.limit_nodes import LimitSide, add_limit_nodes, limit_sides
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.preprocessing.binding import BoundDataset
 
 

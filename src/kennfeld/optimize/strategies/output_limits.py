@@ -15,12 +15,11 @@ from functools import partial
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Findings
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Findings
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.validation import check_limits
 from kennfeld.optimize.solver.levenberg_marquardt import (
     Iteration,
     SolverResult,
@@ -43,7 +42,8 @@ from kennfeld.optimize.strategies.limit_excess import (
     update_multipliers,
 )
 from kennfeld.optimize.strategies.limited_problem import LimitedProblem
-from kennfeld.optimize.validation import check_limits
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 GAP_TOLERANCE = 1e-6  # share of the cost that a better choice of multipliers might still save
 MAX_ROUNDS = 40  # updates of the multipliers

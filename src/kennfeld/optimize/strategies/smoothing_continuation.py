@@ -11,12 +11,12 @@ from functools import partial
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.compiled import CompiledProblem, smoothable
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.sums.compiled import CompiledProblem, smoothable
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.free_axes import AxisKey, FreeAxis
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.free_axes import AxisKey, FreeAxis
 from kennfeld.graph.value_layout import ValueLayout
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.limit_nodes import LimitSide
-from kennfeld.optimize.linear_limits import touching_pairs
+from kennfeld.optimize.limits.linear_limits import touching_pairs
+from kennfeld.optimize.problem.limit_nodes import LimitSide
 from kennfeld.optimize.strategies.limit_excess import NearActiveSamples
 from kennfeld.optimize.trust.inverse import Inverse
 from kennfeld.preprocessing.binding import BoundDataset

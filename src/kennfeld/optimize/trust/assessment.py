@@ -7,17 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int, ignore_floating_errors
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.jumps import jumps_of
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import FEASIBLE
-from kennfeld.optimize.quality import Scorer
+from kennfeld.base.arrays import Bool, Float, Int, ignore_floating_errors
+from kennfeld.base.task_runner import RunnerLostError
+from kennfeld.base.threads import blas_threads
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.limits.projection import FEASIBLE
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.strategies.jumps import jumps_of
 from kennfeld.optimize.strategies.output_limits import OutputLimits
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.optimize.trust.active_limits import describe_distances, describe_output_limits
 from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
@@ -38,10 +41,7 @@ from kennfeld.optimize.trust.table_changes import WeakDirection, table_changes
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.weak_directions import weak_directions
 from kennfeld.optimize.trust.weight_text import describe_weights
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.task_runner import RunnerLostError
-from kennfeld.threads import blas_threads
 
 MAX_DIRECTIONS = 12
 MAX_EQUAL_WEIGHT = 0.99  # of a second minimum, beyond which its cost is lower by more than noise

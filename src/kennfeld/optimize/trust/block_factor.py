@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int, Sparse
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int, Sparse
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import blas_threads
 from kennfeld.native.envelope import first_blocks, places_of, sparse_orders
-from kennfeld.threads import blas_threads
 
 BLOCK = 32
 TINY = 1e-300  # least eigenvalue of a block that is divided by

@@ -22,15 +22,15 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import SymmetricMatrix, as_array, as_sparse, zero, zeros_like
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.limit_excess import NearActiveSamples
-from kennfeld.optimize.sums import Sums
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
+from kennfeld.optimize.sums.sums import Sums
 from kennfeld.optimize.trust.active_limits import ActiveOutputLimits, find_active_output_limits, multipliers
 from kennfeld.optimize.trust.information_matrix import (
     ConstraintElimination,

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.constraints import Pin
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.constraints import Pin
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.rbf import RBF
 from kennfeld.graph import Graph
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.optimize.trust.table_changes import TableChange, WeakDirection
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import AXIS_LETTERS, Parameter
-from kennfeld.rbf import RBF
 
 PERCENT = 0.01
 MAX_NAMED = 3  # grid points of a table that a sentence names

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 SAME = 1e-10  # relative difference of the cost that is rounding
 FIRST = 2.0**-24  # share of the distance to a bound at which the cost is compared first

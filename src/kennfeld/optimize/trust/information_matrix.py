@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int, Sparse
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int, Sparse
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import blas_threads
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, whole
-from kennfeld.threads import blas_threads
 
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
 

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int, Sparse
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float, Int, Sparse
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int, Sparse
+from kennfeld.base.arrays import Bool, Float, Int, Sparse
 from kennfeld.native.symmetric import SymmetricMatrix, count_nonzero
 
 Matrix = Float | Sparse

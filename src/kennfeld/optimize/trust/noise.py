@@ -19,20 +19,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.criteria import Criterion
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.sample_statistics import Moments, gather
+from kennfeld.domain.criteria import Criterion
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.samples import Samples
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.partitions import dataset_numbers
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.partitions import dataset_numbers
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.trust.persistence import MIN_SAMPLES, Correlation, LaggedProducts, persistence_lags
 from kennfeld.optimize.trust.variance_power import EXPONENTS, Variance, likely_exponent, sum_squares
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.sample_weights import SampleWeights
-from kennfeld.sample_statistics import Moments, gather
 
 MIN_FREEDOM = 1.0  # residual degrees of freedom for an estimate of the noise
 MIN_GROUP_FREEDOM = 10.0  # the same for one of several groups; with fewer, the noise is that of the criterion

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.constraints import Pin
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.constraints import Pin
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.trust.active_limits import combinations_of_values
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Describer, join_items
 from kennfeld.optimize.trust.remedies import Marks, Remedy
-from kennfeld.parameter_set import ParameterSet
 
 PREFERENCE_PER_SIZE = 0.1  # weight of the values of a table, relative to those of the next smaller table
 MIN_PREFERENCE = 1e-4  # relative to the smallest table

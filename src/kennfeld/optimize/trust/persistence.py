@@ -18,8 +18,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Complex, Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Complex, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 
 SAMPLES_PER_BLOCK = 65536  # transformed at once, so that memory does not grow with the data
 MAX_LAGS = 1 << 17

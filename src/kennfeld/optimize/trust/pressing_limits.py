@@ -12,8 +12,8 @@ rows, apart from those that press anyway.
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import nonnegative_dual
 

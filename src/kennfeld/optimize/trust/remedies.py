@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import field
 
-from kennfeld.arrays import Bool
-from kennfeld.constraints import Pin
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.constraints import Pin
 
 Marks = Mapping[str, Bool]  # by parameter, of the shape of its values
 

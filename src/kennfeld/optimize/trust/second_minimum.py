@@ -15,13 +15,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array, as_sparse
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.projection import project
+from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.matrices import part
 from kennfeld.optimize.trust.table_changes import WeakDirection

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
-from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.base.arrays import Float, Int
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.trust.information_matrix import ConstraintElimination
 from kennfeld.optimize.trust.inverse import Inverse
 from kennfeld.optimize.trust.noise import Group

@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import regrid
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 
 Kind = Literal["scale", "offset", "stretch", "shift", "follow"]
 EXACT = 1e-9  # ratio below which the data do not constrain a direction at all

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.errors import ArgumentError
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.notebook_display import NotebookDisplay
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.notebook_display import NotebookDisplay
+from kennfeld.base.threads import blas_threads
 from kennfeld.optimize.trust.active_limits import ActiveLimit
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Direction
 from kennfeld.optimize.trust.null_space import NullSpace
-from kennfeld.threads import blas_threads
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Lines on what the data of a fit do not determine."""
 
-from kennfeld.formatting import shorten, under_heading
+from kennfeld.base.formatting import shorten, under_heading
 from kennfeld.optimize.trust.trust import Trust
 
 MAX_LINES = 3  # under one heading

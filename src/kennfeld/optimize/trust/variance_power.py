@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 EXPONENTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # g
 INDISTINCT = 0.5  # difference of log-likelihoods at one standard deviation of g

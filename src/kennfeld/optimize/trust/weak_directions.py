@@ -10,8 +10,8 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.matrices import Matrix, part

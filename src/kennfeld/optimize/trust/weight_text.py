@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.base.arrays import Bool, Float
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.trust.direction_text import Direction, join_items, name_weights
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.optimize.trust.table_changes import WeakDirection
-from kennfeld.parameter_set import ParameterSet
 
 MAX_LAYERS = 3  # that a sentence names
 ADVICE = "Record more samples, fit fewer layers, or use a network with fewer neurons."

@@ -9,22 +9,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.compiled import smoothable
-from kennfeld.optimize.fit import FitRun
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Progress, Result, Seconds, single_start
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.task_runner import RunnerLostError
+from kennfeld.base.threads import blas_threads
+from kennfeld.optimize.fit.fit import FitRun
+from kennfeld.optimize.fit.result import Progress, Result, Seconds, single_start
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.sums.compiled import smoothable
 from kennfeld.optimize.tuning.independent_samples import independent_samples
 from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, SmoothnessSelection
-from kennfeld.task_runner import RunnerLostError
-from kennfeld.threads import blas_threads
 
 SAME_END = 1e-4  # relative difference of the costs of two searches that may have ended at the same values
 

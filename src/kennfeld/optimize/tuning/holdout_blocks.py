@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import Dataset
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.symmetric import as_array
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.partitioned_sums import NormalAddition, PackedNormal, pack
-from kennfeld.optimize.partitions import Part, StoredDatasets, follows
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem.partitions import Part, StoredDatasets, follows
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.partitioned_sums import NormalAddition, PackedNormal, pack
 from kennfeld.preprocessing.binding import BoundDataset
 
 BLOCKS = 20  # approximate number of blocks

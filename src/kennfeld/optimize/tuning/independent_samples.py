@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.partitions import dataset_numbers
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Scorer
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.problem.partitions import dataset_numbers
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.optimize.trust.persistence import MAX_LAGS, lagged_products
-from kennfeld.parameter_set import ParameterSet
 
 
 @dataclass

@@ -26,11 +26,11 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int, Sparse
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Int, Sparse
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.native.symmetric import scaled
-from kennfeld.optimize.table_penalties import Roughness
+from kennfeld.optimize.problem.table_penalties import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 
 GAMMA = 1.2

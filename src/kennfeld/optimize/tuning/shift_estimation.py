@@ -24,18 +24,18 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, Findings, Location
-from kennfeld.formatting import nearest
-from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import project
+from kennfeld.base.errors import Finding, Findings, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.ends.zero_slopes import departure
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
-from kennfeld.optimize.zero_slopes import departure
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.preprocessing.time_shift import inside_pieces, shift_channels
 
 MIN_LIKELIHOOD_RATIO = 10.0  # as a difference of -2 log L, from which another lag is ruled out

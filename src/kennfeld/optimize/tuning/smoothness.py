@@ -13,16 +13,17 @@ from functools import partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Sparse
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.base.arrays import Bool, Float, Sparse
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.symmetric import as_sparse
-from kennfeld.optimize.compiled import CompiledProblem, smoothable
-from kennfeld.optimize.fit import CHOICE
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.fit.fit import CHOICE
+from kennfeld.optimize.problem.table_penalties import Restrained, Restraint, Roughness, move_determined, penalty_of
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.table_penalties import Restrained, Restraint, Roughness, move_determined, penalty_of
+from kennfeld.optimize.sums.compiled import CompiledProblem, smoothable
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock, HoldoutBlocks
 from kennfeld.optimize.tuning.prediction_error import (
     HOLDOUT_SHARE,
@@ -31,7 +32,6 @@ from kennfeld.optimize.tuning.prediction_error import (
     balanced_factor,
     minimise_prediction,
 )
-from kennfeld.parameters import AXIS_LETTERS
 
 RANGE = 1e7  # largest factor, and reciprocal of the smallest one, relative to the data
 MIN_CHANGE = 0.1  # of a logarithm, for another fit

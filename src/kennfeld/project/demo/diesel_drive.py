@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 IDLE_SPEED, TOP_SPEED = 820.0, 5000.0  # rpm
 HEATING_VALUE = 42.5  # J/mg

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset, Use
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Map
+from kennfeld.base.arrays import Float
+from kennfeld.domain.dataset import Channel, Dataset, Use
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Map
 from kennfeld.project.demo import diesel_drive
 from kennfeld.project.demo.diesel_drive import STEP, drive
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 from kennfeld.calfiles import read as read_parameters
-from kennfeld.dataset import Channel, Dataset, Use
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar
+from kennfeld.domain.dataset import Channel, Dataset, Use
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
 from kennfeld.project.demo.petrol_engine import random_steps, simulate_engine
 from kennfeld.project.schemas import TRAINING_SCHEMA, schema_text
 

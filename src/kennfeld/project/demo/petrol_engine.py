@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.base.arrays import Float
 
 Number = TypeVar("Number", float, Float)
 

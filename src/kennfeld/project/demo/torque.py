@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset, Use
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Curve, Map
+from kennfeld.base.arrays import Float
+from kennfeld.domain.dataset import Channel, Dataset, Use
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Axis, Curve, Map
 from kennfeld.project.demo.petrol_engine import drag, torque
 
 NOISE, UNIT = 1.8, "Nm"  # standard deviation of the torque measurement

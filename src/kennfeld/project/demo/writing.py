@@ -7,14 +7,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from kennfeld.atomic_files import write_whole
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import nearest
+from kennfeld.base.output_paths import is_link, within
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import InputError, Location
-from kennfeld.file_errors import convert_errors
-from kennfeld.formatting import nearest
-from kennfeld.output_paths import is_link, within
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.project.schemas import DIRECTIVE, PROJECT_SCHEMA, schema_text
 
 NAMES = ("torque", "exhaust", "idle")  # each a module of this package, with its project file

@@ -10,8 +10,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError

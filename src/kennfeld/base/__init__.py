@@ -1,0 +1,1 @@
+"""Helpers that know nothing of calibration: errors, arrays, files, processes, tasks, machine code."""

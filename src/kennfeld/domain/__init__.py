@@ -1,0 +1,1 @@
+"""Types that a calibration is about: parameters, datasets, criteria, constraints."""

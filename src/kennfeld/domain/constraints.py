@@ -1,0 +1,158 @@
+"""Constraints of a calibration in addition to bounds and locks: shapes of tables, equalities, and output limits."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from kennfeld.base.arrays import ArrayLike
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.numeric import array, number
+
+UNBOUNDED = float("inf")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Bounds of an output at every scored sample of the training data: `lower <= node <= upper`.
+
+    Attributes:
+        node: a node, or an expression over nodes, inputs and channels.
+        lower: lower bound, in the unit of the node.
+        upper: upper bound.
+        where: a condition over inputs and channels; the limit applies to samples at which it is not 0.
+
+    Raises:
+        ArgumentError: a bound is not a number, or the lower one exceeds the upper one.
+
+    >>> Limit("abs(n_set - n)", upper=50.0, where="t_since_step > 1").upper
+    50.0
+    """
+
+    node: str
+    lower: float = -UNBOUNDED
+    upper: float = UNBOUNDED
+    where: str = ""
+
+    def __post_init__(self) -> None:
+        _set_range(self, f"limit of {self.node}")
+
+
+@dataclass(frozen=True)
+class Pin:
+    """An equality: the parameter's interpolated value at these coordinates is `value`.
+
+    Attributes:
+        parameter: name of the parameter.
+        at: a coordinate for each axis, in its unit.
+        value: in the unit of the parameter.
+
+    >>> Pin("CurveEta", (0,), 1.0)
+    Pin(parameter='CurveEta', at=(0.0,), value=1.0)
+    """
+
+    parameter: str
+    at: tuple[float, ...]
+    value: float
+
+    def __post_init__(self) -> None:
+        owner = f"the pin of {self.parameter}"
+        object.__setattr__(self, "at", _coordinates(self.at, owner))
+        object.__setattr__(self, "value", float(array(self.value, f"value of {owner}")))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Limits of a table's slope or curvature along one axis, at every grid point.
+
+    Attributes:
+        parameter: name of the table.
+        axis: number of the axis from 0: 0 is x, 1 is y.
+        kind: `slope` is dz/dx between neighbours, in units of z per unit of x: monotonic if >= 0. `curvature` is
+            d2z/dx2 between three neighbours: convex if >= 0.
+        lower: lower bound.
+        upper: upper bound.
+
+    Raises:
+        ArgumentError: a bound is not a number, or the lower one exceeds the upper one.
+
+    >>> Shape("MapX", 0, "slope", lower=0.0)
+    Shape(parameter='MapX', axis=0, kind='slope', lower=0.0, upper=inf)
+    """
+
+    parameter: str
+    axis: int
+    kind: Literal["slope", "curvature"]
+    lower: float = -UNBOUNDED
+    upper: float = UNBOUNDED
+
+    def __post_init__(self) -> None:
+        _set_range(self, f"{self.kind} of {self.parameter}")
+
+
+@dataclass(frozen=True)
+class Term:
+    """A parameter's interpolated value at coordinates, times a factor; without coordinates the sum of all values.
+
+    Attributes:
+        parameter: name of the parameter.
+        at: a coordinate for each axis; None for the sum of all values.
+        factor: multiplies the value or the sum.
+
+    >>> Term("CurveEta", (0,), -1.0).at
+    (0.0,)
+    """
+
+    parameter: str
+    at: tuple[float, ...] | None = None
+    factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        owner = f"the term of {self.parameter}"
+        if self.at is not None:
+            object.__setattr__(self, "at", _coordinates(self.at, owner))
+        object.__setattr__(self, "factor", number(self.factor, "factor", owner))
+
+
+@dataclass(frozen=True)
+class Equality:
+    """The sum of the terms is `value`: two equal values, or several values with a given sum.
+
+    Attributes:
+        terms: at least one.
+        value: their sum.
+
+    Raises:
+        ArgumentError: there are no terms, or the value is not a number.
+
+    >>> print(Equality([Term("MapA", (1000, 50)), Term("MapB", (1000, 50), -1.0)]))
+    MapA(1000, 50) + -1 MapB(1000, 50) = 0
+    """
+
+    terms: tuple[Term, ...]
+    value: float = 0.0
+
+    def __init__(self, terms: Sequence[Term], value: float = 0.0) -> None:
+        if not terms:
+            raise ArgumentError("an equality needs at least one term")
+        object.__setattr__(self, "terms", tuple(terms))
+        object.__setattr__(self, "value", number(value, "value", "an equality"))
+
+    def __str__(self) -> str:
+        return f"{' + '.join(map(_term_text, self.terms))} = {self.value:g}"
+
+
+def _term_text(term: Term) -> str:
+    name = f"sum({term.parameter})" if term.at is None else f"{term.parameter}({', '.join(f'{x:g}' for x in term.at)})"
+    return name if term.factor == 1 else f"{term.factor:g} {name}"
+
+
+def _coordinates(at: ArrayLike, owner: str) -> tuple[float, ...]:
+    return tuple(array(at, f"coordinates of {owner}").tolist())
+
+
+def _set_range(limit: Limit | Shape, owner: str) -> None:
+    lower, upper = (number(getattr(limit, side), side, owner, infinite=True) for side in ("lower", "upper"))
+    if not lower <= upper:
+        raise ArgumentError(f"{owner}: lower limit {lower:g} exceeds upper limit {upper:g}")
+    object.__setattr__(limit, "lower", lower)
+    object.__setattr__(limit, "upper", upper)

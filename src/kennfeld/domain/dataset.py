@@ -1,0 +1,412 @@
+"""Datasets: recorded channels of equal length, with or without time stamps, in one or more pieces."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from datetime import datetime
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from kennfeld.base.arrays import ArrayLike, Bool, Float, Int, readonly
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.notebook_display import NotebookDisplay
+from kennfeld.base.numeric import array, number, truths
+from kennfeld.domain.data_frames import sample_frame
+from kennfeld.domain.file_spans import FileSpans
+
+Use = Literal["training", "test"]
+
+PAUSE = 20.0  # usual steps; a longer one is a pause of the recording
+_USUAL = 0.75  # quantile of the steps
+_ROUNDING = 1e-6  # relative, of differences of time stamps
+SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow with the data
+
+
+@dataclass(frozen=True, eq=False)
+class Channel(NotebookDisplay):
+    """One recorded quantity; NaN marks a sample without a value.
+
+    Attributes:
+        name: its name in formulas and project files.
+        values: Float[samples], in its unit.
+        unit: empty if it is unknown.
+        description: free text.
+
+    Raises:
+        ArgumentError: the values are not one-dimensional.
+
+    >>> speed = Channel("Speed", [1000, 2000, 3000], unit="rpm")
+    >>> len(speed), speed.unit
+    (3, 'rpm')
+    """
+
+    name: str
+    values: Float  # Float[samples]
+    unit: str = ""
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        values = readonly(array(self.values, f"channel {self.name}"))
+        if values.ndim != 1:
+            raise ArgumentError(f"channel {self.name} must be one-dimensional, got shape {values.shape}")
+        object.__setattr__(self, "values", values)
+
+    def __len__(self) -> int:
+        return self.values.size
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The column of a file that time was read from.
+
+    `in_milliseconds` is true if its numbers look like milliseconds but were read as seconds because the file states no
+    unit.
+    """
+
+    name: str
+    in_milliseconds: bool = False
+
+
+@dataclass(frozen=True)
+class Settling:
+    """Simulation of steady-state points by a model with memory: each is held for `seconds` from the initial states.
+
+    Attributes:
+        seconds: how long a point is held.
+        average: the result is the mean over these last seconds, or the last value if that is 0.
+        step: step of the model in s; by default its own.
+
+    Raises:
+        ArgumentError: a time is negative, or longer than `seconds`.
+
+    >>> Settling(5.0, average=1.0, step=0.1).seconds
+    5.0
+    """
+
+    seconds: float
+    average: float = 0.0
+    step: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "seconds", number(self.seconds, "seconds", "a settling", above=0))
+        object.__setattr__(self, "average", number(self.average, "average", "a settling"))
+        if self.step is not None:
+            object.__setattr__(self, "step", number(self.step, "step", "a settling", above=0))
+        if not 0 <= self.average <= self.seconds:
+            raise ArgumentError(f"average={self.average} of a settling must be >= 0 and <= seconds={self.seconds:g}")
+        if self.step is not None and not 0 < self.step <= self.seconds:
+            raise ArgumentError(f"step={self.step} of a settling must be > 0 and <= seconds={self.seconds:g}")
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset(NotebookDisplay, Mapping[str, Channel]):
+    """Channels over the same samples.
+
+    Attributes:
+        name: how messages name it.
+        channels: recorded quantities of equal length.
+        time: time stamps in s, Float[samples], increasing within each piece; None for steady-state points.
+        starts: first sample of each piece, Int[pieces]; a model's states restart there.
+        weight: multiplies the loss of all samples.
+        use: "training" or "test".
+        scored: samples that are scored, Bool[samples]; the others are only simulated. None for all.
+        findings: warnings and remarks of the reader, such as the number of infinite values.
+        max_gap: longest gap of NaN in an input that is interpolated, in s; longer ones end a piece, as does a pause, a
+            time step longer than that and than `PAUSE` usual ones, which are the upper quartile of the steps.
+        weight_channel: channel that multiplies the loss of each sample; empty for none.
+        settling: simulation of steady-state points by a model with memory.
+        warmup: time from the start of each piece that is simulated but not scored, in s.
+        clock: the column that time was read from, for a dataset from a file.
+        files: the files that the samples come from; None if that is unknown.
+        start_time: the instant of time stamp 0 as the recording states it, None if it does not, or if several
+            recordings differ. Without a time zone it is a local time of an unknown zone.
+        recorded: samples that were recorded, Bool[samples]; the others are steps of the model between them. None for
+            all.
+
+    Raises:
+        ArgumentError: lengths differ, or time does not increase.
+
+    >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
+    >>> data.samples, data["Speed"].unit
+    (2, 'rpm')
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    time: Float | None = None  # Float[samples]
+    starts: Int = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # Int[pieces]
+    weight: float = 1.0
+    use: Use = "training"
+    scored: Bool | None = None  # Bool[samples]
+    findings: tuple[Finding, ...] = ()
+    max_gap: float = 0.0
+    weight_channel: str = ""
+    settling: Settling | None = None
+    warmup: float = 0.0
+    clock: Clock | None = None
+    files: FileSpans | None = None
+    start_time: datetime | None = None
+    recorded: Bool | None = None
+
+    def __post_init__(self) -> None:
+        by_name: dict[str, Channel] = {}
+        for channel in self.channels:
+            if channel.name in by_name:
+                raise ArgumentError(f"dataset {self.name} has channel {channel.name} twice")
+            by_name[channel.name] = channel
+        object.__setattr__(self, "_by_name", by_name)
+        lengths = {len(channel) for channel in self.channels}
+        if len(lengths) > 1:
+            sizes = ", ".join(f"{c.name} {len(c)}" for c in self.channels[:6])
+            raise ArgumentError(f"channels of dataset {self.name} differ in length: {sizes}")
+        for key in ("weight", "warmup", "max_gap"):
+            object.__setattr__(self, key, number(getattr(self, key), key, f"dataset {self.name}", least=0))
+        if self.use not in ("training", "test"):
+            raise ArgumentError(f"use={self.use!r} of dataset {self.name} must be training or test")
+        starts = np.array(self.starts, dtype=np.int64)
+        if starts.size == 0 or starts[0] != 0 or np.any(np.diff(starts) <= 0) or starts[-1] > max(self.samples - 1, 0):
+            raise ArgumentError(
+                f"starts={starts.tolist()} of dataset {self.name} must rise from 0 within {self.samples} samples"
+            )
+        object.__setattr__(self, "starts", starts)
+        if self.settling is not None and self.time is not None:
+            raise ArgumentError(f"settling={self.settling} of dataset {self.name} requires points without time stamps")
+        if self.time is not None:
+            self._check_time(readonly(array(self.time, f"time of dataset {self.name}")))
+        for key in ("scored", "recorded"):
+            if getattr(self, key) is not None:
+                marks = truths(getattr(self, key), f"{key} of dataset {self.name}")
+                if marks.shape != (self.samples,):
+                    raise ArgumentError(f"{key} of dataset {self.name} must have one entry per sample, {self.samples}")
+                object.__setattr__(self, key, marks)
+        if self.files is not None and not self.files.covers(self.samples):
+            object.__setattr__(self, "files", None)  # of other samples
+
+    def _check_time(self, time: Float) -> None:
+        if time.shape != (self.samples,):
+            raise ArgumentError(
+                f"time of dataset {self.name} has shape {time.shape}, its channels have {self.samples} samples"
+            )
+        for first, steps in time_steps(time, self.starts, between=1.0):
+            bad = np.flatnonzero(~(steps > 0))
+            if bad.size:
+                k = first + int(bad[0]) - 1
+                raise ArgumentError(
+                    f"time of dataset {self.name} does not increase at sample {k + 1}: "
+                    f"{time[k]:g} s, then {time[k + 1]:g} s"
+                )
+        object.__setattr__(self, "time", time)
+
+    @classmethod
+    def of(
+        cls, name: str, columns: Mapping[str, ArrayLike], *, units: Mapping[str, str] | None = None, **attributes: Any
+    ) -> Self:
+        """Return a dataset of named columns.
+
+        Args:
+            name: how messages name it.
+            columns: numbers by name: a dict of arrays, or a pandas DataFrame.
+            units: the units of channels, by name.
+            attributes: further attributes of the dataset.
+
+        Raises:
+            InputError: columns do not hold numbers; reports all of them.
+            ArgumentError: lengths or attributes are inconsistent.
+        """
+        units, channels, findings = units or {}, [], []
+        for column in columns:
+            try:
+                values = array(columns[column], f"channel {column}")
+                channels.append(Channel(str(column), values, units.get(column, "")))
+            except ArgumentError as error:
+                remedy = "Omit it, or replace it by numbers."
+                findings.append(Finding(Location(f"dataset {name}"), str(error), remedy))
+        if findings:
+            raise InputError(findings)
+        return cls(name, tuple(channels), **attributes).without_infinite()
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of every channel."""
+        return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
+
+    @property
+    def is_fitted(self) -> bool:
+        """True if values are fitted to it: training data with a weight above 0."""
+        return self.use == "training" and self.weight > 0
+
+    @property
+    def counting(self) -> Bool:
+        """The samples that are scored, Bool[samples]."""
+        return np.ones(self.samples, dtype=bool) if self.scored is None else self.scored
+
+    @property
+    def pieces(self) -> Sequence[slice]:
+        """The samples of each piece."""
+        ends = [*self.starts[1:].tolist(), self.samples]
+        return [slice(int(a), int(b)) for a, b in zip(self.starts, ends, strict=True)]
+
+    def with_channels(self, *added: Channel) -> Self:
+        """Return the same dataset with channels added, or replaced where the name is taken."""
+        by_name = {channel.name: channel for channel in (*self.channels, *added)}
+        return replace(self, channels=tuple(by_name.values()))
+
+    def without_infinite(self) -> Self:
+        """Return the dataset with NaN for infinite values, and a warning for each channel that has some."""
+        channels, findings = [], []
+        for channel in self.channels:
+            values, message = replace_infinite(channel.values)
+            if message:
+                channel = replace(channel, values=values)
+                findings.append(Finding(self._location_of(channel.name), message, severity="warning"))
+            channels.append(channel)
+        return replace(self, channels=tuple(channels), findings=(*self.findings, *findings)) if findings else self
+
+    def had_infinite(self, name: str) -> bool:
+        """Return True if `without_infinite` has replaced values of a channel."""
+        return any(finding.location == self._location_of(name) for finding in self.findings)
+
+    def _location_of(self, name: str) -> Location:
+        return Location(f"dataset {self.name}, channel {name}")
+
+    def to_frame(self) -> Any:
+        """Return the channels as the columns of a DataFrame of pandas.
+
+        The index is the time in s, or the number of the sample for steady-state points; several pieces are a level
+        `piece` before it.
+
+        Raises:
+            InputError: pandas is not installed; the message has the command that installs it.
+        """
+        return sample_frame({channel.name: channel.values for channel in self.channels}, self.time, self.starts)
+
+    def select(self, samples: ArrayLike) -> Self:
+        """Return the samples of a steady-state dataset that an index array or a mask picks, in that order."""
+        if self.time is not None:
+            raise ArgumentError(
+                f"dataset {self.name} has time stamps; only samples of steady-state data can be selected"
+            )
+        indices = np.asarray(samples)
+        channels = tuple(replace(c, values=c.values[indices]) for c in self.channels)
+        scored = None if self.scored is None else self.scored[indices]
+        files = None if self.files is None else self.files.picked(np.arange(self.samples)[indices])
+        return replace(self, channels=channels, starts=np.zeros(1, dtype=np.int64), scored=scored, files=files)
+
+    def __getitem__(self, name: str) -> Channel:
+        by_name: dict[str, Channel] = self.__dict__["_by_name"]
+        if name not in by_name:
+            raise KeyError(f"{name} is not a channel of dataset {self.name}. {nearest(name, by_name)}".strip())
+        return by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.__dict__["_by_name"])
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+
+def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tuple[int, Float]]:
+    """Yield a number of a sample and the steps in s before it and the samples after it, block by block.
+
+    `between` stands for the steps from one piece to the next.
+
+    >>> [steps for _, steps in time_steps(np.array([0.0, 0.1, 0.0, 0.2]), np.array([0, 2]))]
+    [array([0.1, nan, 0.2])]
+    """
+    for first in range(1, time.size, SAMPLES_PER_BLOCK):
+        last = min(first + SAMPLES_PER_BLOCK, time.size)
+        steps = np.diff(time[first - 1 : last])
+        begin, end = np.searchsorted(starts, [first, last])
+        steps[starts[begin:end] - first] = between
+        yield first, steps
+
+
+def longest_usual_step(steps: Float) -> float:
+    """Return the step in s beyond which a time step is a pause of the recording.
+
+    The usual step is the upper quartile, not the median: where two rasters share a recording, neither of their steps is
+    a pause, even if each second step is many times longer than the one before.
+
+    Args:
+        steps: time steps in s within pieces, at least one; Float[steps].
+
+    >>> longest_usual_step(np.array([0.1, 0.1, 0.1, 60.0])) < 60.0
+    True
+    >>> longest_usual_step(np.array([0.02, 0.5, 0.02, 0.5])) < 0.5
+    False
+    """
+    return PAUSE * (1.0 + _ROUNDING) * float(np.quantile(steps, _USUAL, method="lower"))
+
+
+def replace_infinite(values: Float) -> tuple[Float, str]:
+    """Return values with NaN for infinite ones, and a message that counts these; empty if there are none.
+
+    >>> replace_infinite(np.array([1.0, np.inf]))
+    (array([ 1., nan]), '1 of 2 values is infinite and treated as missing')
+    """
+    infinite = np.isinf(values)
+    count = int(np.count_nonzero(infinite))
+    if not count:
+        return values, ""
+    verb = "is" if count == 1 else "are"
+    return np.where(infinite, np.nan, values), f"{count} of {values.size} values {verb} infinite and treated as missing"
+
+
+def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
+    """Return one dataset of several recordings, each a separate piece, with the channels common to all.
+
+    Time stamps are unchanged; either all parts must have them or none. Other attributes are those of the first part.
+    """
+    if not parts:
+        raise ArgumentError(f"dataset {name} needs at least one recording")
+    if len({part.time is None for part in parts}) > 1:
+        raise ArgumentError(f"dataset {name} mixes recordings with and without time stamps")
+    if len(parts) == 1:
+        return parts[0] if parts[0].name == name else replace(parts[0], name=name)
+    shared = [channel for channel in parts[0].channels if all(channel.name in part for part in parts)]
+    channels = tuple(replace(c, values=np.concatenate([part[c.name].values for part in parts])) for c in shared)
+    offsets = np.cumsum([0, *(part.samples for part in parts[:-1])])
+    starts = np.concatenate([part.starts + offset for part, offset in zip(parts, offsets, strict=True)])
+    time = None if parts[0].time is None else np.concatenate([p.time for p in parts if p.time is not None])
+    scored, recorded = None, None
+    if any(part.scored is not None for part in parts):
+        scored = np.concatenate([part.counting for part in parts])
+    if any(part.recorded is not None for part in parts):
+        recorded = np.concatenate([np.ones(p.samples, bool) if p.recorded is None else p.recorded for p in parts])
+    findings = tuple(dict.fromkeys(finding for part in parts for finding in part.findings))
+    return replace(
+        parts[0],
+        name=name,
+        channels=channels,
+        time=time,
+        starts=starts,
+        scored=scored,
+        recorded=recorded,
+        findings=findings,
+        files=join_files([part.files for part in parts], [part.samples for part in parts]),
+        start_time=common_start_time([part.start_time for part in parts]),
+    )
+
+
+def common_start_time(times: Sequence[datetime | None]) -> datetime | None:
+    """Return the start time of recordings that are joined; None if they differ."""
+    return times[0] if len(set(times)) == 1 else None
+
+
+def join_files(files: Sequence[FileSpans | None], samples: Sequence[int]) -> FileSpans | None:
+    """Return the files of parts that follow each other, given their samples; None if those of a part are unknown.
+
+    A part of a file counts as a whole file.
+    """
+    names: list[str] = []
+    lengths: list[int] = []
+    times: list[datetime | None] = []
+    for own, count in zip(files, samples, strict=True):
+        if own is None:
+            return None
+        names += own.names
+        lengths += own.sizes(count).tolist()
+        times += own.start_times
+    return FileSpans.joined(names, lengths, times)

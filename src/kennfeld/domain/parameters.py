@@ -1,0 +1,479 @@
+"""Calibration parameters: scalars, value blocks, curves, maps, cubes and texts.
+
+All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpoint j.
+"""
+
+from collections.abc import Iterable
+from dataclasses import field, fields
+from typing import Any, ClassVar, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.base.arrays import ArrayLike, Bool, Float, readonly
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.notebook_display import NotebookDisplay
+from kennfeld.base.numeric import array, truths
+from kennfeld.domain.breakpoint_rounding import rounded, separated
+from kennfeld.domain.data_frames import grid_frame
+
+Extrapolation = Literal["clip", "linear"]
+TextKind = Literal["text", "enumeration", "boolean"]
+AXIS_LETTERS = ("x", "y", "z", "w")
+LABELS = ("description", "display_name", "variant", "functions")  # attributes that parameters and texts share
+MIN_SPACING = 0.05  # of the mean distance of breakpoints, to which free ones may approach each other
+LEAST_SPACING = 1e-6  # the same if they are closer at the start; slopes of a narrower cell are mostly rounding
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Axis:
+    """Breakpoints of one direction of a table, strictly increasing.
+
+    Args:
+        breakpoints: Float[points], in the unit of the axis.
+        input: the quantity on the axis.
+        unit: its unit.
+        name: the name of a group axis, which several tables share.
+        free: True if a calibration moves the breakpoints.
+        min_distance: how close free breakpoints may come, by default a twentieth of their mean distance, or the
+            smallest distance if that is less, but at least a millionth.
+        range: limits within which all free breakpoints may move; without it, the first and the last one are fixed.
+        falling: True if files store the greatest breakpoint first; `breakpoints` are in rising order all the same. Axes
+            that differ in this alone are equal; of a single breakpoint it is False.
+
+    Raises:
+        ArgumentError: the breakpoints do not increase, or contradict `min_distance` or `range`.
+
+    >>> Axis([700, 1000, 1500], input="Speed", unit="rpm").breakpoints
+    array([ 700., 1000., 1500.])
+    """
+
+    breakpoints: Float  # Float[points]
+    input: str = ""
+    unit: str = ""
+    name: str = ""
+    free: bool = False
+    min_distance: float | None = None
+    range: tuple[float, float] | None = None
+    falling: bool = False
+
+    def __init__(
+        self,
+        breakpoints: ArrayLike,
+        input: str = "",  # noqa: A002
+        unit: str = "",
+        name: str = "",
+        *,
+        free: bool = False,
+        min_distance: float | None = None,
+        range: tuple[float, float] | None = None,  # noqa: A002
+        falling: bool = False,
+    ) -> None:
+        vars(self).update(input=input, unit=unit, name=name, free=bool(free))
+        vars(self)["min_distance"] = None if min_distance is None else float(min_distance)
+        vars(self)["range"] = None if range is None else (float(range[0]), float(range[1]))
+        points = readonly(np.atleast_1d(array(breakpoints, f"breakpoints of axis {self.label}")))
+        if points.ndim != 1 or points.size == 0:
+            raise ArgumentError(f"breakpoints of axis {self.label} must be one-dimensional, got shape {points.shape}")
+        if not np.all(np.isfinite(points)):
+            raise ArgumentError(f"breakpoints of axis {self.label} must be finite: {points.tolist()}")
+        repeated = np.flatnonzero(points[1:] <= points[:-1])
+        if repeated.size:
+            at = int(repeated[0])
+            raise ArgumentError(
+                f"breakpoints of axis {self.label} must increase: "
+                f"number {at + 2} ({points[at + 1]:g}) does not exceed number {at + 1} ({points[at]:g})"
+            )
+        vars(self).update(breakpoints=points, falling=bool(falling) and points.size > 1)
+        self._check_freedom()
+
+    @classmethod
+    def of_quantiles(
+        cls,
+        values: ArrayLike,
+        count: int,
+        input: str = "",  # noqa: A002
+        unit: str = "",
+        name: str = "",
+        *,
+        round: bool = True,  # noqa: A002
+    ) -> "Axis":
+        """Return an axis whose breakpoints are quantiles of data, including both ends.
+
+        Args:
+            values: the data in the unit of the axis, Float[samples]; NaN is not counted.
+            count: number of quantiles, >= 2. Equal ones are one breakpoint, so that the axis may be shorter.
+            input: the quantity on the axis.
+            unit: its unit.
+            name: the name of a group axis.
+            round: round the quantiles like `rounded`, and merge those that are very close.
+
+        Raises:
+            ArgumentError: no values, or fewer than two quantiles.
+
+        >>> Axis.of_quantiles([703.2, 805.9536, 836.145, 1502.7], 3, input="Speed").breakpoints
+        array([ 700.,  820., 1520.])
+        """
+        data = array(values, f"values of axis {name or input}".rstrip())
+        data = data[np.isfinite(data)]
+        if count < 2 or not data.size:
+            raise ArgumentError(f"count={count} of {data.size} values: quantiles require two, and a value")
+        points = np.unique(np.quantile(data, np.linspace(0.0, 1.0, count)))
+        return cls(rounded(separated(points)).points if round else points, input, unit, name)
+
+    def rounded(self) -> "Axis":
+        """Return the axis with fixed breakpoints, rounded to as many digits as their spacing warrants.
+
+        A step is 1, 2 or 5 times a power of ten and at most a twentieth of the distance to the nearer neighbour. The
+        ends are rounded outwards. After rounding fitted breakpoints, fit the values of their tables once more.
+
+        >>> Axis([0.0, 12.9973, 20.0], input="Load").rounded().breakpoints
+        array([ 0., 13., 20.])
+        """
+        points = rounded(self.breakpoints).points
+        return self.changed(breakpoints=points, free=False, min_distance=None, range=None)
+
+    def _check_freedom(self) -> None:
+        """Check that the breakpoints are within the limits that free ones will keep."""
+        points = self.breakpoints
+        if self.range is not None and not (self.range[0] <= points[0] and points[-1] <= self.range[1]):
+            low, high = self.range
+            raise ArgumentError(
+                f"range=({low:g}, {high:g}) of axis {self.label} must contain all its breakpoints, "
+                f"{points[0]:g} to {points[-1]:g}"
+            )
+        if self.min_distance is None or not self.free:
+            return
+        if not (self.min_distance > 0 and np.isfinite(self.min_distance)):
+            raise ArgumentError(f"min_distance={self.min_distance:g} of axis {self.label} must be > 0")
+        gaps = np.diff(points)
+        if gaps.size and gaps.min() < self.min_distance - 1e-6 * gaps.mean():
+            at = int(gaps.argmin())
+            raise ArgumentError(
+                f"min_distance={self.min_distance:g} of axis {self.label} exceeds the distance of its breakpoints "
+                f"{points[at]:g} and {points[at + 1]:g}"
+            )
+
+    @property
+    def label(self) -> str:
+        """The axis' name, or what lies on it."""
+        return self.name or self.input or "without a name"
+
+    @property
+    def least_distance(self) -> float:
+        """Smallest distance to which free neighbouring breakpoints may approach; infinite for a single one."""
+        gaps = np.diff(self.breakpoints)
+        if not gaps.size:
+            return np.inf if self.min_distance is None else self.min_distance
+        least, mean = float(gaps.min()), float(gaps.mean())
+        if self.min_distance is None:
+            return min(max(least, LEAST_SPACING * mean), MIN_SPACING * mean)
+        return min(least, self.min_distance)
+
+    def changed(self, **changes: Any) -> "Axis":
+        """Return the same axis with some of its attributes replaced."""
+        return Axis(**({f.name: getattr(self, f.name) for f in fields(Axis)} | changes))
+
+    def __len__(self) -> int:
+        return self.breakpoints.size
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Axis):
+            return NotImplemented
+        plain = ("input", "unit", "name", "free", "min_distance", "range")
+        same = all(getattr(self, a) == getattr(other, a) for a in plain)
+        return same and np.array_equal(self.breakpoints, other.breakpoints)
+
+    def __hash__(self) -> int:
+        return hash((self.breakpoints.tobytes(), self.name))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Parameter(NotebookDisplay):
+    """A calibratable quantity: an array of values over zero to four axes.
+
+    Attributes:
+        name: its name in formulas and files.
+        values: Float of the shape of its axes.
+        axes: its axes x, y, z and w.
+        unit: unit of the values.
+        description: free text.
+        lower: lower bounds, in the shape of `values`; a single number is broadcast.
+        upper: upper bounds.
+        locked: True for values that a calibration does not change.
+        extrapolation: `clip` holds the values at the ends of the axes, `linear` continues their slope.
+        functions: the parts of the ECU software that use it.
+        display_name: its short name.
+        variant: the variant (`Engine=2`) that the values belong to; empty if there is just one.
+
+    Raises:
+        ArgumentError: shapes, bounds or axes are inconsistent.
+    """
+
+    kind: ClassVar[str] = ""
+
+    name: str
+    values: Float
+    axes: tuple[Axis, ...] = ()
+    unit: str = ""
+    description: str = ""
+    lower: Float = field(default_factory=lambda: np.array(-np.inf), repr=False)
+    upper: Float = field(default_factory=lambda: np.array(np.inf), repr=False)
+    locked: Bool = field(default_factory=lambda: np.array(False), repr=False)
+    extrapolation: Extrapolation = "clip"
+    functions: tuple[str, ...] = ()
+    display_name: str = ""
+    variant: str = ""
+
+    def __post_init__(self) -> None:
+        attributes = vars(self)  # the class is frozen
+        attributes["functions"] = tuple(self.functions)
+        values = attributes["values"] = readonly(self.values)
+        shape = self._expected_shape(values)
+        if values.shape != shape:
+            raise ArgumentError(f"{self.name} has values of shape {values.shape}, its axes require {shape}")
+        if self.extrapolation not in ("clip", "linear"):
+            raise ArgumentError(f"extrapolation={self.extrapolation!r} of {self.name} must be clip or linear")
+        for side in ("lower", "upper"):
+            attributes[side] = self._spread(side, array(attributes[side], f"{side} bounds of {self.name}"))
+        attributes["locked"] = self._spread("locked", truths(self.locked, f"locked of {self.name}"))
+        ordered = self.lower <= self.upper
+        if not ordered.all():
+            crossed = ~ordered
+            at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))
+            place = f"{self.name}{list(at)}" if at else self.name
+            bounds = f"the lower bound {self.lower[at]:g} above its upper bound {self.upper[at]:g}"
+            raise ArgumentError(f"{place} has {bounds}")
+
+    def _expected_shape(self, values: Float) -> tuple[int, ...]:
+        return tuple(len(axis) for axis in self.axes)
+
+    def _spread(self, attribute: str, numbers: NDArray[Any]) -> Any:
+        try:
+            same = numbers.shape == self.values.shape
+            spread = numbers.copy() if same else np.broadcast_to(numbers, self.values.shape).copy()
+        except ValueError:
+            message = f"{attribute} of {self.name} has shape {numbers.shape}, its values have {self.values.shape}"
+            raise ArgumentError(message) from None
+        spread.setflags(write=False)
+        return spread
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.values.size
+
+    @property
+    def limited(self) -> bool:
+        """True if any of its values has a bound."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    @property
+    def at_bound(self) -> Bool:
+        """True for values at a bound; locked values, and those with equal bounds, do not count."""
+        outside = (self.values <= self.lower) | (self.values >= self.upper)
+        return outside & ~self.locked & (self.lower < self.upper)
+
+    @property
+    def index_axes(self) -> tuple[Axis, ...]:
+        """The axes that a lookup searches: its own, or the positions 0, 1, ... of a value block."""
+        return self.axes
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates of a lookup."""
+        return len(self.index_axes)
+
+    @property
+    def packed(self) -> Float:
+        """The values as compiled code reads them if no calibration changes them, in C order."""
+        return self.values.ravel()
+
+    def to_frame(self) -> Any:
+        """Return the values as a DataFrame of pandas, over the breakpoints.
+
+        A map has x along the rows and y along the columns; a curve, a cube and a value block have one column, with a
+        level of the index per axis.
+
+        Raises:
+            InputError: pandas is not installed; the message has the command that installs it.
+        """
+        axes = zip(self.index_axes, AXIS_LETTERS, strict=False)
+        return grid_frame(self.name, self.values, [(a.input or a.name or letter, a.breakpoints) for a, letter in axes])
+
+    def has_grid_of(self, other: "Parameter") -> bool:
+        """Check whether another parameter is of the same kind, with the same shape and breakpoints."""
+        same = self.kind == other.kind and self.values.shape == other.values.shape
+        pairs = zip(self.axes, other.axes, strict=False)
+        return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in pairs)
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the same parameter holding other values: an array of its shape, or a flat one in C order."""
+        numbers = array(values, f"values of {self.name}")
+        if numbers.shape not in (self.values.shape, (self.size,)):
+            raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, got {numbers.shape}")
+        return self.changed(values=numbers.reshape(self.values.shape))
+
+    def with_bounds(self, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> Self:
+        """Return the same parameter within other bounds, each a number or an array of its shape."""
+        return self.changed(lower=lower, upper=upper)
+
+    def changed(self, **changes: Any) -> Self:
+        """Return the same parameter with some of its attributes replaced."""
+        copy = object.__new__(type(self))
+        Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
+        return copy
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Parameter):
+            return NotImplemented
+        plain = ("kind", "name", "axes", "unit", "extrapolation", *LABELS)
+        arrays = ("values", "lower", "upper", "locked")
+        return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
+            np.array_equal(getattr(self, a), getattr(other, a), equal_nan=a == "values") for a in arrays
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.name, self.values.tobytes()))
+
+
+class Scalar(Parameter):
+    """One number.
+
+    >>> Scalar("Kp", 0.08, unit="-").value
+    0.08
+    """
+
+    kind: ClassVar[str] = "scalar"
+
+    def __init__(self, name: str, value: ArrayLike, **attributes: Any) -> None:
+        super().__init__(name=name, values=array(value, f"value of {name}"), **attributes)
+
+    @property
+    def value(self) -> float:
+        """The number itself."""
+        return float(self.values)
+
+
+class Block(Parameter):
+    """A value block: numbers without axes. A formula reads it by position, counted from 0.
+
+    >>> Block("Gains", [0.5, 1.0, 2.0]).values
+    array([0.5, 1. , 2. ])
+    """
+
+    kind: ClassVar[str] = "block"
+
+    def __init__(self, name: str, values: ArrayLike, **attributes: Any) -> None:
+        super().__init__(name=name, values=array(values, f"values of {name}"), **attributes)
+
+    def _expected_shape(self, values: Float) -> tuple[int, ...]:
+        if values.ndim == 0 or values.ndim > 4:
+            raise ArgumentError(f"value block {self.name} needs one to four dimensions, got {values.ndim}")
+        return values.shape
+
+    @property
+    def index_axes(self) -> tuple[Axis, ...]:
+        return tuple(Axis(np.arange(count)) for count in self.values.shape)
+
+
+class Curve(Parameter):
+    """Values over one axis, interpolated linearly.
+
+    >>> Curve("Eta", [0, 10, 20], [1.0, 0.95, 0.8]).values
+    array([1.  , 0.95, 0.8 ])
+    """
+
+    kind: ClassVar[str] = "curve"
+
+    def __init__(self, name: str, x: Axis | ArrayLike, values: ArrayLike, **attributes: Any) -> None:
+        super().__init__(name=name, axes=(_axis(x),), values=array(values, f"values of {name}"), **attributes)
+
+
+class Map(Parameter):
+    """Values over two axes, interpolated bilinearly; `values[i, j]` is at x[i], y[j].
+
+    >>> torque = Map("MapTorque", Axis([1000, 2000], "Speed"), Axis([0, 50, 100], "Load"), np.zeros((2, 3)), unit="Nm")
+    >>> torque.size, torque.axes[1].input
+    (6, 'Load')
+    """
+
+    kind: ClassVar[str] = "map"
+
+    def __init__(
+        self, name: str, x: Axis | ArrayLike, y: Axis | ArrayLike, values: ArrayLike, **attributes: Any
+    ) -> None:
+        super().__init__(name=name, axes=(_axis(x), _axis(y)), values=array(values, f"values of {name}"), **attributes)
+
+
+class Cube(Parameter):
+    """Values over three or four axes, interpolated multilinearly.
+
+    >>> Cube("Charge", [[1000, 2000], [0, 100], [20, 50, 90]], np.zeros((2, 2, 3))).axes[2].breakpoints
+    array([20., 50., 90.])
+    """
+
+    kind: ClassVar[str] = "cube"
+
+    def __init__(self, name: str, axes: Iterable[Axis | ArrayLike], values: ArrayLike, **attributes: Any) -> None:
+        converted = tuple(_axis(axis) for axis in axes)
+        if len(converted) not in (3, 4):
+            raise ArgumentError(f"cube {name} needs 3 or 4 axes, got {len(converted)}")
+        super().__init__(name=name, axes=converted, values=array(values, f"values of {name}"), **attributes)
+
+
+def _axis(axis: Axis | ArrayLike) -> Axis:
+    return axis if isinstance(axis, Axis) else Axis(axis)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A parameter that holds text; it is passed through, never calibrated.
+
+    Attributes:
+        name: its name in files.
+        text: the text.
+        kind: `text`, free text; `enumeration`, one of the words that the control unit defines; or `boolean`.
+        description: free text.
+        variant: the variant that the text belongs to.
+        display_name: its short name.
+        functions: the parts of the ECU software that use it.
+        unit: its unit, if the file states one.
+
+    Raises:
+        ArgumentError: an unknown kind.
+
+    >>> Text("Mode", "ON", kind="enumeration").kind
+    'enumeration'
+    """
+
+    name: str
+    text: str
+    description: str = ""
+    functions: tuple[str, ...] = ()
+    display_name: str = ""
+    variant: str = ""
+    unit: str = ""
+    kind: TextKind = "text"
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(TextKind):
+            raise ArgumentError(f"kind={self.kind!r} of {self.name} must be text, enumeration or boolean")
+
+
+_KINDS: tuple[type[Parameter], ...] = (Scalar, Curve, Map, Cube, Cube)
+
+
+def parameter(name: str, values: ArrayLike, axes: Iterable[Axis] = (), **attributes: Any) -> Parameter:
+    """Return the scalar, curve, map or cube with these axes.
+
+    >>> parameter("K", 2.0).kind, parameter("C", [1, 2], [Axis([0, 1])]).kind
+    ('scalar', 'curve')
+    """
+    own = tuple(axes)
+    if len(own) >= len(_KINDS):
+        raise ArgumentError(f"{name} has {len(own)} axes; tables have at most 4")
+    table = object.__new__(_KINDS[len(own)])
+    Parameter.__init__(table, name=name, values=array(values, f"values of {name}"), axes=own, **attributes)
+    return table

@@ -1,0 +1,1 @@
+"""Models of other tools: Simulink, ASCET, C, Python, FMU, ONNX."""

@@ -1,0 +1,219 @@
+"""Functions that ESDL programs call: arithmetic of its types, mathematics, bits, and lookups of tables.
+
+Division by zero gives the numerator, unless the divisor is a characteristic, and integers are divided and cut off
+towards zero, as in the code that ASCET generates by default.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.graph import GraphBuilder
+from kennfeld.models.imperative import symbolic_values as s
+from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
+from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.graph_operators import ONE, operation
+from kennfeld.models.imperative.integer_types import IntegerType
+from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
+from kennfeld.models.imperative.path_facts import bound_of
+
+Rule: TypeAlias = Callable[..., Nodes]  # of the evaluator and the arguments
+_MAX_ELEMENTS: Final = 100_000
+
+
+@dataclass(frozen=True)
+class EsdlFunction:
+    """A function of the library: its name behind `esdl:`, its number of arguments, and its rule."""
+
+    name: str
+    count: int
+    rule: Rule
+
+    def results(
+        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
+        """Call the function."""
+        return (self.rule(evaluator, *(s.as_array(s.force(value)) for value in values)),)
+
+
+@dataclass(frozen=True)
+class TableLookup:
+    """`esdl:lookup`: the lookup of a table by its label; `names` are the parameters of the labels."""
+
+    names: Mapping[str, str]
+
+    def results(
+        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
+        """Look up the table."""
+        label, *coordinates = values
+        if not isinstance(label, str) or label not in self.names:
+            raise ProgramError("the table is not known")
+        nodes = [int(s.as_array(s.force(value)).item()) for value in coordinates]
+        return (_single(evaluator.builder.lookup(self.names[label], *nodes)),)
+
+
+def _single(node: int) -> Nodes:
+    return np.array([[node]], dtype=np.int64)
+
+
+def _divide(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    """Compute a / b; a if b is 0, which is not tested for a b that depends on characteristics alone."""
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    if builder.value(int(b.item())) == 0:
+        return a
+    ratio = apply("div", a, b)
+    return apply("select", apply("eq", b, 0.0), a, ratio) if _varies(builder, int(b.item())) else ratio
+
+
+def _varies(builder: GraphBuilder, node: int) -> bool:
+    """Return True if a node depends on inputs or states."""
+    seen, waiting = {node}, [node]
+    while waiting:
+        op, args, _ = builder.nodes[waiting.pop()]
+        if op in ("input", "state"):
+            return True
+        waiting += [arg for arg in args if arg not in seen]
+        seen.update(args)
+    return False
+
+
+def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    return truncate(evaluator.builder, _divide(evaluator, a, b))
+
+
+def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    """Compute the remainder with the sign of a; 0 if b is 0."""
+    apply = Elementwise(evaluator.builder)
+    rest = apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
+    return apply("select", apply("eq", b, 0.0), 0.0, rest) if evaluator.builder.value(int(b.item())) is None else rest
+
+
+def _limit(evaluator: SymbolicEvaluator, x: Nodes, low: Nodes, high: Nodes) -> Nodes:
+    """Limit numbers to a range, where their bounds are not known to be within it."""
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    least, most = (float(builder.value(int(bound.item())) or 0.0) for bound in (low, high))
+    nodes = [int(node) for node in x.ravel()]
+    if any(bound_of(builder, node, True) > most for node in nodes):
+        x = apply("min", x, most)
+    if any(bound_of(builder, node, False) < least for node in nodes):
+        x = apply("max", x, least)
+    return x
+
+
+def _index(evaluator: SymbolicEvaluator, at: Nodes, first: Nodes, size: Nodes) -> Nodes:
+    """Return an index counted from 1, that of the nearest element if it is out of range."""
+    apply = Elementwise(evaluator.builder)
+    last = apply("add", first, apply("sub", size, 1.0))
+    return apply("add", apply("sub", _limit(evaluator, at, first, last), first), 1.0)
+
+
+def _fill(evaluator: SymbolicEvaluator, value: Nodes, *sizes: Nodes) -> Nodes:
+    shape = [int(evaluator.builder.value(int(size.item())) or 0) for size in sizes]
+    if np.prod(shape) > _MAX_ELEMENTS:
+        raise ProgramError(f"an array of more than {_MAX_ELEMENTS} elements")
+    return np.full(shape if len(shape) > 1 else (*shape, 1), value.item(), dtype=np.int64)
+
+
+def _bits(name: str) -> Rule:
+    """Return the rule of a bit operation on words of 32 bits; the last argument says whether they are signed."""
+
+    def rule(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, signed: Nodes) -> Nodes:
+        word = IntegerType(32, bool(evaluator.builder.value(int(signed.item()))), "Round", True)
+        arguments = [s.integers(a, word), s.integers(b, word) if name != "bitshift" else b]
+        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
+        return np.asarray(s.as_array(result))
+
+    return rule
+
+
+def _bit_of(operator: str) -> Rule:
+    """Return the rule that combines a number with the bit at a position, counted from 0."""
+
+    def rule(evaluator: SymbolicEvaluator, x: Nodes, position: Nodes) -> Nodes:
+        apply = Elementwise(evaluator.builder)
+        weight = apply("pow", 2.0, position)
+        old = apply("mod", apply("floor", apply("div", x, weight)), 2.0)
+        match operator:
+            case "get":
+                return old
+            case "set":
+                new: Nodes | float = 1.0
+            case "clear":
+                new = 0.0
+            case _:
+                new = apply("sub", 1.0, old)
+        return apply("add", x, apply("mul", weight, apply("sub", new, old)))
+
+    return rule
+
+
+def _shift(direction: float) -> Rule:
+    """Return the rule that shifts the bits of an unsigned number of 16 bits."""
+
+    def rule(evaluator: SymbolicEvaluator, x: Nodes, count: Nodes) -> Nodes:
+        apply = Elementwise(evaluator.builder)
+        shifted = apply("floor", apply("mul", x, apply("pow", 2.0, apply("mul", count, direction))))
+        return apply("mod", shifted, 2.0**16)
+
+    return rule
+
+
+def _unsigned(name: str) -> Rule:
+    rule = _bits(name)
+    return lambda evaluator, a, b: rule(evaluator, a, b, _single(evaluator.builder.const(0.0)))
+
+
+def _elementwise(rule: Callable[..., Nodes]) -> Rule:
+    return lambda evaluator, *arguments: rule(evaluator.builder, *arguments)
+
+
+_MATHEMATICS: Final = (
+    *(EsdlFunction(name, 1, _elementwise(ONE[name])) for name in ONE if name != "uminus"),
+    *(EsdlFunction(name, 2, _elementwise(operation(name))) for name in ("min", "max", "atan2", "pow")),
+)
+_BITS: Final = (
+    *(EsdlFunction(f"bits_{name}", 2, _bit_of(name)) for name in ("get", "set", "clear", "toggle")),
+    *(EsdlFunction(f"bits_{name}", 2, _unsigned(f"bit{name}")) for name in ("and", "or", "xor")),
+    EsdlFunction("shift_left", 2, _shift(1.0)),
+    EsdlFunction("shift_right", 2, _shift(-1.0)),
+)
+_INTERNAL: Final = (
+    EsdlFunction("divide", 2, _divide),
+    EsdlFunction("quotient", 2, _quotient),
+    EsdlFunction("remainder", 2, _remainder),
+    EsdlFunction("limit", 3, _limit),
+    EsdlFunction("index", 3, _index),
+    EsdlFunction("fill", 1, _fill),
+    EsdlFunction("truncate", 1, lambda evaluator, x: truncate(evaluator.builder, x)),
+    EsdlFunction("and", 3, _bits("bitand")),
+    EsdlFunction("or", 3, _bits("bitor")),
+    EsdlFunction("xor", 3, _bits("bitxor")),
+    EsdlFunction("shift", 3, _bits("bitshift")),
+)
+
+# functions that programs call by their names, and those written in C, by their symbols or by the methods of SystemLib
+FUNCTIONS: Final[Mapping[str, EsdlFunction]] = {function.name: function for function in _MATHEMATICS}
+_SYSTEM_LIB: Final = "SystemLib.Bitoperations"
+_METHODS: Final = {
+    "and.getAnd": "bits_and", "or.getOr": "bits_or", "xor.getXor": "bits_xor", "getBit.getGetBit": "bits_get",
+    "setBit.getSetBit": "bits_set", "clearBit.getClearBit": "bits_clear", "toggleBit.getToggleBit": "bits_toggle",
+    "shiftLeft.getShiftLeft": "shift_left", "shiftRight.getShiftRight": "shift_right",
+}  # fmt: skip
+_BY_NAME: Final = {function.name: function for function in (*_MATHEMATICS, *_BITS, *_INTERNAL)}
+EXTERNAL: Final[Mapping[str, EsdlFunction]] = {
+    **{name: function for name, function in FUNCTIONS.items() if name not in ("min", "max", "fix", "sign")},
+    "fabs": FUNCTIONS["abs"],
+    "fmin": FUNCTIONS["min"],
+    "fmax": FUNCTIONS["max"],
+    **{f"{_SYSTEM_LIB}.{method}": _BY_NAME[name] for method, name in _METHODS.items()},
+}
+
+
+def library(names: Mapping[str, str]) -> dict[str, LibraryFunction]:
+    """Return the functions by name; `names` are the parameters of the labels of tables."""
+    functions: dict[str, LibraryFunction] = {f"esdl:{name}": function for name, function in _BY_NAME.items()}
+    return {**functions, "esdl:lookup": TableLookup(names)}

@@ -1,0 +1,159 @@
+"""Public entry of the import of ASCET: classes in ESDL, tasks of applications, and components of ASCET 5 and 6."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from kennfeld.ascet import syntax as e
+from kennfeld.ascet.amd.files import DATA, component_stem
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.calfiles.amd.reader import AmdReference
+from kennfeld.calfiles.esdl.reader import read_esdl
+from kennfeld.calfiles.format import CalibrationSource
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.importers.ascet.component_choice import ComponentMethodChooser, component_classes
+from kennfeld.importers.ascet.component_tree import holds_components, is_archive, open_components
+from kennfeld.importers.ascet.declarations import SourceTree, read_source
+from kennfeld.importers.ascet.import_report import EsdlImport
+from kennfeld.importers.ascet.method_choice import APPLICATION
+from kennfeld.importers.ascet.model_import import EsdlModelImport
+from kennfeld.importers.ascet.task_choice import TaskChoice
+from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
+from kennfeld.models.model import Model
+
+
+def esdl(
+    path: str | Path,
+    class_name: str = "",
+    methods: Iterable[str] = (),
+    *,
+    startup: Iterable[str] | None = None,
+    task: str | Iterable[str] = "",
+    parameters: ParameterSet | None = None,
+    folders: Iterable[str | Path] = (),
+    step: float | None = None,
+) -> Model:
+    """Import a class, or tasks of an application, of an ASCET project.
+
+    Args:
+        path: the `.esdl` file of the class, the `.app` file of the application, or for ASCET 5 and 6 the `.axl` archive
+            of components or an `.amd` file of one, whose other files are beside it.
+        class_name: name of the class or module; needed if the file has several.
+        methods: methods of the class that a step calls, in their order; by default those that the task of an
+            application beside the file calls, or its only public method. Those of several components of an archive
+            are named `Component.method`.
+        startup: methods that run once before the first step; by default those of the application.
+        task: name of the task, or several names, or `*` for all periodic tasks; needed if the application has several
+            that call methods. Each of several tasks runs at its own period and with its own time difference; messages
+            keep their last value in between.
+        parameters: values that loops and sizes of arrays use; parameters with the long label of ASCET, such as
+            `SOCClasses.SOC.accu.temp_curve`, keep that name.
+        folders: folders with further projects, such as that of the SystemLib; those beside the project are searched.
+        step: time step in s; by default the period of the task, or the longest that hits the periods of several.
+
+    Returns:
+        The model. Its inputs are the arguments of the methods and the messages that no method writes.
+
+    Raises:
+        InputError: with all findings, if a file cannot be read or a part of the program is not supported.
+
+    >>> model = esdl("Battery/Cell/Plant.esdl")
+    >>> model.graph.inputs, model.graph.parameters["leak"]
+    (('current', 'ambient'), 2)
+    """
+    arguments = (class_name, methods, startup, task, parameters, folders, step)
+    result = _import(path, *arguments)
+    if result.model is None:
+        raise InputError(result.report.findings)
+    return result.model
+
+
+def import_esdl(
+    path: str | Path,
+    class_name: str = "",
+    methods: Iterable[str] = (),
+    *,
+    startup: Iterable[str] | None = None,
+    task: str | Iterable[str] = "",
+    parameters: ParameterSet | None = None,
+    folders: Iterable[str | Path] = (),
+    step: float | None = None,
+) -> EsdlImport:
+    """Import a class or a task and report on it; the model is None if a part of it is not supported.
+
+    The arguments are those of `esdl`.
+
+    Returns:
+        The model, or None, and a report.
+
+    Raises:
+        InputError: if the file cannot be read, or a class, method or task is unknown.
+
+    >>> result = import_esdl("Battery/Cell/Plant.esdl")
+    >>> result.model is not None, result.report.classes
+    (True, ('Cell.Plant',))
+    """
+    return _import(path, class_name, methods, startup, task, parameters, folders, step)
+
+
+def _import(
+    path: str | Path,
+    class_name: str,
+    methods: Iterable[str],
+    startup: Iterable[str] | None,
+    task: str | Iterable[str],
+    parameters: ParameterSet | None,
+    folders: Iterable[str | Path],
+    step: float | None,
+) -> EsdlImport:
+    if step is not None and not 0 < step < float("inf"):
+        raise ArgumentError(f"step must be a finite time in s > 0, got {step!r}")
+    file = Path(path)
+    chooser = ComponentMethodChooser(file, [Path(folder) for folder in folders], TaskChoice.of(task), step)
+    try:
+        if file.suffix.lower() == APPLICATION:
+            selection = chooser.of_application()
+        elif holds_components(file):
+            selection = chooser.of_component(class_name, list(methods), [] if startup is None else list(startup))
+        else:
+            selection = chooser.of_class(class_name, list(methods), None if startup is None else list(startup))
+        result = EsdlModelImport(chooser.program, selection, file.stem, str(file), parameters).run()
+    except UnsupportedEsdlError as error:
+        line, name = (error.place.line, error.place.file) if error.place is not None else (0, "")
+        raise InputError.of(Location(name or file.name, line), error.message, error.remedy) from None
+    except RecursionError:
+        raise InputError.of(Location(file.name), "the program is nested too deeply", "Split its expressions.") from None
+    result = _with_remarks(result, chooser.findings)
+    if result.model is None or file.suffix.lower() == APPLICATION:
+        return result
+    values = result.model.values.from_origin(_origin(file, result.report.classes))
+    return replace(result, model=replace(result.model, values=values))
+
+
+def _with_remarks(result: EsdlImport, remarks: tuple[Finding, ...]) -> EsdlImport:
+    """Return an import with further remarks."""
+    report = replace(result.report, remarks=(*result.report.remarks, *remarks))
+    model = None if result.model is None else replace(result.model, remarks=(*result.model.remarks, *remarks))
+    return EsdlImport(model, report)
+
+
+def _origin(path: Path, classes: tuple[str, ...]) -> object | None:
+    """Return what a calibration format keeps of the file, so that values can be written into a copy of it."""
+    if holds_components(path):
+        data = path if is_archive(path) else path.with_name(component_stem(path.name) + DATA)
+        return AmdReference(data, classes[0] if len(classes) == 1 else "")
+    return read_esdl(CalibrationSource(path.name, path.read_bytes(), path)).parameters.origin
+
+
+def classes_of(path: Path) -> tuple[e.ClassDeclaration, ...]:
+    """Return the classes of an ESDL file, or of an `.axl` or `.amd` file; raises `InputError` with all errors."""
+    if holds_components(path):
+        return component_classes(open_components(path))
+    tree = SourceTree(path.parent)
+    scope = tree.scope(path)
+    if path in tree.broken:
+        raise InputError(tree.broken[path])
+    return tuple(item for item in scope.file.declarations if isinstance(item, e.ClassDeclaration))
+
+
+__all__ = ["classes_of", "esdl", "import_esdl", "read_source"]

@@ -1,0 +1,368 @@
+"""Translation of ESDL methods to functions of the shared syntax tree."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Final
+
+from kennfeld.ascet import syntax as e
+from kennfeld.importers.ascet.call_translation import CallTranslation
+from kennfeld.importers.ascet.expression_translation import call_of, position
+from kennfeld.importers.ascet.instances import ClassInstance, state_label
+from kennfeld.importers.ascet.name_resolution import EnumerationName
+from kennfeld.importers.ascet.program_code import RESULT, MethodCode, Operand, Place, ProgramCode, leaf_names
+from kennfeld.importers.ascet.resolved_types import (
+    INTEGER,
+    ArrayType,
+    Dimension,
+    NumberType,
+    StructType,
+    Type,
+    describe_type,
+    is_open,
+    leaves_of,
+    with_sizes,
+)
+from kennfeld.importers.ascet.state_machines import STATE, machine_statements, state_numbers
+from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
+from kennfeld.matlab import syntax as m
+
+_MAX_COPIES: Final = 10_000  # elements that an assignment copies one by one
+_MAX_STATEMENTS: Final = 50_000  # of a method, after structs and arrays are split
+
+
+class MethodTranslation(CallTranslation):
+    """Translation of one method of an instance; statements that are not supported are reported and left out."""
+
+    def __init__(self, code: ProgramCode, instance: ClassInstance, method: e.Method, name: str) -> None:
+        super().__init__(code, instance)
+        self.method, self.name = method, name
+        self._taken: dict[str, int] = {}
+        self._result: Type | None = None
+        self._count = 0
+        self._is_complete = True
+
+    def translate(self, arguments: Sequence[Type | None]) -> MethodCode:
+        """Return the function, for arguments of these types."""
+        types, scope = self.program.types, self.instance.scope
+        if self.method.result is not None:
+            self._result = types.resolve(self.method.result, scope)
+        parameters: list[str] = []
+        for at, argument in enumerate(self.method.arguments):
+            kind = arguments[at] if at < len(arguments) else None
+            place = self._declare(argument.name, kind or types.resolve(argument.type, scope))
+            parameters += leaf_names(place.label, place.type)
+        outputs = tuple(at for at, argument in enumerate(self.method.arguments) if argument.direction != "in")
+        changed = [self.names.locals[0][self.method.arguments[at].name] for at in outputs]
+        body = self._body()
+        results = [] if self._result is None else leaf_names(RESULT, self._result)
+        for place in changed:
+            results += leaf_names(place.label, place.type)
+        declaration = m.Declaration("global", tuple(sorted(self.used)), place=position(self.method.place))
+        statements = ((declaration, *body) if self.used else body) if self._is_complete else ()
+        self.code.read |= self.used
+        definition = m.FunctionDefinition(
+            self.name, tuple(parameters), tuple(results), statements, place=position(self.method.place)
+        )
+        return MethodCode(self.name, definition, scope, self._result, outputs, self._is_complete)
+
+    def _body(self) -> m.Statements:
+        if not self.method.triggers and self.method.body is None:
+            message = f"{self._path()} is implemented in C, which is not supported"
+            raise UnsupportedEsdlError(message, place=self.method.place)
+        if not self.method.triggers:
+            return self.statements(self.method.body or (), is_last=True)
+        machine = self.instance.machine(self.method.triggers)
+        if machine is None:
+            message = f"unknown state machine {self.method.triggers}"
+            raise UnsupportedEsdlError(message, place=self.method.place)
+        numbers = state_numbers(self.program.types, self.instance.scope, machine)
+        variable = self.program.variables[state_label(self.instance, machine)]
+        self.names.locals[0][STATE] = Place(variable.label, variable.type)
+        return self.statements(machine_statements(machine, numbers, self.method.name))
+
+    # statements
+
+    def statements(self, statements: Sequence[e.Statement], is_last: bool = False) -> m.Statements:
+        """Translate statements; unsupported ones are reported."""
+        result: list[m.Statement] = []
+        for at, statement in enumerate(statements, 1):
+            try:
+                translated = self._statement(statement, is_last and at == len(statements))
+            except UnsupportedEsdlError as error:
+                self.code.report(error, self.instance.scope, statement.place, f"{self._path()}")
+                self._is_complete = False
+                translated = ()
+            result += [*self.pending, *translated]
+            self.pending = []
+            self._count += len(translated)
+            if self._count > _MAX_STATEMENTS:
+                raise UnsupportedEsdlError(f"{self.method.name} needs more than {_MAX_STATEMENTS} statements")
+        return tuple(result)
+
+    def _path(self) -> str:
+        return f"{self.instance.declared.name}.{self.method.name}"
+
+    def _block(self, statements: Sequence[e.Statement], is_last: bool = False) -> m.Statements:
+        """Translate the statements of a block, whose variables are not known outside."""
+        outer, self.pending = self.pending, []
+        self.names.locals.append({})
+        try:
+            return self.statements(statements, is_last)
+        finally:
+            self.names.locals.pop()
+            self.pending = outer
+
+    def _statement(self, statement: e.Statement, is_last: bool) -> m.Statements:
+        place = position(statement.place)
+        match statement:
+            case e.Assign():
+                return self._assign_statement(statement)
+            case e.Declare(element):
+                return self._declare_statement(element)
+            case e.Evaluate(expression):
+                return self._evaluate(expression)
+            case e.If(condition, body, otherwise):
+                branch = m.Branch(self.operand(condition).tree, self._block(body), place=place)
+                return (m.If((branch,), self._block(otherwise), place=place),)
+            case e.While():
+                return self._while(statement)
+            case e.For():
+                return self._for(statement)
+            case e.Switch():
+                return self._switch(statement)
+            case e.Return(value):
+                return self._return(value, is_last, statement)
+            case e.Jump(kind):
+                return (m.Jump(kind, place=place),)
+            case e.Block(statements):
+                return self._block(statements, is_last)
+
+    def _evaluate(self, expression: e.Expression) -> m.Statements:
+        if isinstance(expression, e.Unsupported):
+            raise unsupported_error(expression)
+        if not isinstance(expression, e.Call):
+            raise UnsupportedEsdlError("a call is required here", place=expression.place)
+        result = self.call(expression)
+        if isinstance(result, Operand) and isinstance(result.tree, m.Call):
+            return (m.Evaluate(result.tree, place=position(expression.place)),)
+        return ()
+
+    def _while(self, statement: e.While) -> m.Statements:
+        place = position(statement.place)
+        condition = self.lazily(lambda: self.operand(statement.condition)).tree
+        body = self._block(statement.body)
+        loop = m.While(condition, body, place=place)
+        return (*body, loop) if statement.tests_last else (loop,)
+
+    def _for(self, statement: e.For) -> m.Statements:
+        first, last, kind = self._bounds(statement.values)
+        self.names.locals.append({})
+        try:
+            variable = self._declare(statement.name, kind)
+            body = self._block(statement.body)
+        finally:
+            self.names.locals.pop()
+        target = m.Name(variable.label)
+        return (m.For(target, m.Range(first, None, last), body, place=position(statement.place)),)
+
+    def _bounds(self, values: e.Expression) -> tuple[m.Expression, m.Expression, NumberType]:
+        """Return the first and the last value of a loop, and the type of its variable."""
+        if isinstance(values, e.Range):
+            if values.first is None or values.last is None:
+                raise UnsupportedEsdlError("the range of a loop is open", place=values.place)
+            first, last = self.operand(values.first), self.operand(values.last)
+            return first.tree, last.tree, INTEGER
+        if isinstance(values, e.Call) and isinstance(values.of, e.Member) and values.of.name == "indexRange":
+            of = self.named(values.of.of)
+            if not isinstance(of, Place) or not isinstance(of.type, ArrayType):
+                raise UnsupportedEsdlError("indexRange of something that is not an array", place=values.place)
+            dimension = of.type.dimensions[self._dimension(values, of.type.dimensions)]
+            return *_ends(dimension, values), dimension.enumeration or INTEGER
+        named = self.named(values)
+        if isinstance(named, EnumerationName) and named.type.is_whole:
+            kind = named.type
+            return m.Number(kind.low), m.Number(kind.high), kind
+        raise UnsupportedEsdlError("the values of a loop must be a range or a type", place=values.place)
+
+    def _switch(self, statement: e.Switch) -> m.Statements:
+        place = position(statement.place)
+        subject = self.operand(statement.subject)
+        if statement.cases and not isinstance(subject.tree, m.Number):
+            name = self._free("%switch")
+            self.pending.append(m.Assign((m.Name(name),), subject.tree, place=place))
+            subject = Operand(m.Name(name), subject.type)
+        branches = tuple(
+            m.Branch(self.matches(subject, keys), self._block(_without_break(body)), place=place)
+            for keys, body in statement.cases
+        )
+        otherwise = self._block(_without_break(statement.otherwise))
+        return (m.If(branches, otherwise, place=place),) if branches else otherwise
+
+    def _return(self, value: e.Expression | None, is_last: bool, statement: e.Statement) -> m.Statements:
+        result: list[m.Statement] = []
+        if value is not None:
+            if self._result is None:
+                raise UnsupportedEsdlError(f"{self.method.name} is void, but returns a value", place=value.place)
+            translated = self.value(value)
+            if is_open(self._result) and isinstance(translated, Place):
+                self._result = with_sizes(self._result, translated.type)
+            target = Place(RESULT, self._result, is_local=True)
+            result += self.assign(target, translated, value)
+        if not is_last:
+            result.append(m.Jump("return", place=position(statement.place)))
+        return tuple(result)
+
+    # variables
+
+    def _free(self, name: str) -> str:
+        """Return a name for a local variable that is not used yet in the function."""
+        self._taken[name] = self._taken.get(name, 0) + 1
+        return name if self._taken[name] == 1 else f"{name}#{self._taken[name]}"
+
+    def _declare(self, name: str, kind: Type) -> Place:
+        if not isinstance(kind, NumberType | StructType | ArrayType):
+            raise UnsupportedEsdlError(f"the variable {name} is {describe_type(kind)}, which is not supported")
+        place = Place(self._free(name), kind, is_local=True)
+        self.names.locals[-1][name] = place
+        return place
+
+    def _declare_statement(self, element: e.Element) -> m.Statements:
+        kind = self.program.types.element(element, self.instance.scope)
+        value = self.value(element.value) if element.value is not None else None
+        if is_open(kind) and isinstance(value, Place):
+            kind = with_sizes(kind, value.type)
+        place = self._declare(element.name, kind)
+        shapes: list[m.Statement] = []
+        for path, leaf, dimensions in leaves_of(kind):
+            if not isinstance(leaf, NumberType):
+                raise UnsupportedEsdlError(f"the variable {element.name} holds a table, which is not supported")
+            sizes = [float(_size(dimension, element)) for dimension in dimensions]
+            start = call_of("fill", m.Number(leaf.default), *map(m.Number, sizes)) if sizes else m.Number(leaf.default)
+            shapes.append(m.Assign((m.Name(place.leaf(path)),), start, place=position(element.place)))
+        if value is None or element.value is None:
+            return tuple(shapes)
+        if isinstance(kind, NumberType):
+            shapes = []
+        return (*shapes, *self.assign(place, value, element.value))
+
+    def temporary(self, kind: Type, value: Place | e.Braces) -> Place:
+        """Return a new local variable with the value."""
+        element = e.Element(self._free("%value"), e.TypeName(""))
+        place = Place(element.name, kind, is_local=True)
+        for path, _, dimensions in leaves_of(kind):
+            if sizes := [m.Number(float(_size(dimension, element))) for dimension in dimensions]:
+                start = call_of("fill", m.Number(0.0), *sizes)
+                self.pending.append(m.Assign((m.Name(place.leaf(path)),), start))
+        self.pending += self.assign(place, value, value if isinstance(value, e.Braces) else e.Name(place.label))
+        return place
+
+    def _assign_statement(self, statement: e.Assign) -> m.Statements:
+        target = self.named(statement.target)
+        if not isinstance(target, Place):
+            raise UnsupportedEsdlError("the target of an assignment is not a variable", place=statement.target.place)
+        if target.is_fixed:
+            message = f"{target.leaf()} is a constant or characteristic; it cannot be assigned"
+            raise UnsupportedEsdlError(message, place=statement.target.place)
+        value: e.Expression = statement.value
+        if statement.operator:
+            value = e.Binary(statement.operator, statement.target, statement.value, place=statement.place)
+        return self.assign(target, self.value(value), value)
+
+    def assign(self, target: Place, value: Operand | Place | e.Braces, tree: e.Expression) -> m.Statements:
+        """Return the statements that assign a value to a variable or a part of it."""
+        self.note_assigned(target)
+        if isinstance(value, e.Braces):
+            return self._assign_braces(target, value)
+        place = position(tree.place)
+        if isinstance(target.type, NumberType):
+            operand = value if isinstance(value, Operand) else self.read(value, tree)
+            converted = self.converted(operand, target.type)
+            return (m.Assign((self._target(target),), converted, place=place),)
+        if isinstance(value, Operand):
+            raise UnsupportedEsdlError(f"a number is assigned to {describe_type(target.type)}", place=tree.place)
+        return self._copy(target, value, tree)
+
+    def _target(self, place: Place, path: tuple[str, ...] = (), more: tuple[m.Expression, ...] = ()) -> m.Expression:
+        name, indices = place.leaf(path), (*place.indices, *more)
+        return m.Call(m.Name(name), indices) if indices else m.Name(name)
+
+    def _copy(self, target: Place, source: Place, tree: e.Expression) -> m.Statements:
+        """Return the statements that copy structs and arrays."""
+        theirs = {path: dimensions for path, _, dimensions in leaves_of(source.type)}
+        result: list[m.Statement] = []
+        for path, _, dimensions in leaves_of(target.type):
+            if path not in theirs or _sizes(theirs[path]) != _sizes(dimensions):
+                raise UnsupportedEsdlError(
+                    f"{describe_type(source.type)} is assigned to {describe_type(target.type)} of another form",
+                    place=tree.place,
+                )
+            place = position(tree.place)
+            if not target.indices and not source.indices:
+                value = self.leaf_tree(source, path)
+                result.append(m.Assign((self._target(target, path),), value, place=place))
+                continue
+            for indices in self._all_indices(dimensions, tree):
+                self.leaf_tree(source, path)  # notes its use
+                value = self._target(source, path, indices)
+                result.append(m.Assign((self._target(target, path, indices),), value, place=place))
+        return tuple(result)
+
+    def _all_indices(self, dimensions: Sequence[Dimension], tree: e.Expression) -> list[tuple[m.Expression, ...]]:
+        sizes = _sizes(dimensions)
+        count = 1
+        for size in sizes:
+            count *= size or 0
+        if None in sizes or count > _MAX_COPIES:
+            raise UnsupportedEsdlError("an array of an unknown or large size is copied", place=tree.place)
+        ranges = [range(1, (size or 0) + 1) for size in sizes]
+        return [tuple(m.Number(float(at)) for at in indices) for indices in product(*ranges)]
+
+    def _assign_braces(self, target: Place, value: e.Braces) -> m.Statements:
+        parts: list[Place] = []
+        match target.type:
+            case StructType(_, elements):
+                for name, kind in elements:
+                    fields = (*target.fields, name)
+                    parts.append(Place(target.label, kind, fields, target.indices, target.is_local))
+            case ArrayType(dimensions, element):
+                first, *rest = dimensions
+                kind = ArrayType(tuple(rest), element) if rest else element
+                for at in range(first.size or 0):
+                    indices = (*target.indices, m.Number(at + 1.0))
+                    parts.append(Place(target.label, kind, target.fields, indices, target.is_local))
+            case _:
+                raise UnsupportedEsdlError("elements in { } are assigned to a number", place=value.place)
+        if len(value.elements) > len(parts):
+            raise UnsupportedEsdlError(f"{len(value.elements)} elements, expected {len(parts)}", place=value.place)
+        result: list[m.Statement] = []
+        for part, item in zip(parts, value.elements, strict=False):
+            result += self.assign(part, self.value(item), item)
+        return tuple(result)
+
+
+def translate_method(
+    code: ProgramCode, instance: ClassInstance, method: e.Method, name: str, arguments: Sequence[Type | None]
+) -> MethodCode:
+    """Return a method of an instance as a function of this name, for arguments of these types."""
+    return MethodTranslation(code, instance, method, name).translate(arguments)
+
+
+def _ends(dimension: Dimension, tree: e.Expression) -> tuple[m.Expression, m.Expression]:
+    if dimension.size is None:
+        raise UnsupportedEsdlError("the size of the array is not known here", place=tree.place)
+    return m.Number(float(dimension.first)), m.Number(float(dimension.first + dimension.size - 1))
+
+
+def _size(dimension: Dimension, element: e.Element) -> int:
+    if dimension.size is None:
+        raise UnsupportedEsdlError(f"the array {element.name} has no size", place=element.place)
+    return dimension.size
+
+
+def _sizes(dimensions: Sequence[Dimension]) -> list[int | None]:
+    return [dimension.size for dimension in dimensions]
+
+
+def _without_break(body: e.Statements) -> e.Statements:
+    """Return the statements of a case without the `break` that ends it."""
+    return body[:-1] if body and isinstance(body[-1], e.Jump) and body[-1].kind == "break" else body

@@ -1,0 +1,215 @@
+"""State machines as statements of ESDL.
+
+As in generated code, a trigger first tests the transitions of the outermost active state, then those within. A
+transition runs the exit actions from the inner to the outer state, its own action, and the entry actions from the outer
+to the inner state; states that stay active around it then run their static actions. Without a transition, the static
+actions run from the inner to the outer state. The first state is entered without its entry action.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from kennfeld.ascet import syntax as e
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.ascet.declarations import FileScope
+from kennfeld.importers.ascet.resolved_types import NumberType
+from kennfeld.importers.ascet.type_resolution import TypeResolver
+from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
+
+STATE: Final = "%state"  # name of the variable of the state within the statements
+_TAKEN = "%taken"
+_MAX_JUNCTIONS = 20  # passed by one transition
+_MAX_PATHS = 2_000  # of all transitions through junctions
+
+
+@dataclass(frozen=True)
+class _StatePath:
+    """A state with those around it, the outermost first."""
+
+    states: tuple[e.State, ...]
+
+    @property
+    def name(self) -> str:
+        return self.states[-1].name
+
+
+def state_numbers(types: TypeResolver, scope: FileScope, machine: e.StateMachine) -> dict[str, int]:
+    """Return the numbers of the states without inner states: those of the enumeration, else counted."""
+    names = [path.name for path in _paths(machine.states) if not _inner(path.states[-1])]
+    if machine.labels:
+        try:
+            kind = types.named(machine.labels, scope)
+        except UnsupportedEsdlError:
+            kind = None
+        if isinstance(kind, NumberType) and set(names) <= dict(kind.labels).keys():
+            return {name: dict(kind.labels)[name] for name in names}
+    return {name: at for at, name in enumerate(names)}
+
+
+def start_leaf(machine: e.StateMachine) -> str:
+    """Return the state that is active first; empty if the machine has no start."""
+    by_name = {path.name: path for path in _paths(machine.states)}
+    if machine.start not in by_name:
+        return ""
+    return _entered(by_name[machine.start]).name
+
+
+def _paths(states: tuple[e.State, ...], around: tuple[e.State, ...] = ()) -> Iterator[_StatePath]:
+    """Yield all states, without junctions."""
+    for state in states:
+        if not state.is_junction:
+            yield _StatePath((*around, state))
+            yield from _paths(state.states, (*around, state))
+
+
+def _junctions(states: tuple[e.State, ...]) -> Iterator[e.State]:
+    for state in states:
+        if state.is_junction:
+            yield state
+        yield from _junctions(state.states)
+
+
+def _inner(state: e.State) -> tuple[e.State, ...]:
+    return tuple(inner for inner in state.states if not inner.is_junction)
+
+
+def _entered(path: _StatePath) -> _StatePath:
+    """Return the innermost state that is entered with a state."""
+    while inner := _inner(path.states[-1]):
+        start = path.states[-1].start
+        following = next((state for state in inner if state.name == start), None)
+        if following is None:
+            raise UnsupportedEsdlError(f"the state {path.name} has no start", place=path.states[-1].place)
+        path = _StatePath((*path.states, following))
+    return path
+
+
+def machine_statements(machine: e.StateMachine, numbers: Mapping[str, int], trigger: str) -> e.Statements:
+    """Return the statements of a trigger of a state machine.
+
+    Args:
+        machine: the state machine.
+        numbers: numbers of the innermost states by name.
+        trigger: name of the method that triggers it.
+
+    Raises:
+        UnsupportedEsdlError: a target is unknown, or a state keeps its history.
+    """
+    return _MachineCode(machine, numbers, trigger).statements()
+
+
+class _MachineCode:
+    def __init__(self, machine: e.StateMachine, numbers: Mapping[str, int], trigger: str) -> None:
+        self.machine, self.numbers, self.trigger = machine, numbers, trigger
+        self.by_name = {path.name: path for path in _paths(machine.states)}
+        self.paths = 0
+        self.junctions = {state.name: state for state in _junctions(machine.states)}
+
+    def statements(self) -> e.Statements:
+        place = self.machine.place
+        for path in self.by_name.values():
+            if path.states[-1].keeps_history:
+                message = f"the state {path.name} keeps its history, which is not supported"
+                remedy = "Keep the last state in a variable, and enter it by the conditions of transitions."
+                raise UnsupportedEsdlError(message, remedy, path.states[-1].place)
+        leaves = [path for path in self.by_name.values() if path.name in self.numbers]
+        cases = tuple(
+            ((e.Number(float(self.numbers[leaf.name]), False, place=place),), self._active(leaf)) for leaf in leaves
+        )
+        taken = e.Element(_TAKEN, e.TypeName("boolean"), place=place)
+        return (
+            e.Declare(taken, place=place),
+            e.Switch(e.Name(STATE, place=place), cases, place=place),
+        )
+
+    def _active(self, leaf: _StatePath) -> e.Statements:
+        """Return the statements of a trigger while a state is active."""
+        transitions = [
+            (depth, transition)
+            for depth, state in enumerate(leaf.states)
+            for transition in state.transitions
+            if self._is_triggered(transition)
+        ]
+        static = tuple(statement for state in reversed(leaf.states) for statement in _block(state.static, state))
+        return self._first_of(leaf, transitions, static)
+
+    def _is_triggered(self, transition: e.Transition) -> bool:
+        return (transition.trigger or self.machine.default_trigger or self.trigger) == self.trigger
+
+    def _first_of(
+        self, leaf: _StatePath, transitions: list[tuple[int, e.Transition]], otherwise: e.Statements
+    ) -> e.Statements:
+        """Return the statements that take the first possible transition."""
+        result = otherwise
+        for depth, transition in reversed(transitions):
+            place = transition.place
+            if transition.target not in self.junctions:
+                body = self._take(leaf, depth, transition.target, (transition.action,), place)
+                result = (e.If(transition.condition, body, result, place=place),)
+                continue
+            through = self._through(leaf, depth, transition, (transition.action,), 0)
+            not_taken = e.Unary("!", e.Name(_TAKEN, place=place), place=place)
+            result = (
+                _set_taken(False, place),
+                e.If(transition.condition, through, place=place),
+                e.If(not_taken, result, place=place),
+            )
+        return result
+
+    def _through(
+        self, leaf: _StatePath, depth: int, transition: e.Transition, actions: tuple[e.Statements, ...], passed: int
+    ) -> e.Statements:
+        """Return the statements behind a junction; the path is taken only if it leads to a state."""
+        self.paths += 1
+        if passed > _MAX_JUNCTIONS or self.paths > _MAX_PATHS:
+            message = "a loop of junctions, or too many paths through them, is not supported"
+            raise UnsupportedEsdlError(message, place=transition.place)
+        result: e.Statements = ()
+        for following in reversed(self.junctions[transition.target].transitions):
+            place, path = following.place, (*actions, following.action)
+            if following.target in self.junctions:
+                body = self._through(leaf, depth, following, path, passed + 1)
+                not_taken = e.Unary("!", e.Name(_TAKEN, place=place), place=place)
+                result = (
+                    e.If(following.condition, body, place=place),
+                    e.If(not_taken, result, place=place),
+                )
+            else:
+                body = (_set_taken(True, place), *self._take(leaf, depth, following.target, path, place))
+                result = (e.If(following.condition, body, result, place=place),)
+        return result
+
+    def _take(
+        self, leaf: _StatePath, depth: int, target: str, actions: tuple[e.Statements, ...], place: e.TextPosition
+    ) -> e.Statements:
+        """Return the statements of a transition that leaves the state at `depth` of the active ones."""
+        if target not in self.by_name:
+            raise UnsupportedEsdlError(f"the transition leads to an unknown state {target}", place=place)
+        end = _entered(self.by_name[target])
+        if end.name not in self.numbers:
+            raise UnsupportedEsdlError(f"the state {end.name} has no number", place=place)
+        named = len(self.by_name[target].states)
+        common = 0
+        limit = min(depth, named - 1)
+        while common < limit and leaf.states[common] is end.states[common]:
+            common += 1
+        left = reversed(leaf.states[common:])
+        entered = end.states[common:]
+        around = reversed(leaf.states[:common])
+        return (
+            *(statement for state in left for statement in _block(state.exit, state)),
+            *(statement for action in actions for statement in action),
+            *(statement for state in entered for statement in _block(state.entry, state)),
+            *(statement for state in around for statement in _block(state.static, state)),
+            e.Assign(
+                e.Name(STATE, place=place), e.Number(float(self.numbers[end.name]), False, place=place), place=place
+            ),
+        )
+
+
+def _block(statements: e.Statements, state: e.State) -> e.Statements:
+    return (e.Block(statements, place=state.place),) if statements else ()
+
+
+def _set_taken(value: bool, place: e.TextPosition) -> e.Statement:
+    return e.Assign(e.Name(_TAKEN, place=place), e.Truth(value, place=place), place=place)

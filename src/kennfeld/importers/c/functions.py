@@ -1,0 +1,266 @@
+"""Functions that translated C code calls: arithmetic of integers, mathematics of `math.h`, bits."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.graph import GraphBuilder
+from kennfeld.models.imperative import symbolic_values as s
+from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
+from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
+from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, TWO, TWO_IN_C, operation
+from kennfeld.models.imperative.integer_types import EXACT, IntegerType, wrap_to_type
+from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
+from kennfeld.models.imperative.path_facts import bound_of
+
+Rule: TypeAlias = Callable[..., Nodes]  # of the evaluator and the arguments
+_MAX_ELEMENTS: Final = 100_000
+
+
+@dataclass(frozen=True)
+class CFunction:
+    """A function of the library: its name, its number of arguments, and its rule."""
+
+    name: str
+    count: int
+    rule: Rule
+
+    def results(
+        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
+        """Call the function."""
+        return (self.rule(evaluator, *(np.asarray(s.as_array(s.force(value))) for value in values)),)
+
+
+def written_last(builder: GraphBuilder, nodes: Nodes, last: Nodes, number: int) -> Nodes:
+    """Return the numbers of a member of a union, or NaN where another one was written last."""
+    apply = Elementwise(builder)
+    is_kept = apply("or", apply("eq", last, 0.0), apply("eq", last, float(number)))
+    return apply("select", is_kept, nodes, math.nan)
+
+
+@dataclass(frozen=True)
+class UnionFunction:
+    """A function of the members of unions: of the numbers of one, the number of the one written last, its own number.
+
+    For those that are read, two texts follow: the union, and the names of its members.
+    """
+
+    def results(
+        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
+        """Return the numbers of the member, or NaN where another one was written last.
+
+        Raises:
+            ProgramError: another one certainly was, and this one is read.
+        """
+        nodes, last, own = (np.asarray(s.as_array(s.force(value))) for value in values[:3])
+        number = _number(evaluator, own)
+        known = evaluator.builder.value(int(last.item()))
+        if len(values) > 3 and known not in (None, 0.0, number):
+            names = str(values[4]).split()
+            message = f"{values[3]}.{names[number - 1]} is read, but {names[int(known) - 1]} was written last"
+            raise ProgramError(message, "Read the member of a union that was written last.")
+        return (written_last(evaluator.builder, nodes, last, number),)
+
+
+def _number(evaluator: SymbolicEvaluator, nodes: Nodes) -> int:
+    return int(evaluator.builder.value(int(nodes.item())) or 0)
+
+
+def _word(evaluator: SymbolicEvaluator, bits: Nodes, signed: Nodes) -> IntegerType:
+    return IntegerType(_number(evaluator, bits), bool(_number(evaluator, signed)), "Round", True)
+
+
+def _wrap(evaluator: SymbolicEvaluator, x: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
+    """Return the numbers of the lowest bits; numbers that are known to fit stay as they are."""
+    word, builder = _word(evaluator, bits, signed), evaluator.builder
+    nodes = [int(node) for node in x.ravel()]
+    fits = all(bound_of(builder, n, True) <= word.most and bound_of(builder, n, False) >= word.least for n in nodes)
+    if word.bits <= EXACT:
+        return x if fits else wrap_to_type(builder, x, word)
+    if not (fits or word.signed):
+        raise ProgramError("an unsigned 64-bit integer may be negative, which is not supported", "Use a signed type.")
+    return x
+
+
+def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
+    """Compute the lowest bits of a product of integers, by halves if doubles do not know it exactly."""
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    largest = [max(bound_of(builder, int(x.item()), True), -bound_of(builder, int(x.item()), False)) for x in (a, b)]
+    if largest[0] * largest[1] <= 2.0**53 or _number(evaluator, bits) > EXACT:
+        return _wrap(evaluator, apply("mul", a, b), bits, signed)
+    half = 2.0**16
+    high = apply("mod", apply("mul", apply("floor", apply("div", a, half)), b), half)
+    low = apply("mul", apply("mod", a, half), b)
+    return _wrap(evaluator, apply("add", apply("mul", high, half), low), bits, signed)
+
+
+def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    return truncate(evaluator.builder, Elementwise(evaluator.builder)("div", a, b))
+
+
+def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    apply = Elementwise(evaluator.builder)
+    return apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
+
+
+def _bits(name: str) -> Rule:
+    def rule(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
+        word = _word(evaluator, bits, signed)
+        arguments: list[s.SymbolicValue] = [s.integers(a, word), s.integers(b, word)]
+        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
+        return np.asarray(s.as_array(result))
+
+    return rule
+
+
+def _shift(direction: float) -> Rule:
+    def rule(evaluator: SymbolicEvaluator, x: Nodes, count: Nodes) -> Nodes:
+        apply = Elementwise(evaluator.builder)
+        return apply("floor", apply("mul", x, apply("pow", 2.0, apply("mul", count, direction))))
+
+    return rule
+
+
+def _index(evaluator: SymbolicEvaluator, place: Nodes, size: Nodes) -> Nodes:
+    """Return an index, counted from 1; a path on which it is certainly out of range is one that C does not define."""
+    value = evaluator.builder.value(int(place.item()))
+    if value is not None and not 1 <= value <= _number(evaluator, size):
+        raise AbortedPathError
+    return place
+
+
+def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
+    shape = [_number(evaluator, size) for size in sizes]
+    if math.prod(shape) > _MAX_ELEMENTS:
+        raise ProgramError(f"an array of more than {_MAX_ELEMENTS} elements")
+    zero = evaluator.builder.const(0.0)
+    return np.full(shape if len(shape) > 1 else (*shape, 1), zero, dtype=np.int64)
+
+
+def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
+    """Return an array of `count` dimensions, whose sizes precede its elements, in the order of memory."""
+    dimensions = _number(evaluator, count)
+    shape = [_number(evaluator, size) for size in rest[:dimensions]]
+    nodes = np.array([int(item.item()) for item in rest[dimensions:]], dtype=np.int64)
+    return nodes.reshape(shape if len(shape) > 1 else (*shape, 1))
+
+
+def _elementwise(rule: Callable[..., Nodes]) -> Rule:
+    return lambda evaluator, *arguments: rule(evaluator.builder, *arguments)
+
+
+def _round_to_even(builder: GraphBuilder, x: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    near = apply("floor", apply("add", x, 0.5))
+    is_tie = apply("eq", apply("sub", near, x), 0.5)
+    is_odd = apply("ne", apply("mod", near, 2.0), 0.0)
+    return apply("sub", near, apply("and", is_tie, is_odd))
+
+
+def _log1p(builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Compute log(1 + x) with the rounding of 1 + x taken out, so that small x keep their digits."""
+    apply = Elementwise(builder)
+    return apply("mul", 2.0, INVERSE_HYPERBOLIC["atanh"](builder, apply("div", x, apply("add", x, 2.0))))
+
+
+def _scaled(op: str, factor: float) -> Callable[..., Nodes]:
+    return lambda builder, x: Elementwise(builder)("mul", Elementwise(builder)(op, x), factor)
+
+
+def _cube_root(builder: GraphBuilder, x: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    return apply("mul", apply("sign", x), apply("pow", apply("abs", x), 1.0 / 3.0))
+
+
+def _copy_sign(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    size = apply("abs", x)
+    return apply("select", apply("lt", y, 0.0), apply("neg", size), size)
+
+
+def _without_nan(name: str) -> Callable[..., Nodes]:
+    """Return the rule of fmin or fmax, which ignore an argument that is not a number."""
+
+    def rule(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
+        apply = Elementwise(builder)
+        result = operation(name)(builder, x, y)
+        for value, other in ((x, y), (y, x)):
+            numbers = [builder.value(int(node)) for node in value.ravel()]
+            if any(number is None or math.isnan(number) for number in numbers):
+                result = apply("select", apply("ne", value, value), other, result)
+        return result
+
+    return rule
+
+
+def _library_of_c(name: str) -> Callable[..., Nodes]:
+    """Return the rule of a function of MATLAB's library that C has as well."""
+
+    def rule(evaluator: SymbolicEvaluator, *arguments: Nodes) -> Nodes:
+        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
+        return np.asarray(s.as_array(result))
+
+    return rule
+
+
+_ONE_ARGUMENT: Final = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "floor", "ceil",
+    "round",
+)  # fmt: skip
+_MATHEMATICS: Final = (
+    *(CFunction(name, 1, _elementwise(ONE[name])) for name in _ONE_ARGUMENT),
+    *(CFunction(name, 1, _elementwise(rule)) for name, rule in INVERSE_HYPERBOLIC.items()),
+    CFunction("fabs", 1, _elementwise(ONE["abs"])),
+    CFunction("trunc", 1, _elementwise(truncate)),
+    CFunction("rint", 1, _elementwise(_round_to_even)),
+    CFunction("nearbyint", 1, _elementwise(_round_to_even)),
+    CFunction("log2", 1, _elementwise(_scaled("log", 1.0 / math.log(2.0)))),
+    CFunction("log1p", 1, _elementwise(_log1p)),
+    CFunction("expm1", 1, _library_of_c("expm1")),
+    CFunction("exp2", 1, _elementwise(lambda builder, x: Elementwise(builder)("pow", 2.0, x))),
+    CFunction("cbrt", 1, _elementwise(_cube_root)),
+    CFunction("pow", 2, _elementwise(operation("pow"))),
+    CFunction("atan2", 2, _elementwise(operation("atan2"))),
+    CFunction("fmin", 2, _elementwise(_without_nan("min"))),
+    CFunction("fmax", 2, _elementwise(_without_nan("max"))),
+    CFunction("fmod", 2, _elementwise(TWO_IN_C["fmod"])),
+    CFunction("hypot", 2, _elementwise(TWO["hypot"])),
+    CFunction("copysign", 2, _elementwise(_copy_sign)),
+    CFunction("fdim", 2, _elementwise(lambda b, x, y: Elementwise(b)("max", Elementwise(b)("sub", x, y), 0.0))),
+    CFunction("fma", 3, _elementwise(lambda b, x, y, z: Elementwise(b)("add", Elementwise(b)("mul", x, y), z))),
+)
+_TESTS: Final = (
+    CFunction("isnan", 1, _elementwise(lambda b, x: Elementwise(b)("ne", x, x))),
+    CFunction("isinf", 1, _elementwise(lambda b, x: Elementwise(b)("eq", Elementwise(b)("abs", x), math.inf))),
+    CFunction("isfinite", 1, _elementwise(lambda b, x: Elementwise(b)("lt", Elementwise(b)("abs", x), math.inf))),
+    CFunction("abs", 1, _elementwise(ONE["abs"])),
+    CFunction("labs", 1, _elementwise(ONE["abs"])),
+)
+_INTERNAL: Final = (
+    CFunction("wrap", 3, _wrap),
+    CFunction("truncate", 1, _elementwise(truncate)),
+    CFunction("multiply", 4, _multiply),
+    CFunction("quotient", 2, _quotient),
+    CFunction("remainder", 2, _remainder),
+    CFunction("and", 4, _bits("bitand")),
+    CFunction("or", 4, _bits("bitor")),
+    CFunction("xor", 4, _bits("bitxor")),
+    CFunction("left", 2, _shift(1.0)),
+    CFunction("right", 2, _shift(-1.0)),
+    CFunction("index", 2, _index),
+    CFunction("zeros", 1, _zeros),
+    CFunction("array", 2, _array),
+)
+MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
+TESTS: Final = {function.name: function.count for function in _TESTS}
+LIBRARY: Final[dict[str, LibraryFunction]] = {
+    **{f"c:{function.name}": function for function in (*_MATHEMATICS, *_TESTS, *_INTERNAL)},
+    "c:member": UnionFunction(),
+    "c:overlapped": UnionFunction(),
+}

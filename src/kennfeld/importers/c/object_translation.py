@@ -1,0 +1,153 @@
+"""Translation of whole objects of C: copies, first values, results that are structs, and compound literals."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pycparser import c_ast
+
+from kennfeld.importers.c.call_translation import CCallTranslation
+from kennfeld.importers.c.declarations import CVariable, line_of, variable_of
+from kennfeld.importers.c.expression_translation import call_of, converted
+from kennfeld.importers.c.initial_values import count_elements, initial_trees
+from kennfeld.importers.c.number_types import FLOAT, UnsupportedCError
+from kennfeld.importers.c.places import CPlace, assigned_leaves
+from kennfeld.importers.c.struct_types import CStructType, Leaf
+from kennfeld.matlab import syntax as m
+
+_VALUES = c_ast.ID | c_ast.StructRef | c_ast.ArrayRef | c_ast.UnaryOp
+_OBJECTS = c_ast.FuncCall | c_ast.CompoundLiteral | c_ast.TernaryOp | c_ast.Assignment
+
+
+class ObjectTranslation(CCallTranslation):
+    """Translates what concerns structs and arrays as a whole."""
+
+    def object_place(self, tree: c_ast.Node) -> CPlace:
+        match tree:
+            case c_ast.FuncCall():
+                return self.called_struct(tree)
+            case c_ast.CompoundLiteral(type=kind, init=values):
+                return self._literal(kind, values, tree)
+            case c_ast.TernaryOp(cond=condition, iftrue=yes, iffalse=no):
+                return self._chosen(condition, yes, no)
+        assert isinstance(tree, c_ast.Assignment)
+        copies = self.copies(tree)
+        if copies is None:
+            raise UnsupportedCError("an assignment of a number is not an object", line_of(tree), wrong=True)
+        self.pending += copies
+        return self.place(tree.lvalue)
+
+    def _literal(self, kind: c_ast.Typename, values: c_ast.InitList, tree: c_ast.Node) -> CPlace:
+        """Return the object of a compound literal, such as `(Gains){1, 2}`."""
+        name = self.temporary()
+        declaration = c_ast.Decl(name, [], [], [], [], kind.type, values, None, tree.coord)
+        variable = variable_of(declaration, name, self.file, count_elements(values, self.file.types.constants))
+        self.pending += self.first_assignments(declaration, replace(variable, is_constant=False))
+        self.scopes[-1][name] = variable
+        return self.place(c_ast.ID(name, tree.coord))
+
+    def _chosen(self, condition: c_ast.Node, yes: c_ast.Node, no: c_ast.Node) -> CPlace:
+        """Return the struct that a condition chooses."""
+        line = line_of(condition)
+        tested = self.operand(condition).tree
+        source, before = self.apart(lambda: self.place(yes))
+        result = CPlace(CVariable(self.temporary(), source.type), "", source.type, source.sizes)
+        self.pending += self.filled(list(map(result.leaf, result.leaves)), result, line)
+        sides = [[*before, *self.copied(result, source, line)]]
+        source, before = self.apart(lambda: self.place(no))
+        sides.append([*before, *self.copied(result, source, line)])
+        place = m.SourcePosition(line)
+        self.pending.append(m.If((m.Branch(tested, tuple(sides[0]), place=place),), tuple(sides[1]), place=place))
+        return result
+
+    # copies
+
+    def copies(self, tree: c_ast.Assignment) -> list[m.Statement] | None:
+        """Return the statements that copy a struct; None if the target is a number."""
+        if tree.op != "=" or not isinstance(tree.rvalue, _VALUES | _OBJECTS):
+            return None
+        target, statements = self.apart(lambda: self.place(tree.lvalue))
+        if target.is_pointer or target.sizes or not isinstance(target.type, CStructType):
+            return None
+        self.pending += statements
+        return self.copied(target, self.place(tree.rvalue), line_of(tree))
+
+    def copied(self, target: CPlace, source: CPlace, line: int) -> list[m.Statement]:
+        """Return the statements that copy all numbers of a place to another one."""
+        if target.is_constant:
+            raise UnsupportedCError(f"{target.label} is const and cannot be assigned", line, wrong=True)
+        pairs = assigned_leaves(target, source)
+        values = [self.value_of(of) for _, of in pairs]
+        return self._assigned([to for to, _ in pairs], values, target, line)
+
+    def _assigned(
+        self, parts: Sequence[CPlace], values: Sequence[m.Expression], target: CPlace, line: int
+    ) -> list[m.Statement]:
+        """Return the statements that assign the parts of an object, which may be a member of a union."""
+        place = m.SourcePosition(line)
+        before: list[m.Statement] = []
+        if target.unions:  # a value may be of the member that the assignment replaces
+            names = [m.Name(self.temporary()) for _ in values]
+            before = [m.Assign((name,), value, place=place) for name, value in zip(names, values, strict=True)]
+            before += self.marked(target, line)
+            values = names
+        return [*before, *(m.Assign((self.used(to),), of, place=place) for to, of in zip(parts, values, strict=True))]
+
+    def filled(self, parts: Sequence[CPlace], target: CPlace, line: int) -> list[m.Statement]:
+        """Return the statements that set the parts of an object to 0."""
+        return self._assigned(parts, [zeros_of(part.sizes) for part in parts], target, line)
+
+    # first values
+
+    def first_assignments(self, tree: c_ast.Decl, variable: CVariable) -> list[m.Statement]:
+        """Return the statements that give a variable the first values of a list."""
+        place = m.SourcePosition(line_of(tree))
+        values = self.first_values(tree, variable)
+        if variable.type is FLOAT:
+            self.remarks["float is computed in double precision"] = None
+        return [m.Assign((m.Name(f"{variable.name}{leaf.path}"),), value, place=place) for leaf, value in values]
+
+    def first_values(self, tree: c_ast.Decl, variable: CVariable) -> list[tuple[Leaf, m.Expression]]:
+        """Return the numbers of a variable with the trees of their first values: zeros, where none is written."""
+        try:
+            trees = initial_trees(
+                tree.init, variable.type, variable.sizes, self.file.types.constants, self._named_struct
+            )
+        except UnsupportedCError as error:
+            raise UnsupportedCError(f"{tree.name}: {error.message}", line_of(tree), wrong=error.wrong) from None
+        return [(leaf, self._first_value(leaf, trees[leaf.path])) for leaf in variable.leaves]
+
+    def _first_value(self, leaf: Leaf, trees: Sequence[c_ast.Node | None]) -> m.Expression:
+        if all(tree is None for tree in trees):
+            return zeros_of(leaf.sizes)
+        zero = m.Number(0.0)
+        items = [zero if tree is None else converted(self.operand(tree), leaf.type) for tree in trees]
+        if not leaf.sizes:
+            return items[0]
+        sizes = [m.Number(float(size)) for size in (len(leaf.sizes), *leaf.sizes)]
+        return call_of("array", *sizes, *items)
+
+    def _named_struct(self, tree: c_ast.Node) -> c_ast.Node | None:
+        """Return an expression that names the struct of another one; None if that one is a number."""
+        if not isinstance(tree, _VALUES | _OBJECTS):
+            return None
+        place, statements = self.apart(lambda: self._place_or_none(tree))
+        if place is None or place.is_pointer or place.sizes or not isinstance(place.type, CStructType):
+            return None
+        self.pending += statements
+        if isinstance(tree, _VALUES):
+            return tree
+        if isinstance(tree, c_ast.Assignment):
+            return tree.lvalue
+        self.scopes[-1][place.variable.name] = place.variable
+        return c_ast.ID(place.variable.name, tree.coord)
+
+    def _place_or_none(self, tree: c_ast.Node) -> CPlace | None:
+        try:
+            return self.place(tree)
+        except UnsupportedCError:
+            return None
+
+
+def zeros_of(sizes: Sequence[int]) -> m.Expression:
+    """Return the tree of zeros."""
+    return call_of("zeros", *(m.Number(float(size)) for size in sizes)) if sizes else m.Number(0.0)

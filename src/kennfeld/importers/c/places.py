@@ -1,0 +1,317 @@
+"""Places in memory that expressions name: variables, elements of arrays, members of structs, and addresses of them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple, TypeAlias
+
+from pycparser import c_ast
+
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.c.declarations import CFile, CVariable, line_of
+from kennfeld.importers.c.number_types import CType, UnsupportedCError
+from kennfeld.importers.c.struct_types import (
+    CStructType,
+    Leaf,
+    Member,
+    ObjectType,
+    OpaqueType,
+    Sizes,
+    leaves_of,
+    member_path,
+    number_count,
+)
+from kennfeld.matlab import syntax as m
+
+_MOST_COPIED: Final = 1000  # numbers of a part of an array, which are copied one by one
+
+
+@dataclass(frozen=True)
+class CPlace:
+    """An object in memory.
+
+    Attributes:
+        variable: the variable that it is a part of.
+        path: the members that lead to it, such as `.filter.state`.
+        type: type of its elements.
+        sizes: sizes of the array that it is; empty for a number or a struct.
+        indices: the indices that lead to it, counted from 1.
+        is_constant: True if it cannot be assigned.
+        is_pointer: True if it is an address that leads to the object.
+        offset: if it shares numbers with other members of a union, the number of its first one in their array, from 0.
+        unions: the members of unions that it is a part of, from outside in.
+    """
+
+    variable: CVariable
+    path: str
+    type: ObjectType
+    sizes: Sizes = ()
+    indices: tuple[m.Expression, ...] = ()
+    is_constant: bool = False
+    is_pointer: bool = False
+    offset: m.Expression | None = None
+    unions: "tuple[UnionMember, ...]" = ()
+
+    @property
+    def name(self) -> str:
+        """The name of its numbers in the shared syntax tree."""
+        return f"{self.variable.name}{self.path}"
+
+    @property
+    def label(self) -> str:
+        """Its name in messages."""
+        return self.name.removeprefix(".")
+
+    @property
+    def tree(self) -> m.Expression:
+        """The tree of its numbers; all of them if it is an array."""
+        shared = () if self.offset is None else (_sum(self.offset, m.Number(1.0)),)
+        indices = (*self.indices, *shared)
+        return m.Call(m.Name(self.name), indices) if indices else m.Name(self.name)
+
+    @property
+    def leaves(self) -> Iterator[Leaf]:
+        """The numbers that it consists of, with paths from here on."""
+        return leaves_of(self.type, self.sizes)
+
+    def leaf(self, leaf: Leaf) -> "CPlace":
+        """Return the place of some of its numbers."""
+        return replace(self, path=f"{self.path}{leaf.path}", type=leaf.type, sizes=leaf.sizes)
+
+    def member(self, member: Member) -> "CPlace":
+        """Return the place of a member of a struct or union."""
+        struct, declared = self.type, member.declared
+        assert isinstance(struct, CStructType)
+        place = replace(
+            self,
+            path=member_path(self.path, member.name),
+            type=declared.type,
+            sizes=declared.sizes,
+            is_constant=self.is_constant or declared.is_constant,
+            is_pointer=declared.is_pointer,
+        )
+        if self.offset is not None:
+            before = struct.members[: struct.members.index(member)] if not struct.is_union else ()
+            count = sum(number_count(each.declared.type, each.declared.sizes) for each in before)
+            return replace(place, path=self.path, offset=_sum(self.offset, m.Number(float(count))))
+        if struct.storage is not None and member != struct.storage:
+            return replace(place, path=member_path(self.path, struct.storage.name), offset=m.Number(0.0))
+        if struct.tag and member.name != struct.tag:
+            return replace(place, unions=(*self.unions, UnionMember(self, place, struct.members.index(member) + 1)))
+        return place
+
+    def element(self, index: m.Expression) -> "CPlace":
+        """Return the place of an element of an array; the index counts from 1."""
+        if self.offset is None:
+            return replace(self, sizes=self.sizes[1:], indices=(*self.indices, index))
+        step = m.Number(float(number_count(self.type, self.sizes[1:])))
+        from_zero = _sum(index, m.Number(-1.0))
+        return replace(self, sizes=self.sizes[1:], offset=_sum(self.offset, _product(from_zero, step)))
+
+    def numbers(self) -> "Iterator[CPlace]":
+        """Yield the place of each of its numbers."""
+        if self.sizes:
+            for at in range(self.sizes[0]):
+                yield from self.element(m.Number(at + 1.0)).numbers()
+        elif isinstance(self.type, CStructType):
+            for member in self.type.members if self.type.storage is None else (self.type.storage,):
+                yield from replace(self.member(member), unions=self.unions, is_pointer=False).numbers()
+        else:
+            yield self
+
+
+class UnionMember(NamedTuple):
+    """The union that a place is a part of, the place of its member, and the number of the member, from 1 on."""
+
+    union: CPlace
+    member: CPlace
+    number: int
+
+    def tag(self, indices: Sequence[m.Expression]) -> CPlace:
+        """Return the place of the number of the member written last, at the indices of a part of the member."""
+        assert isinstance(self.union.type, CStructType)
+        place = self.union.member(self.union.type.members[-1])
+        return replace(place, indices=tuple(indices[: len(place.indices)]), unions=())
+
+
+def _sum(left: m.Expression, right: m.Expression) -> m.Expression:
+    if isinstance(left, m.Number) and isinstance(right, m.Number):
+        return m.Number(left.value + right.value)
+    return left if right == m.Number(0.0) else m.Binary("+", left, right)
+
+
+def _product(left: m.Expression, right: m.Number) -> m.Expression:
+    if isinstance(left, m.Number):
+        return m.Number(left.value * right.value)
+    return left if right.value == 1.0 else m.Binary(".*", left, right)
+
+
+Scope: TypeAlias = dict[str, "CVariable | CPlace | int"]  # a place stands for a pointer that always has this address
+
+
+class PlaceTranslation:
+    """Finds the places that expressions name."""
+
+    def __init__(self, file: CFile, scopes: list[Scope]) -> None:
+        self.file, self.scopes = file, scopes
+        self.statics_used: dict[str, None] = {}
+
+    def index(self, tree: c_ast.Node) -> m.Expression:
+        """Translate an index to one that counts from 1."""
+        raise NotImplementedError
+
+    def object_place(self, tree: c_ast.Node) -> CPlace:
+        """Return the place of an object without a name, such as a result that is a struct."""
+        raise NotImplementedError
+
+    def lookup(self, name: str, tree: c_ast.Node) -> CVariable | CPlace | int:
+        """Return the variable, the address, or the constant of an enumeration, of a name."""
+        for scope in reversed(self.scopes):
+            if name in scope:
+                return scope[name]
+        if name in self.file.types.constants:
+            return self.file.types.constants[name]
+        raise UnsupportedCError(f"unknown name {name}", line_of(tree), wrong=True)
+
+    def used(self, place: CPlace) -> m.Expression:
+        """Return the tree of numbers, which a function uses from then on."""
+        if place.variable.is_static:
+            self.statics_used[place.name] = None
+        return place.tree
+
+    def number(self, tree: c_ast.Node) -> CPlace:
+        """Return the place of a number."""
+        place = self.place(tree)
+        if place.sizes or place.is_pointer or not isinstance(place.type, CType):
+            kind = "an address" if place.sizes or place.is_pointer else "a struct"
+            raise UnsupportedCError(f"{place.label} is {kind}, which is not supported here", line_of(tree))
+        return place
+
+    def place(self, tree: c_ast.Node) -> CPlace:
+        """Return the place that an expression names."""
+        match tree:
+            case c_ast.ID(name=name):
+                return self._named(name, tree)
+            case c_ast.StructRef(name=of, type=operator, field=c_ast.ID(name=member)):
+                return self._member(self.place(of), operator, str(member), tree)
+            case c_ast.ArrayRef(name=of, subscript=subscript):
+                return self._element(self.place(of), subscript, tree)
+            case c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=left, right=right)):
+                return self._element(self.place(left), right, tree)
+            case c_ast.UnaryOp(op="*", expr=c_ast.UnaryOp(op="&", expr=of)):
+                return self.place(of)
+            case c_ast.UnaryOp(op="*", expr=of):
+                return self._pointed(self.place(of), tree)
+            case c_ast.FuncCall() | c_ast.CompoundLiteral() | c_ast.TernaryOp() | c_ast.Assignment():
+                return self.object_place(tree)
+        raise UnsupportedCError(f"{kind_of(tree)} is not supported here", line_of(tree))
+
+    def address(self, tree: c_ast.Node) -> CPlace:
+        """Return the place that an address leads to; an array for `a` and `&a[0]`."""
+        match tree:
+            case c_ast.UnaryOp(op="&", expr=c_ast.ArrayRef(name=of, subscript=c_ast.Constant(value="0" | "0U" | "0u"))):
+                array = self.place(of)
+                return self._pointed(array, tree) if array.is_pointer else array
+            case c_ast.UnaryOp(op="&", expr=of):
+                place = self.place(of)
+                return self._pointed(place, tree) if place.is_pointer else place
+            case c_ast.Cast(expr=of):
+                return self.address(of)
+            case c_ast.ID() | c_ast.StructRef() | c_ast.CompoundLiteral():
+                place = self.place(tree)
+                if place.is_pointer:
+                    return self._pointed(place, tree)
+                if place.sizes:
+                    return place
+        raise UnsupportedCError("only addresses of variables and arrays are supported", line_of(tree))
+
+    def _named(self, name: str, tree: c_ast.Node) -> CPlace:
+        variable = self.lookup(name, tree)
+        if isinstance(variable, int):
+            raise UnsupportedCError(f"{name} is a constant", line_of(tree), wrong=True)
+        if isinstance(variable, CPlace):
+            return replace(variable, is_pointer=not variable.sizes)
+        is_pointer = variable.is_pointer and not variable.sizes
+        return CPlace(
+            variable, "", variable.type, variable.sizes, is_constant=variable.is_constant, is_pointer=is_pointer
+        )
+
+    def _pointed(self, place: CPlace, tree: c_ast.Node) -> CPlace:
+        if place.is_pointer:
+            return replace(place, is_pointer=False)
+        if place.sizes:
+            return place.element(m.Number(1.0))
+        raise UnsupportedCError(f"{place.label} is not an array or address", line_of(tree), wrong=True)
+
+    def _element(self, place: CPlace, subscript: c_ast.Node, tree: c_ast.Node) -> CPlace:
+        if place.sizes:
+            index = self._bounded(self.index(subscript), place, tree)
+            return place.element(index)
+        if place.is_pointer and isinstance(subscript, c_ast.Constant) and subscript.value.rstrip("uU") == "0":
+            return self._pointed(place, tree)
+        raise UnsupportedCError(f"{place.label} is a number, not an array", line_of(tree), wrong=True)
+
+    def _bounded(self, index: m.Expression, place: CPlace, tree: c_ast.Node) -> m.Expression:
+        """Return an index that is checked, unless the size of its array is not known."""
+        size = place.sizes[0]
+        if not size:
+            return index
+        if isinstance(index, m.Number):
+            if not 1 <= index.value <= size:
+                message = f"index {index.value - 1:g} of {place.label}, which has {size} elements"
+                raise UnsupportedCError(message, line_of(tree), wrong=True)
+            return index
+        return m.Call(m.Name("c:index"), (index, m.Number(float(size))))
+
+    def _member(self, place: CPlace, operator: str, name: str, tree: c_ast.Node) -> CPlace:
+        if operator == "->":
+            place = self._pointed(place, tree)
+        if place.is_pointer or place.sizes or not isinstance(place.type, CStructType):
+            kind = place.type.reason if isinstance(place.type, OpaqueType) else "not a struct"
+            raise UnsupportedCError(
+                f"{place.label} is {kind}, so that it has no member {name}", line_of(tree), wrong=True
+            )
+        try:
+            chain = place.type.path(name)
+        except UnsupportedCError as error:
+            raise UnsupportedCError(error.message, line_of(tree), wrong=error.wrong) from None
+        for member in chain:
+            place = place.member(member)
+        return place
+
+
+def assigned_leaves(target: CPlace, source: CPlace) -> list[tuple[CPlace, CPlace]]:
+    """Return the places of the numbers that an assignment of a struct or an array copies."""
+    if target.type != source.type or target.sizes != source.sizes:
+        raise UnsupportedCError(f"{target.label} and {source.label} have different types", wrong=True)
+    if any(leaf.owner[0] for leaf in source.leaves):  # the copy leads to the same numbers
+        raise UnsupportedCError(f"{source.label} has pointers, so that it cannot be copied")
+    parts = [_whole_parts(place) for place in (target, source)]
+    if any(each is None for each in parts):
+        parts = [single_numbers(place) for place in (target, source)]
+    return list(zip(*(each or [] for each in parts), strict=True))
+
+
+def parts_of(place: CPlace) -> list[CPlace]:
+    """Return the places of the numbers of an object: of each array as a whole, unless it is within another array."""
+    parts = _whole_parts(place)
+    return single_numbers(place) if parts is None else parts
+
+
+def _whole_parts(place: CPlace) -> list[CPlace] | None:
+    parts = [place.leaf(leaf) for leaf in place.leaves]
+    is_within = place.offset is not None or any(part.sizes and part.indices for part in parts)
+    return None if is_within else parts
+
+
+def single_numbers(place: CPlace) -> list[CPlace]:
+    """Return the place of each number of an object that is a part of an array."""
+    count = number_count(place.type, place.sizes)
+    if count > _MOST_COPIED:
+        raise UnsupportedCError(f"a copy of {count} numbers within an array, more than {_MOST_COPIED}")
+    return list(place.numbers())
+
+
+def kind_of(tree: c_ast.Node) -> str:
+    """Return the kind of an expression for a message."""
+    names: Mapping[str, str] = {"UnaryOp": "this address", "InitList": "a list of values", "FuncCall": "a result"}
+    return names.get(type(tree).__name__, f"{type(tree).__name__}")

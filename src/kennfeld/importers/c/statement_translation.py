@@ -1,0 +1,424 @@
+"""Translation of C functions to functions of the shared syntax tree."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+from pycparser import c_ast
+
+from kennfeld.importers.c.declarations import (
+    RESULT,
+    CFile,
+    CFunctionDeclaration,
+    CVariable,
+    StaticVariable,
+    line_of,
+    variable_of,
+)
+from kennfeld.importers.c.expression_translation import COperand, converted
+from kennfeld.importers.c.initial_values import count_elements
+from kennfeld.importers.c.number_types import FLOAT, CType, UnsupportedCError
+from kennfeld.importers.c.object_translation import ObjectTranslation
+from kennfeld.importers.c.places import CPlace, Scope, parts_of
+from kennfeld.importers.c.struct_types import CStructType, enumeration_constants, enumerations
+from kennfeld.matlab import syntax as m
+
+_YES: Final = m.Number(1.0)
+_NO: Final = m.Number(0.0)
+_SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf", "fflush"})
+
+
+class FunctionTranslation(ObjectTranslation):
+    """Translates one function.
+
+    `statics` are the static variables that it declares; `problems` are the statements that are not supported.
+    """
+
+    def __init__(self, file: CFile, function: CFunctionDeclaration, shared: Scope) -> None:
+        super().__init__(file)
+        self.function = function
+        self.statics: list[StaticVariable] = []
+        self.problems: list[UnsupportedCError] = []
+        self._taken: dict[str, int] = {}
+        self._addressed = set(_addressed(function.tree.body))
+        self._reassigned = set(_reassigned(function.tree.body))
+        self.scopes = [shared, {}]
+
+    def translate(self) -> m.FunctionDefinition:
+        """Return the function."""
+        for argument in self.function.arguments:
+            self.scopes[-1][argument.variable.name] = argument.variable
+            self._taken[argument.variable.name] = 1
+            if argument.variable.type is FLOAT:
+                self.remarks["float is computed in double precision"] = None
+        body = self._block(self.function.tree.body.block_items or ())
+        head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
+        written = (name for argument in self.function.outputs for name in argument.names)
+        results = [*self.function.result_names, *written]
+        names = tuple(name for argument in self.function.arguments for name in argument.names)
+        return m.FunctionDefinition(f"{self.function.name}()", names, tuple(results), (*head, *body))
+
+    # statements
+
+    def _block(self, items: Iterable[c_ast.Node]) -> tuple[m.Statement, ...]:
+        self.scopes.append({})
+        result: list[m.Statement] = []
+        for item in items:
+            result += self._checked(item)
+        self.scopes.pop()
+        return tuple(result)
+
+    def _checked(self, item: c_ast.Node) -> list[m.Statement]:
+        """Translate a statement; note why it is not supported, so that all problems are reported at once."""
+        try:
+            return self._with_pending(lambda: self._statement(item))
+        except UnsupportedCError as error:
+            line = error.line or line_of(item)
+            self.problems.append(UnsupportedCError(error.message, line, wrong=error.wrong))
+            self.pending = []
+            return []
+
+    def _with_pending(self, translate: Callable[[], list[m.Statement]]) -> list[m.Statement]:
+        statements = translate()
+        pending, self.pending = self.pending, []
+        return [*pending, *statements]
+
+    def _body(self, tree: c_ast.Node | None) -> tuple[m.Statement, ...]:
+        if tree is None:
+            return ()
+        return self._block(tree.block_items or () if isinstance(tree, c_ast.Compound) else (tree,))
+
+    def _statement(self, tree: c_ast.Node) -> list[m.Statement]:
+        place = m.SourcePosition(line_of(tree))
+        match tree:
+            case c_ast.EmptyStatement() | c_ast.Pragma():
+                return []
+            case c_ast.Typedef():
+                self.file.types.typedef(tree)
+                return []
+            case c_ast.Compound():
+                return list(self._body(tree))
+            case c_ast.Decl() | c_ast.DeclList():
+                return self._declarations(tree)
+            case c_ast.Assignment():
+                return self.assignment(tree)
+            case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
+                return [self.stepped(op, target, place.line)]
+            case c_ast.ExprList(exprs=exprs):
+                return [statement for expr in exprs for statement in self._statement(expr)]
+            case c_ast.FuncCall():
+                return self._call_statement(tree)
+            case c_ast.If(cond=condition, iftrue=yes, iffalse=no):
+                tested = self.operand(condition).tree
+                pending, self.pending = self.pending, []
+                branch = m.Branch(tested, self._body(yes), place=place)
+                return [*pending, m.If((branch,), self._body(no), place=place)]
+            case c_ast.For() | c_ast.While() | c_ast.DoWhile():
+                return self._loop(tree)
+            case c_ast.Switch():
+                return self._switch(tree)
+            case c_ast.Label(stmt=labelled):  # where no goto leads
+                return self._statement(labelled)
+            case c_ast.Break():
+                return [m.Jump("break", place=place)]
+            case c_ast.Continue():
+                return [m.Jump("continue", place=place)]
+            case c_ast.Return(expr=value):
+                return self._return(value, place)
+            case c_ast.Cast(expr=c_ast.FuncCall() as call):
+                return self._call_statement(call)
+            case c_ast.Cast() | c_ast.ID():  # (void)x
+                return []
+        raise UnsupportedCError(f"{_statement_name(tree)} is not supported", line_of(tree))
+
+    def _call_statement(self, tree: c_ast.FuncCall) -> list[m.Statement]:
+        name = getattr(tree.name, "name", "")
+        if name in _SILENT:
+            return []
+        if name in ("memset", "memcpy") and name not in self.file.functions:
+            return self._fill(name, tree) if tree.args is not None and len(tree.args.exprs) == 3 else []
+        operand: COperand | None = None
+        declared = self.file.functions.get(name)
+        if declared is not None and isinstance(declared.result, CStructType):
+            self.called_struct(tree)
+        else:
+            operand = self.call(tree, wants_result=False)
+        pending, self.pending = self.pending, []
+        calls = [] if operand is None or isinstance(operand.tree, m.Name) else [m.Evaluate(operand.tree)]
+        return [*pending, *calls]
+
+    def _return(self, value: c_ast.Node | None, place: m.SourcePosition) -> list[m.Statement]:
+        jump = m.Jump("return", place=place)
+        if self.function.result is None:
+            return [jump]
+        if value is None:
+            raise UnsupportedCError(f"{self.function.name} must return a value", wrong=True)
+        if isinstance(self.function.result, CStructType):
+            result = CPlace(CVariable(RESULT, self.function.result), "", self.function.result)
+            return [*self.copied(result, self.place(value), place.line), jump]
+        number = converted(self.operand(value), self.function.result)
+        return [m.Assign((m.Name(RESULT),), number, place=place), jump]
+
+    def _fill(self, name: str, tree: c_ast.FuncCall) -> list[m.Statement]:
+        """Return the statements of memset with 0, or of memcpy, of a whole variable."""
+        target, value, size = tree.args.exprs
+        place, line = self.address(target), line_of(tree)
+        if not _is_whole(size):
+            raise UnsupportedCError(f"{name} of a part of a variable is not supported", line)
+        if name == "memcpy":
+            return self.copied(place, self.address(value), line)
+        if not isinstance(value, c_ast.Constant) or value.value not in ("0", "0U", "0u"):
+            raise UnsupportedCError("memset is supported with 0 only", line)
+        return self.filled(parts_of(place), place, line)
+
+    # declarations
+
+    def _declarations(self, tree: c_ast.Node) -> list[m.Statement]:
+        declarations = tree.decls if isinstance(tree, c_ast.DeclList) else [tree]
+        result: list[m.Statement] = []
+        for item in declarations:
+            for enumeration in enumerations(item):
+                self.scopes[-1] |= enumeration_constants(enumeration, self.file.types.constants)
+            if item.name and not isinstance(item.type, c_ast.FuncDecl):
+                result += self._declare(item)
+        return result
+
+    def _declare(self, tree: c_ast.Decl) -> list[m.Statement]:
+        is_static = "static" in tree.storage
+        if isinstance(tree.type, c_ast.PtrDecl) and not is_static:
+            self.scopes[-1][tree.name] = self._alias(tree)
+            return []
+        self._taken[tree.name] = self._taken.get(tree.name, 0) + 1
+        number = self._taken[tree.name]
+        name = tree.name if number == 1 else f"{tree.name}#{number}"
+        owned = f"{self.function.name}().{name}" if is_static else name
+        variable = variable_of(tree, owned, self.file, count_elements(tree.init, self.file.types.constants))
+        if is_static:
+            self.statics += self.static_parts(tree, variable, f"{self.function.name}.{tree.name}")
+            self.scopes[-1][tree.name] = variable
+            return []
+        statements = self._first_assignments(tree, variable)
+        if variable.type is FLOAT:
+            self.remarks["float is computed in double precision"] = None
+        self.scopes[-1][tree.name] = variable
+        return statements
+
+    def _alias(self, tree: c_ast.Decl) -> CPlace:
+        """Return the address that a pointer holds from its declaration on."""
+        if tree.init is None or tree.name in self._reassigned:
+            raise UnsupportedCError(f"the pointer {tree.name} must be set once, where it is declared", line_of(tree))
+        place = self.frozen(self.address(tree.init), line_of(tree))
+        is_constant = place.is_constant or self.file.types.declared(tree).is_constant
+        return replace(place, is_constant=is_constant)
+
+    def _first_assignments(self, tree: c_ast.Decl, variable: CVariable) -> list[m.Statement]:
+        """Return the statements that give a local variable its first values."""
+        line = line_of(tree)
+        is_number = isinstance(variable.type, CType) and not variable.sizes
+        if tree.init is not None and not is_number and not isinstance(tree.init, c_ast.InitList):
+            self.scopes[-1][tree.name] = replace(variable, is_constant=False)
+            return self.copied(self.place(c_ast.ID(tree.name)), self.place(tree.init), line)
+        if tree.init is None and is_number and tree.name not in self._addressed:
+            return []
+        return self.first_assignments(tree, variable)
+
+    def static_parts(self, tree: c_ast.Decl, variable: CVariable, label: str) -> list[StaticVariable]:
+        """Return the numbers of a variable that keeps its values."""
+        is_initialized, line = tree.init is not None, line_of(tree)
+        return [
+            StaticVariable(f"{variable.name}{leaf.path}", leaf, value, variable, label, is_initialized, line)
+            for leaf, value in self.first_values(tree, variable)
+        ]
+
+    # loops
+
+    def _loop(self, tree: c_ast.Node) -> list[m.Statement]:
+        self.scopes.append({})
+        start: list[m.Statement] = []
+        if isinstance(tree, c_ast.For) and tree.init is not None:
+            start = self._with_pending(lambda: self._statement(tree.init))
+        end = self._loop_end(tree)
+        body = self._body(tree.stmt)
+        step: list[m.Statement] = []
+        if isinstance(tree, c_ast.For) and tree.next is not None:
+            step = self._with_pending(lambda: self._statement(tree.next))
+        self.scopes.pop()
+        if isinstance(tree, c_ast.DoWhile):
+            return [*start, *self._again(tree, end, body, ())]
+        if len(end) == 1 and not (step and _has_jump(tree.stmt, c_ast.Continue)):
+            (statement,) = end
+            assert isinstance(statement, m.If)
+            condition = statement.branches[0].condition
+            assert isinstance(condition, m.Unary)
+            return [*start, m.While(condition.operand, (*body, *step), place=statement.place)]
+        return [*start, *self._again(tree, end, body, step, tests_first=True)]
+
+    def _loop_end(self, tree: c_ast.Node) -> list[m.Statement]:
+        """Return the statements that leave a loop if its condition does not hold."""
+        place = m.SourcePosition(line_of(tree))
+
+        def translate() -> list[m.Statement]:
+            holds = _YES if tree.cond is None else self.operand(tree.cond).tree
+            leave = m.Branch(m.Unary("~", holds), (m.Jump("break", place=place),), place=place)
+            return [m.If((leave,), place=place)]
+
+        return self._with_pending(translate)
+
+    def _again(
+        self,
+        tree: c_ast.Node,
+        end: Sequence[m.Statement],
+        body: Sequence[m.Statement],
+        step: Sequence[m.Statement],
+        *,
+        tests_first: bool = False,
+    ) -> list[m.Statement]:
+        """Return a loop whose end is tested within it; all passes but the first one begin with `step`."""
+        place, first = m.SourcePosition(line_of(tree)), m.Name(self.temporary())
+        before = (*step, *(() if tests_first else end))
+        again = m.If((m.Branch(m.Unary("~", first), before, place=place),), place=place)
+        entered = m.Assign((first,), _NO, place=place)
+        tested = end if tests_first else ()
+        return [
+            m.Assign((first,), _YES, place=place),
+            m.While(_YES, (again, entered, *tested, *body), place=place),
+        ]
+
+    # switch
+
+    def _switch(self, tree: c_ast.Switch) -> list[m.Statement]:
+        place = m.SourcePosition(line_of(tree))
+        subject = self.operand(tree.cond)
+        name = self.temporary()
+        pending, self.pending = self.pending, []
+        head: list[m.Statement] = [*pending, m.Assign((m.Name(name),), subject.tree, place=place)]
+        cases = tree.stmt.block_items or () if isinstance(tree.stmt, c_ast.Compound) else ()
+        if not all(isinstance(case, c_ast.Case | c_ast.Default) for case in cases):
+            raise UnsupportedCError("statements of a switch outside of its cases", line_of(tree))
+        branches: list[m.Branch] = []
+        otherwise: tuple[m.Statement, ...] = ()
+        keys: list[m.Expression] = []
+        is_default = False
+        for at, case in enumerate(cases):
+            is_default |= isinstance(case, c_ast.Default)
+            if isinstance(case, c_ast.Case):
+                keys.append(m.Binary("==", m.Name(name), self.operand(case.expr).tree))
+            if not case.stmts and at + 1 < len(cases):
+                continue
+            body = self._case(_followed(cases[at:]), place)
+            if is_default:
+                otherwise = body  # where its other keys lead as well
+            else:
+                branches.append(m.Branch(_any(keys), body, place=place))
+            keys, is_default = [], False
+        whole: list[m.Statement] = [m.If(tuple(branches), otherwise, place=place)] if branches else list(otherwise)
+        return [*head, *whole]
+
+    def _case(self, statements: Sequence[c_ast.Node], place: m.SourcePosition) -> tuple[m.Statement, ...]:
+        """Translate the statements of a case; with a break under a condition, as a loop of one pass."""
+        body = self._block(statements)
+        if not any(_has_jump(statement, c_ast.Break) for statement in statements):
+            return body
+        if any(_has_jump(statement, c_ast.Continue) for statement in statements):
+            raise UnsupportedCError("a case with both break and continue under conditions is not supported", place.line)
+        return (m.While(_YES, (*body, m.Jump("break", place=place)), place=place),)
+
+
+def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[UnsupportedCError]]:
+    """Return the variables of a file outside of its functions, with their first values.
+
+    The problems are those of variables that cannot be read, which matter only if a function uses them.
+    """
+    scope: Scope = {}
+    statics: list[StaticVariable] = []
+    problems: list[UnsupportedCError] = []
+    empty = c_ast.FuncDef(None, None, c_ast.Compound([]))
+    translation = FunctionTranslation(file, CFunctionDeclaration("", empty, (), None), scope)
+    # addresses after the variables that they lead to
+    for name, tree in sorted(file.variables.items(), key=lambda item: isinstance(item[1].type, c_ast.PtrDecl)):
+        try:
+            if isinstance(tree.type, c_ast.PtrDecl):
+                if tree.init is None:
+                    raise UnsupportedCError(f"the pointer {name} must be set where it is declared")
+                scope[name] = translation.address(tree.init)
+                continue
+            elements = count_elements(tree.init, file.types.constants)
+            variable = replace(variable_of(tree, f".{name}", file, elements), is_static=True)
+            statics += translation.static_parts(tree, variable, name)
+            scope[name] = variable
+        except UnsupportedCError as error:
+            problems.append(UnsupportedCError(error.message, error.line or line_of(tree), wrong=error.wrong, name=name))
+    return scope, statics, problems
+
+
+def _is_whole(size: c_ast.Node) -> bool:
+    """Return True if a size in bytes is written with sizeof, as that of a whole variable."""
+    if isinstance(size, c_ast.UnaryOp) and size.op == "sizeof":
+        return True
+    return isinstance(size, c_ast.BinaryOp) and size.op == "*" and (_is_whole(size.left) or _is_whole(size.right))
+
+
+def _any(keys: Sequence[m.Expression]) -> m.Expression:
+    result = keys[0]
+    for key in keys[1:]:
+        result = m.Binary("|", result, key)
+    return result
+
+
+def _followed(cases: Sequence[c_ast.Node]) -> list[c_ast.Node]:
+    """Return the statements from a case up to the `break` that ends it, with those of the cases it falls into."""
+    result: list[c_ast.Node] = []
+    for case in cases:
+        statements = list(case.stmts or ())
+        if len(statements) == 1 and isinstance(statements[0], c_ast.Compound):
+            statements = list(statements[0].block_items or ())
+        for statement in statements:
+            if isinstance(statement, c_ast.Break):
+                return result
+            result.append(statement)
+            if isinstance(statement, c_ast.Return | c_ast.Continue):
+                return result
+    return result
+
+
+def _has_jump(tree: c_ast.Node | None, kind: type[c_ast.Node]) -> bool:
+    """Return True if a jump within a statement leaves it, other than those of loops in it."""
+    if tree is None:
+        return False
+    if isinstance(tree, kind):
+        return True
+    inner = (c_ast.For, c_ast.While, c_ast.DoWhile, *((c_ast.Switch,) if kind is c_ast.Break else ()))
+    return any(_has_jump(child, kind) for _, child in tree.children() if not isinstance(child, inner))
+
+
+def _addressed(tree: c_ast.Node) -> Iterator[str]:
+    """Yield the names of variables whose addresses are taken, and of structs."""
+    for node in _nodes(tree):
+        if isinstance(node, c_ast.UnaryOp) and node.op == "&":
+            of = node.expr
+            while isinstance(of, c_ast.StructRef | c_ast.ArrayRef):
+                of = of.name
+            if isinstance(of, c_ast.ID):
+                yield str(of.name)
+
+
+def _reassigned(tree: c_ast.Node) -> Iterator[str]:
+    """Yield the names of variables that are assigned as a whole behind their declaration."""
+    for node in _nodes(tree):
+        target = node.lvalue if isinstance(node, c_ast.Assignment) else None
+        if isinstance(node, c_ast.UnaryOp) and node.op in ("++", "--", "p++", "p--"):
+            target = node.expr
+        if isinstance(target, c_ast.ID):
+            yield str(target.name)
+
+
+def _nodes(tree: c_ast.Node) -> Iterator[c_ast.Node]:
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting += [child for _, child in node.children()]
+
+
+def _statement_name(tree: c_ast.Node) -> str:
+    return {"Goto": "goto", "Case": "a case"}.get(type(tree).__name__, type(tree).__name__)

@@ -1,0 +1,100 @@
+"""The archive of an FMU: its description, its platforms, and its files unpacked for loading."""
+
+import atexit
+import platform
+import shutil
+import sys
+import tempfile
+import zipfile
+from hashlib import blake2b
+from pathlib import Path, PurePosixPath
+
+from kennfeld.base.archives import ZIP_ERRORS, find_oversized
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import reason_of
+from kennfeld.base.watch_folder import watch_folder
+from kennfeld.importers.fmu.description import FmuDescription
+from kennfeld.importers.fmu.description_reader import LIMITS, read_description
+
+_DESCRIPTION = "modelDescription.xml"
+_MOST_FILES = 100_000
+_EXTENSIONS = {"win32": ".dll", "darwin": ".dylib"}
+
+
+def read_archive(path: Path) -> FmuDescription:
+    """Read the description of an FMU; none of its code is loaded.
+
+    Raises:
+        InputError: the file is not an FMU, is damaged, or its members would leave its folder or grow without bound.
+    """
+    with convert_errors(path, "cannot be read"):
+        try:
+            with zipfile.ZipFile(path) as archive:
+                _check_members(archive, path)
+                names = archive.namelist()
+                if _DESCRIPTION not in names:
+                    raise InputError.of(
+                        Location.of_file(path), f"has no {_DESCRIPTION}", "Use an FMU of FMI 2.0 or 3.0."
+                    )
+                with archive.open(_DESCRIPTION) as stream:
+                    raw = stream.read(LIMITS.size + 1)
+        except ZIP_ERRORS as error:
+            message = f"is not a readable ZIP archive: {reason_of(error)}"
+            raise InputError.of(Location.of_file(path), message, "Use a complete copy.") from None
+    parts = [PurePosixPath(name).parts for name in names]
+    platforms = sorted({part[1] for part in parts if len(part) == 3 and part[0] == "binaries"})
+    return read_description(raw, path.name, platforms)
+
+
+def digest_of(path: Path) -> str:
+    """Return a digest of the contents of a file."""
+    with convert_errors(path, "cannot be read"):
+        return blake2b(path.read_bytes(), digest_size=16).hexdigest()
+
+
+def read_unchanged(path: Path, digest: str) -> FmuDescription:
+    """Read the description of an FMU; raises `InputError` if the file has changed since its digest was taken."""
+    if digest_of(path) != digest:
+        raise InputError.of(Location.of_file(path), "has changed since it was read", "Read it again.")
+    return read_archive(path)
+
+
+def platform_folder(version: str) -> str:
+    """Return the name of the folder of libraries for this machine."""
+    machine = platform.machine().lower()
+    if version == "3.0":
+        architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+        return f"{architecture}-{ {'win32': 'windows', 'darwin': 'darwin'}.get(sys.platform, 'linux') }"
+    name = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
+    return f"{name}64" if machine in ("amd64", "x86_64") else f"{name}-{machine}"
+
+
+def unpack(path: Path) -> Path:
+    """Unpack an FMU into a folder that is removed when the process ends, and return the folder."""
+    folder = Path(tempfile.mkdtemp(prefix="kennfeld-fmu-", dir=watch_folder()))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    with convert_errors(path, "cannot be unpacked"), zipfile.ZipFile(path) as archive:
+        _check_members(archive, path)
+        archive.extractall(folder)
+    return folder
+
+
+def library_of(folder: Path, version: str, identifier: str) -> Path:
+    """Return the path of the library of an unpacked FMU."""
+    return folder / "binaries" / platform_folder(version) / (identifier + _EXTENSIONS.get(sys.platform, ".so"))
+
+
+def _check_members(archive: zipfile.ZipFile, path: Path) -> None:
+    location = Location.of_file(path)
+    members = archive.infolist()
+    if len(members) > _MOST_FILES:
+        raise InputError.of(location, f"holds {len(members)} files, more than {_MOST_FILES}", "Export the FMU again.")
+    for member in members:
+        parts = PurePosixPath(member.filename.replace("\\", "/"))
+        if parts.is_absolute() or ".." in parts.parts or ":" in member.filename:
+            message = f"the member {member.filename[:80]!r} would be unpacked outside of its folder"
+            raise InputError.of(location, message, "Do not use this file.")
+    oversized = find_oversized(archive)
+    if oversized:
+        raise InputError.of(location, oversized, "Do not use this file.")

@@ -1,0 +1,206 @@
+"""FMUs for co-simulation in this process: their trajectories, each in an instance, and the functions that run them."""
+
+import ctypes
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.machine_code.call_record import CallRecord
+from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.base.machine_code.external import provide
+from kennfeld.base.threads import computed_once
+from kennfeld.importers.fmu.description import FmuDescription, FmuVariable
+from kennfeld.importers.fmu.fmu_archive import read_unchanged
+from kennfeld.importers.fmu.library import LOADING, FmuLibrary, thread_address, yield_address
+from kennfeld.importers.fmu.number_access import NumberGroup, group_numbers
+from kennfeld.importers.fmu.spin_lock import YIELD
+from kennfeld.importers.fmu.stop_reports import StopReports
+from kennfeld.importers.fmu.trajectory_code import (
+    NO_INSTANCE,
+    RECORD,
+    REUSED,
+    SLOTS,
+    THREAD,
+    TrajectoryLayout,
+    trajectory_functions,
+    write_start,
+    write_step,
+)
+
+_TRIAL_SAMPLES, _TRIAL_STEP = 4, 0.1
+_REPEATED = 1e-9  # relative difference of outputs that are repeated
+
+
+@dataclass(frozen=True)
+class TrajectoryFunction:
+    """A compiled function in this process, which it keeps there."""
+
+    call: NativeFunction
+    address: int
+    fmu: "FmuTrajectories"
+
+    @property
+    def trajectories(self) -> int:
+        """Number of trajectories that may run at once."""
+        return self.fmu.layout.slots
+
+
+def load_start(path: str, digest: str) -> TrajectoryFunction:
+    """Return (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
+
+    Raises:
+        InputError: the file has changed, or its code cannot be used.
+    """
+    return load_trajectories(path, digest).start
+
+
+def load_step(path: str, digest: str) -> TrajectoryFunction:
+    """Return (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
+    return load_trajectories(path, digest).step
+
+
+@computed_once
+def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
+    """Return the trajectories of an FMU in this process."""
+    source = Path(path)
+    return FmuTrajectories(source, read_unchanged(source, digest), digest)
+
+
+class FmuTrajectories:
+    """The instances of an FMU in this process, and the functions that start trajectories and advance them."""
+
+    def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
+        self.source, self.description = source, description
+        self.layout = trajectory_layout(description, f"fmu_steps_{digest}")
+        functions = [*trajectory_functions(self.layout), LOADING]
+        self.record = CallRecord(source.name, functions, self.layout.slots)
+        self._memory: dict[str, Any] = {}
+        self.library = self._load()
+        self.reports = StopReports(source, self.library)
+        self._provide_memory()
+        self.start = self._compile(write_start(self.layout), "start")
+        self.step = self._compile(write_step(self.layout), "step")
+        self._check_reset()
+
+    def _load(self) -> FmuLibrary:
+        interface = self.description.co_simulation
+        assert interface is not None  # checked by whoever reads the FMU
+        library = FmuLibrary(self.source, self.description, interface, self.record)
+        library.prepare()
+        library.provide(trajectory_functions(self.layout), self.layout.prefix)
+        library.provide_creation(self.layout.prefix)
+        return library
+
+    def _provide_memory(self) -> None:
+        layout = self.layout
+        control = np.zeros(16, dtype=np.int64)
+        control[REUSED] = 1
+        self._keep("control", control)
+        slots = np.zeros((layout.slots, layout.words), dtype=np.int64)
+        slots[:, RECORD] = [self.record.address(slot) for slot in range(layout.slots)]
+        self._keep("slots", slots)
+        self._keep_references(layout.parameters, set_at_start(self.description))
+        self._keep_references(layout.inputs, inputs_of(self.description))
+        self._keep_references(layout.outputs, outputs_of(self.description))
+        self._provide("report", self.reports.address)
+        provide(YIELD, yield_address())
+        provide(THREAD, thread_address())
+
+    def _keep_references(self, groups: Sequence[NumberGroup], variables: Sequence[FmuVariable]) -> None:
+        remaining = iter(variables)
+        for group in groups:
+            references = [variable.reference for variable in islice(remaining, group.references)]
+            self._keep(group.name, np.array(references, dtype=np.uint32))
+
+    def _keep(self, name: str, array: NDArray[Any]) -> None:
+        self._memory[name] = array if array.size else np.zeros(1, dtype=array.dtype)
+        self._provide(name, self._memory[name].ctypes.data)
+
+    def _provide(self, name: str, address: int) -> None:
+        provide(f"{self.layout.prefix}_{name}", address)
+
+    def _compile(self, functions: Sequence[Any], name: str) -> TrajectoryFunction:
+        call = compile_functions(*functions)[name]
+        return TrajectoryFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
+
+    def _check_reset(self) -> None:
+        """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one.
+
+        The inputs differ from their start values, at which outputs may rest whether the reset works or not.
+        """
+        starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
+        others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
+        with self.reports.muted():
+            first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
+            if NO_INSTANCE in self.reports.reasons:
+                said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
+                message = f"its code does not create an instance{said}"
+                raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
+        scale = np.max(np.abs(first), axis=0, initial=0.0)
+        same = [np.all(np.abs(again - first) <= _REPEATED * scale) for again in (second, last)]
+        self._memory["control"][REUSED] = all(same)
+
+    def _trial(self, inputs: Float) -> Float:
+        """Return the outputs of the first samples with constant inputs, Float[samples, outputs]."""
+        description, size = self.description, self.layout.results
+        parameters = [_start_of(v, k) for v in set_at_start(description) for k in range(v.size)]
+        ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
+        start = np.array([0.0, 0.0, *inputs, *parameters])
+        self.start.call(start.ctypes.data, ticket.ctypes.data, None)
+        for number, result in enumerate(outputs):
+            point = np.array([ticket[0], number * (description.step or _TRIAL_STEP), *inputs])
+            self.step.call(point.ctypes.data, result.ctypes.data, None)
+        return outputs
+
+    @property
+    def resets(self) -> bool:
+        """True if instances are used again after a reset."""
+        return bool(self._memory["control"][REUSED])
+
+
+def _start_of(variable: FmuVariable, position: int) -> float:
+    return variable.start[position] if variable.start else 0.0
+
+
+def _other_start_of(variable: FmuVariable, position: int) -> float:
+    """Return another value of a real input, within its limits."""
+    start = _start_of(variable, position)
+    moved = start + (variable.nominal or abs(start) or 1.0)
+    return min(max(moved, variable.minimum), variable.maximum) if variable.is_real else start
+
+
+def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:
+    """Return the numbers of values that the code of an FMU takes and returns."""
+    interface, version = description.co_simulation, description.version
+    assert interface is not None
+    return TrajectoryLayout(
+        version=version,
+        prefix=prefix,
+        parameters=group_numbers("parameters", version, set_at_start(description)),
+        inputs=group_numbers("inputs", version, inputs_of(description)),
+        outputs=group_numbers("outputs", version, outputs_of(description)),
+        even=not interface.variable_step,
+        slots=1 if interface.single else SLOTS,
+    )
+
+
+def set_at_start(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the parameters, and the states whose values at the start can be set; all of them are doubles."""
+    return (*description.parameters, *description.started_states)
+
+
+def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the inputs in the order in which the code takes them."""
+    return description.sorted_by_type(description.number_inputs)
+
+
+def outputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the outputs in the order in which the code returns them."""
+    return description.sorted_by_type(description.number_outputs)

@@ -1,0 +1,20 @@
+"""Block handlers, grouped by Simulink library; importing a module registers its handlers."""
+
+from kennfeld.importers.simulink.blocks import (  # noqa: F401
+    bit_operations,
+    continuous,
+    delays,
+    discontinuities,
+    discrete,
+    logic,
+    lookup_tables,
+    math_operations,
+    matrix_operations,
+    pid_controllers,
+    ports_and_subsystems,
+    prelookup_tables,
+    signal_attributes,
+    signal_routing,
+    sources,
+    user_defined_functions,
+)

@@ -1,0 +1,398 @@
+"""Lookup Tables library: curves, maps and cubes with shared breakpoints, and natural cubic splines.
+
+A spline is linear in the table values, so its derivatives with respect to them are exact. In a cell of width h with s +
+p = 1: y = s yl + p yu + ((s^3 - s) Ml + (p^3 - p) Mu) h^2 / 6. The second derivatives M are a matrix of the breakpoints
+times the values, and 0 at the ends. In several dimensions, a spline along the first dimension for each line is followed
+by a spline through the results.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import size_text
+from kennfeld.domain.parameters import Axis, Parameter
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering.parameter_fields import (
+    ParameterField,
+    calibrated_table,
+    parameter_field,
+    variable_field,
+)
+from kennfeld.importers.simulink.signals import (
+    Signal,
+    SignalOrBus,
+    apply,
+    broadcast,
+    interpolate_line,
+    period_of,
+    select,
+    staircase,
+)
+from kennfeld.importers.simulink.variables.mask_scope import Variable
+from kennfeld.models.imperative.node_arrays import Numbers, reduce_nodes
+
+_MAX_SPLINE_NODES = 50_000
+_SPLINE = ("Cubic spline", "Cubic Spline")
+_METHODS = {
+    "Linear": "linear", "Linear point-slope": "linear", "Linear Lagrange": "linear",
+    "Interpolation-Extrapolation": "linear", "Interpolation-Use End Values": "linear",
+    "Nearest": "nearest", "Use Input Nearest": "nearest",
+    "Flat": "flat", "None - Flat": "flat", "Use Input Below": "flat", "Below": "flat",
+    "Use Input Above": "above",
+    **dict.fromkeys(_SPLINE, "spline"),
+}  # fmt: skip
+_EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", "Linear": "linear"}
+
+
+def nodes_needed(shape: Sequence[int]) -> int:
+    """Estimate how many nodes a spline through a table of this shape takes."""
+    lines = np.cumprod([1, *reversed(shape[1:])])[::-1]
+    return sum(int(count) * size * (2 * size + 4) for count, size in zip(lines, shape, strict=True))
+
+
+def spline(
+    builder: GraphBuilder,
+    value: Callable[..., int],
+    points: Sequence[Numbers],
+    coordinates: Sequence[int],
+    beyond: str,
+) -> int:
+    """Build a spline interpolation.
+
+    Args:
+        builder: graph under construction.
+        value: node of the table value at the indices of a grid point.
+        points: breakpoints of each dimension.
+        coordinates: node of the coordinate along each dimension.
+        beyond: extrapolation: "clip", "linear", or "cubic", which extends the outermost cell.
+
+    Returns:
+        Node of the interpolated value.
+    """
+    if not points:
+        return value()
+    last, x = points[-1], coordinates[-1]
+    nodes = [
+        spline(builder, lambda *rest, at=at: value(*rest, at), points[:-1], coordinates[:-1], beyond)
+        for at in range(len(last))
+    ]
+    return _along(builder, nodes, last, x, beyond)
+
+
+def _along(builder: GraphBuilder, values: list[int], points: Numbers, x: int, beyond: str) -> int:
+    """Build a spline along one dimension."""
+    low, high, first, second, at, width = _cell(builder, values, _bends(builder, values, points), points, x)
+    call, const = builder.call, builder.const
+    p = call("div", call("sub", x, at), width)
+    if beyond == "clip":
+        p = call("min", call("max", p, const(0.0)), const(1.0))
+    s = call("sub", const(1.0), p)
+    square = call("mul", call("mul", width, width), const(1 / 6))
+    curved = call("add", call("mul", _cubic(builder, s), first), call("mul", _cubic(builder, p), second))
+    rise = call("sub", high, low)
+    y = call("add", call("add", low, call("mul", p, rise)), call("mul", curved, square))
+    if beyond != "linear":
+        return y
+    up = call("add", rise, call("mul", first, square))
+    down = call("sub", rise, call("mul", second, square))
+    above = call("add", high, call("mul", up, call("sub", p, const(1.0))))
+    below = call("add", low, call("mul", down, p))
+    y = call("select", call("gt", p, const(1.0)), above, y)
+    return call("select", call("lt", p, const(0.0)), below, y)
+
+
+def _cubic(builder: GraphBuilder, p: int) -> int:
+    return builder.call("mul", p, builder.call("sub", builder.call("mul", p, p), builder.const(1.0)))
+
+
+def _cell(builder: GraphBuilder, values: list[int], bends: list[int], points: Numbers, x: int) -> tuple[int, ...]:
+    """Select the cell of x: values and second derivatives at its ends, its start and its width."""
+    begins = [builder.const(float(point)) for point in points]
+    widths = [builder.const(float(width)) for width in np.diff(points)]
+    rows = list(zip(values, values[1:], bends, bends[1:], begins, widths, strict=False))
+    selected = rows[0]
+    for begin, row in zip(begins[1:], rows[1:], strict=False):
+        within = builder.call("ge", x, begin)
+        selected = tuple(builder.call("select", within, new, old) for new, old in zip(row, selected, strict=True))
+    return selected
+
+
+def _bends(builder: GraphBuilder, values: list[int], points: Numbers) -> list[int]:
+    """Return the second derivatives at the breakpoints."""
+    nodes = []
+    for row in _matrix(points):
+        terms = [
+            builder.call("mul", builder.const(float(share)), v) for share, v in zip(row, values, strict=True) if share
+        ]
+        nodes.append(reduce_nodes(builder, "add", terms))
+    return nodes
+
+
+def _matrix(points: Numbers) -> Numbers:
+    """Return the matrix that maps values to second derivatives."""
+    count, widths = len(points), np.diff(points)
+    left, right = np.eye(count), np.zeros((count, count))
+    for i, (before, after) in enumerate(pairwise(widths), 1):
+        left[i, i - 1 : i + 2] = before, 2 * (before + after), after
+        right[i, i - 1 : i + 2] = 6 / before, -6 / before - 6 / after, 6 / after
+    return np.asarray(np.linalg.solve(left, right), dtype=np.float64)
+
+
+class Method(NamedTuple):
+    """Interpolation (linear, nearest, flat, above, spline) and extrapolation (clip, linear; cubic for a spline)."""
+
+    between: str
+    beyond: str
+
+
+@block("Lookup_n-D", NumberOfTableDimensions="2", Table="[4 5 6;16 19 20;10 18 23]", InterpMethod="Linear point-slope",
+       ExtrapMethod="Linear", BreakpointsForDimension1="[10,22,31]", BreakpointsForDimension2="[10,22,31]",
+       BreakpointsSpecification="Explicit values", DataSpecification="Table and breakpoints", TableSource="Dialog",
+       BreakpointsForDimension3="[1:3]", UseOneInputPortForAllInputData="off", SampleTime="-1")  # fmt: skip
+def lookup_nd(block: BlockContext) -> SignalOrBus:
+    """Look up a table with any number of dimensions."""
+    if block.option("DataSpecification", "Table and breakpoints", "Lookup table object") == "Lookup table object":
+        return _object(block)
+    block.option("TableSource", "Dialog", "Specify via dialog")
+    count = block.integer_field("NumberOfTableDimensions", 1, 30)
+    if count > 4:
+        raise UnsupportedError(f"its table has {count} dimensions; at most 4 are supported")
+    method = method_of(block)
+    names = [f"BreakpointsForDimension{i + 1}" for i in range(count)]
+    if block.option("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
+        starts = [block.numeric_field(f"{name}FirstPoint", "1") for name in names]
+        spacings = [block.numeric_field(f"{name}Spacing", "1") for name in names]
+        sizes = table_shape(block, count)
+        axes = [Axis(x + dx * np.arange(n)) for x, dx, n in zip(starts, spacings, sizes, strict=False)]
+    else:
+        axes = _axes(block, "Table", names)
+    return lookup_field(block, "Table", axes, _coordinates(block, count), method)
+
+
+def _object(block: BlockContext) -> SignalOrBus:
+    """Look up a table whose values and breakpoints are one lookup table object."""
+    whole = block.field_text("LookupTableObject")
+    method = method_of(block)
+    if (field := calibrated_table(block, whole)) is not None:
+        axes = list(field.variable.axes)
+        return _look_up(block, field, axes, _coordinates(block, len(axes)), method)
+    table = variable_field(block, f"{whole}.Table")
+    count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
+    fields = [variable_field(block, f"{whole}.Breakpoints{at + 1}") for at in range(count)]
+    axes = [_axis(field.values, f"breakpoints {at} of {whole}") for at, field in enumerate(fields, 1)]
+    return _look_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
+
+
+def method_of(block: BlockContext) -> Method:
+    """Return the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
+    between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
+    kind = _METHODS.get(between)
+    if kind is None:
+        remedy = "Supported: linear, nearest, flat and cubic spline."
+        raise UnsupportedError(f"InterpMethod {between!r} is not supported", remedy)
+    if kind in ("nearest", "flat"):
+        return Method(kind, "clip")
+    known = _EXTRAPOLATIONS | (dict.fromkeys(_SPLINE, "cubic") if kind == "spline" else {})
+    if beyond not in known:
+        names = "clip, linear and cubic" if kind == "spline" else "clip and linear"
+        raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", f"Supported: {names}.")
+    return Method(kind, known[beyond])
+
+
+def _coordinates(block: BlockContext, count: int) -> list[Signal]:
+    if not block.is_on("UseOneInputPortForAllInputData"):
+        return [block.input(at) for at in range(count)]
+    u = block.input()
+    if u.size != count:
+        raise UnsupportedError(f"its input has {u.size} elements for {count} dimensions")
+    return u.elements
+
+
+def table_shape(block: BlockContext, count: int) -> tuple[int, ...]:
+    """Return the size of the table along each of its dimensions."""
+    numbers = block.numeric_array("Table")
+    return (numbers.size,) if count == 1 else numbers.shape
+
+
+def _axes(block: BlockContext, table: str, names: list[str]) -> list[Axis]:
+    """Return the axes of a table: those of the calibration file that gives its values, else the breakpoint fields."""
+    own = parameter_field(block, table).variable.axes
+    return list(own) if len(own) == len(names) else [breakpoint_axis(block, name) for name in names]
+
+
+def breakpoint_axis(block: BlockContext, name: str) -> Axis:
+    """Return the breakpoints of a dimension; a variable gives the axis its name, so that tables share it."""
+    field = parameter_field(block, name)
+    group = field.name if field.is_variable else ""
+    return _axis(field.values, f"its {name}", name=group, unit=field.variable.unit)
+
+
+def _axis(points: Numbers, description: str, **attributes: Any) -> Axis:
+    try:
+        return Axis(points.ravel(), **attributes)
+    except ArgumentError as error:
+        raise UnsupportedError(f"{description}: {error}") from None
+
+
+def lookup_field(
+    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method
+) -> Signal:
+    """Look up the table of a field at coordinates, element by element."""
+    return _look_up(block, parameter_field(block, table), axes, coordinates, method)
+
+
+def constant_curve(
+    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: Method
+) -> Signal:
+    """Look up a curve whose values are constants, named after the field they come from."""
+    variable = Variable(values, source="a literal of the block")
+    literal = ParameterField(f"{block.flat.path}:{field}", values, variable, False)
+    return _look_up(block, literal, [Axis(points)], [x], method)
+
+
+def _look_up(
+    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
+) -> Signal:
+    values = _reshape_values(field.values, tuple(len(axis) for axis in axes), field.name)
+    if any(len(axis) < 2 for axis in axes):
+        raise UnsupportedError(f"its {field.name} has a dimension with only one breakpoint")
+    locked = not (field.is_variable or field.name in block.compiler.declared.promoted)
+    inputs = block.flat.input_names
+    axes = [axis if axis.name else axis.changed(input=inputs.get(at, "")) for at, axis in enumerate(axes)]
+    kept = method.beyond if method.between != "spline" else "clip"
+    parameter = block.compiler.declared.table(field.name, values, axes, field.variable, locked, kept)
+    spread = broadcast(*coordinates)
+    if method.between == "spline":
+        return _look_up_spline(block, parameter, spread, method.beyond)
+    if method.between != "linear":
+        spread = [_snap(block, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
+    places = zip(*(signal.flat for signal in spread), strict=True)
+    nodes = [block.builder.lookup(parameter.name, *place) for place in places]
+    return block.signal(nodes, period_of(spread), spread[0].shape)
+
+
+def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
+    """Look up a spline through the values of a table, element by element."""
+    points = [axis.breakpoints for axis in table.axes]
+    shape = [len(axis) for axis in points]
+    if nodes_needed(shape) > _MAX_SPLINE_NODES:
+        message = f"its table of {size_text(shape)} values is too large for spline interpolation"
+        raise UnsupportedError(message, "Use linear interpolation.")
+    builder = block.builder
+
+    def value(*indices: int) -> int:
+        point = (builder.const(float(axis[at])) for axis, at in zip(points, indices, strict=True))
+        return builder.lookup(table.name, *point)
+
+    places = zip(*(signal.flat for signal in coordinates), strict=True)
+    nodes = [spline(builder, value, points, place, beyond) for place in places]
+    return block.signal(nodes, period_of(coordinates), coordinates[0].shape)
+
+
+def _reshape_values(values: Numbers, shape: tuple[int, ...], table: str) -> Numbers:
+    """Return the table values in the shape of the breakpoints."""
+    if len(shape) == 1 and values.size == shape[0]:
+        return values.ravel()
+    if values.shape != shape:
+        sizes = size_text(values.shape)
+        raise UnsupportedError(f"its {table} of size {sizes} does not match its {size_text(shape)} breakpoints")
+    return values
+
+
+def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
+    """Round a coordinate to a breakpoint: the nearest (ties to the upper one), or the one below or above."""
+    first, *points = axis.breakpoints.tolist()
+    if how == "above":
+        rounded = block.constant(first)
+        for low, high in pairwise([first, *points]):
+            rounded = select(x > low, high, rounded)
+        return rounded
+    limits = points if how == "flat" else [(low + high) / 2 for low, high in pairwise([first, *points])]
+    return staircase(x, block.constant(first), zip(limits, points, strict=True))
+
+
+@block("Lookup", InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
+       SampleTime="-1")  # fmt: skip
+def lookup(block: BlockContext) -> SignalOrBus:
+    """Look up a curve (block before R2011a)."""
+    table = block.field_name("Table", "OutputValues")
+    return lookup_field(block, table, _axes(block, table, ["InputValues"]), [block.input()], _old_method(block))
+
+
+@block("Lookup2D", RowIndex="[0 1]", ColumnIndex="[0 1]", Table="[0 0;0 0]", LookUpMeth="Interpolation-Extrapolation",
+       SampleTime="-1")  # fmt: skip
+def lookup_2d(block: BlockContext) -> SignalOrBus:
+    """Look up a map (block before R2011a); the first input selects the row."""
+    rows, columns = block.field_name("RowIndex", "x"), block.field_name("ColumnIndex", "y")
+    table = block.field_name("Table", "t")
+    return lookup_field(block, table, _axes(block, table, [rows, columns]), block.inputs[:2], _old_method(block))
+
+
+def _old_method(block: BlockContext) -> Method:
+    written = block.field_text("LookUpMeth")
+    if written not in _METHODS or _METHODS[written] == "spline":
+        raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
+    return Method(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
+
+
+@block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
+       Table="[4 5 6;16 19 20;10 18 23]", SampleTime="-1")  # fmt: skip
+def direct_lookup(block: BlockContext) -> SignalOrBus:
+    """Return an element or column of a table by indices from 0, clipped to the table."""
+    wanted = block.option("InputsSelectThisObjectFromTable", "Element", "Column")
+    if block.is_on("TableIsInput"):
+        raise UnsupportedError("its table is an input, which is not supported", "Use a Selector block instead.")
+    count = block.integer_field("NumberOfTableDimensions", 1, 4)
+    shape = table_shape(block, count)
+    places = [apply("floor", signal) for signal in block.inputs]
+    if wanted == "Column":
+        places.insert(0, block.constant(*map(float, range(shape[0]))))
+    if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
+        raise UnsupportedError(f"its inputs do not select an {wanted.lower()} of a table of {count} dimensions")
+    axes = index_axes(block, "Table", shape)
+    return lookup_field(block, "Table", axes, places, Method("linear", "clip"))
+
+
+@block("Lookup Table Dynamic", LookUpMeth="Interpolation-Extrapolation")
+def lookup_dynamic(block: BlockContext) -> SignalOrBus:
+    """Look up a curve whose breakpoints and values are inputs."""
+    method = _old_method(block)
+    if block.input_count != 3:
+        raise UnsupportedError(f"it must have three inputs (x, breakpoints and values), got {block.input_count}")
+    x, xs, ys = (block.input(at) for at in range(3))
+    if xs.size != ys.size or xs.size < 2:
+        raise UnsupportedError(f"it must have at least two points, got {xs.size} breakpoints and {ys.size} values")
+    points, values = xs.elements, ys.elements
+    if method.between != "linear":
+        return _select_point(x, points, values, method.between)
+    result = interpolate_line(x, points, values)
+    for at in range(1, xs.size - 1):
+        result = select(x >= points[at], interpolate_line(x, points[at:], values[at:]), result)
+    if method.beyond == "linear":
+        return result
+    return select(x > points[-1], values[-1], select(x < points[0], values[0], result))
+
+
+def _select_point(x: Signal, points: list[Signal], values: list[Signal], how: str) -> Signal:
+    """Return the value at the breakpoint below x, above it, or nearest to it (ties to the upper one)."""
+    result = values[0]
+    for low, high, value in zip(points, points[1:], values[1:], strict=False):
+        limits = {"flat": x >= high, "above": x > low, "nearest": x >= 0.5 * (low + high)}
+        result = select(limits[how], value, result)
+    return result
+
+
+def index_axes(block: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:
+    """Return axes 0, 1, 2, ...; raise `UnsupportedError` if a calibration file gives the table other breakpoints."""
+    axes = [Axis(np.arange(size)) for size in shape]
+    own = parameter_field(block, table).variable.axes
+    if own and not all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(own, axes, strict=False)):
+        message = f"the calibration file defines breakpoints for its {table}, but the model looks it up by index"
+        raise UnsupportedError(message, "Define its values in a script or as a value block.")
+    return axes

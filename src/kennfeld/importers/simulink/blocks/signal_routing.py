@@ -1,0 +1,390 @@
+"""Signal Routing library: muxes, buses, selectors, switches and data stores."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from kennfeld.base.formatting import size_text
+from kennfeld.importers.simulink.blocks.bit_operations import fit_to_type, stored_integer
+from kennfeld.importers.simulink.flattening.connections import bus_member_names, find_bus_member
+from kennfeld.importers.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
+from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering.parameter_fields import (
+    case_values,
+    dimension_settings,
+    selected_indices,
+    selection_length,
+)
+from kennfeld.importers.simulink.signals import (
+    Bus,
+    Signal,
+    SignalOrBus,
+    apply,
+    fit_to_shape,
+    leaf_signals,
+    map_members,
+    period_of,
+    select,
+    select_by_index,
+)
+from kennfeld.models.imperative.node_arrays import Nodes
+
+_MAX_SELECTED = 10_000
+_MAX_COMPARISONS = 100_000
+
+
+@block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1",
+       ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
+def conversion(block: BlockContext) -> SignalOrBus:
+    """Return the input, as values are physical; converted to boolean, 1 unless it is 0."""
+    wanted = _wanted_type(block)
+    if block.field_text("ConvertRealWorld").startswith("Stored"):
+        return _by_bits(block, wanted)
+    if wanted in ("boolean", "logical"):
+        return apply("ne", block.input(), 0.0)
+    return block.input_or_bus(0)
+
+
+def _by_bits(block: BlockContext, wanted: str) -> SignalOrBus:
+    """Return the number that the stored bits of the input represent in another type."""
+    plain = re.fullmatch(r"u?int(8|16|32|64)|double|single|half", wanted)
+    if not (plain and integer_type_of(block.source())):
+        message = "it reinterprets the stored bits of a number, but fixed-point types are ignored"
+        raise UnsupportedError(message, "Use a Gain block with the scaling instead, or bind it.")
+    word = specified_integer_type(block.flat)
+    return stored_integer(block, 0) if word is None else fit_to_type(block, stored_integer(block, 0), word)
+
+
+def _wanted_type(block: BlockContext) -> str:
+    """Return the output type of a conversion, "" if inherited; older files use other field names."""
+    for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"):
+        written = (block.flat.block.value(key) or "").strip()
+        if written and written != "auto" and not written.startswith(("Inherit", "Specify")):
+            return written
+    return ""
+
+
+@block("Mux", Inputs="4")
+def mux(block: BlockContext) -> SignalOrBus:
+    """Return all elements of all inputs as one vector."""
+    return as_one_vector(block, *(block.input_or_bus(at) for at in range(block.input_count)))
+
+
+@block("BusToVector")
+def bus_to_vector(block: BlockContext) -> SignalOrBus:
+    """Return the signals of a bus as one vector."""
+    return as_one_vector(block, block.input_or_bus(0))
+
+
+def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
+    """Return all elements of signals and buses as one vector."""
+    parts = [signal for item in wired for _, signal in leaf_signals(item)]
+    return block.signal([node for part in parts for node in part.flat], period_of(parts))
+
+
+@block("Demux", Outputs="4")
+def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Split a vector into outputs of the specified widths."""
+    wired = block.input_or_bus(0)
+    if isinstance(wired, Bus):
+        members = list(wired.members.values())
+        if len(members) == _outputs(block):
+            return tuple(members)
+        wired = as_one_vector(block, wired)
+    if wired.size == 1 < _outputs(block) and block.numeric_array("Outputs").size == 1:
+        block.suggest_dimensions((_outputs(block),))
+    ends = np.cumsum(_widths(block, wired.size))
+    return tuple(block.signal(part, wired.period) for part in np.split(np.array(wired.flat), ends[:-1]))
+
+
+def _outputs(block: BlockContext) -> int:
+    widths = _stated(block)
+    return widths[0] if len(widths) == 1 else len(widths)
+
+
+def _stated(block: BlockContext) -> list[int]:
+    """Return the number of outputs, or the width of each output."""
+    numbers = block.numeric_array("Outputs").ravel()
+    if not (numbers.size and all(n.is_integer() for n in numbers.tolist())):
+        raise UnsupportedError(f"its Outputs must be integers, got {block.field_text('Outputs')[:60]}")
+    return [int(n) for n in numbers]
+
+
+def _widths(block: BlockContext, size: int) -> list[int]:
+    stated = _stated(block)
+    if len(stated) > 1:
+        free = [at for at, width in enumerate(stated) if width <= 0]
+        rest = size - sum(width for width in stated if width > 0)
+        for at, width in zip(free, _divide_evenly(rest, len(free)), strict=True):
+            stated[at] = width
+        if sum(stated) != size or min(stated) < 1:
+            raise UnsupportedError(f"a vector of {size} elements cannot be split into outputs of {str(stated)[:100]}")
+        return stated
+    count = stated[0] if stated else 0
+    if not 1 <= count <= size:
+        raise UnsupportedError(f"a vector of {size} elements cannot be split into {count} outputs")
+    return _divide_evenly(size, count)
+
+
+def _divide_evenly(size: int, count: int) -> list[int]:
+    """Divide a number of elements evenly among outputs; the first get the remainder."""
+    return [size // count + (at < size % count) for at in range(count)] if count else []
+
+
+@block("BusCreator", Inputs="2")
+def bus_creator(block: BlockContext) -> SignalOrBus:
+    """Return a bus of the inputs, named after their lines."""
+    labels = [block.flat.input_names.get(at, "") for at in range(block.input_count)]
+    names = bus_member_names(labels, block.field_text("Inputs"))
+    return Bus({name: block.input_or_bus(at) for at, name in enumerate(names)})
+
+
+@block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
+def bus_selector(block: BlockContext) -> Outputs:
+    """Select signals of a bus by name."""
+    wired = block.bus()
+    ways = [path.strip() for path in block.field_text("OutputSignals").split(",")]
+    signals = [_member_of(wired, path) for path in ways]
+    if block.is_on("OutputAsBus"):
+        return Bus({path.rpartition(".")[2]: signal for path, signal in zip(ways, signals, strict=True)})
+    return tuple(signals)
+
+
+def _member_of(wired: SignalOrBus, path: str) -> SignalOrBus:
+    """Return the member of a bus at a path "a.b"."""
+    for name in path.split("."):
+        if not isinstance(wired, Bus):
+            raise UnsupportedError(f"it selects {path} from a signal that is not a bus")
+        member = wired.member(name)
+        if member is None and (other := find_bus_member(list(wired.members), name)) is not None:
+            member = wired.members[other]
+        if member is None:
+            known = ", ".join(wired.members)
+            raise UnsupportedError(f"it selects {path}, but the bus contains {known[:200]}")
+        wired = member
+    return wired
+
+
+@block("BusAssignment", AssignedSignals="")
+def bus_assignment(block: BlockContext) -> SignalOrBus:
+    """Replace signals of a bus."""
+    bus = block.bus()
+    for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
+        _member_of(bus, path.strip())
+        bus = _set_member(bus, path.strip().split("."), block.input_or_bus(at))
+    return bus
+
+
+@block("BusElement", "BusElements")
+def bus_element(block: BlockContext) -> SignalOrBus:
+    """Return an element of an input bus port, or the bus that an output bus port collects from its elements."""
+    if block.flat.unsupported_reason:
+        raise UnsupportedError(f"unsupported: {block.flat.unsupported_reason}")
+    if block.flat.type == "BusElement":
+        path = block.flat.bus_paths[0] if block.flat.bus_paths else ""
+        return _member_of(block.input_or_bus(0), path) if path else block.input_or_bus(0)
+    bus: SignalOrBus = Bus()
+    for at, path in enumerate(block.flat.bus_paths):
+        if not path:
+            return block.input_or_bus(at)
+        bus = _set_member(bus, path.split("."), block.input_or_bus(at))
+    return bus
+
+
+def _set_member(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOrBus:
+    """Return a bus with a signal added or replaced at a path, creating the buses on the way."""
+    if not path:
+        return new
+    bus = wired if isinstance(wired, Bus) else Bus()
+    inner = _set_member(bus.member(path[0]) or Bus(), path[1:], new)
+    return replace(bus, members={**bus.members, path[0]: inner})
+
+
+@block("Concatenate", Mode="Vector", ConcatenateDimension="1")
+def concatenate(block: BlockContext) -> SignalOrBus:
+    """Concatenate vectors, or matrices along a dimension."""
+    inputs = block.inputs
+    period = period_of(inputs)
+    if block.option("Mode", "Vector", "Multidimensional array") == "Vector":
+        return block.signal(_concatenate_vectors(inputs), period)
+    axis = block.integer_field("ConcatenateDimension", 1, 2) - 1
+    parts = [signal.matrix for signal in inputs]
+    try:
+        return block.signal(np.concatenate(parts, axis=axis), period)
+    except ValueError:
+        sizes = ", ".join(size_text(part.shape) for part in parts)
+        raise UnsupportedError(f"its inputs of sizes {sizes} cannot be concatenated") from None
+
+
+def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
+    """Concatenate the elements of vectors; a row or column if one of them is."""
+    nodes = np.array([node for signal in inputs for node in signal.flat], dtype=np.int64)
+    shapes = {signal.shape for signal in inputs if signal.nodes.ndim == 2 and signal.size > 1}
+    if not shapes:
+        return nodes
+    if all(rows == 1 for rows, _ in shapes):
+        return nodes.reshape(1, -1)
+    if all(columns == 1 for _, columns in shapes):
+        return nodes.reshape(-1, 1)
+    sizes = ", ".join(size_text(signal.shape) for signal in inputs)
+    raise UnsupportedError(f"it concatenates vectors, but its inputs have the sizes {sizes}")
+
+
+@block("Reshape", OutputDimensionality="1-D array", OutputDimensions="[1,1]")
+def reshape(block: BlockContext) -> SignalOrBus:
+    """Reshape the elements of the input, column by column."""
+    x = block.input()
+    shapes = {"1-D array": (-1,), "Column vector (2-D)": (-1, 1), "Row vector (2-D)": (1, -1)}
+    kind = block.option("OutputDimensionality", *shapes, "Customize", "Derive from reference input port")
+    if kind == "Derive from reference input port":
+        shape: tuple[int, ...] = block.input(1).shape
+    else:
+        shape = shapes.get(kind) or tuple(int(n) for n in block.numeric_array("OutputDimensions").ravel())
+    try:
+        return block.signal(x.nodes.reshape(shape, order="F"), x.period)
+    except ValueError:
+        raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
+
+
+@block("Selector", NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
+def selector(block: BlockContext) -> SignalOrBus:
+    """Select elements of a vector or matrix by index."""
+    x = block.input()
+    dimensions = block.integer_field("NumberOfDimensions", 1, 2)
+    options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or _old_options(block, dimensions)
+    index_fields = dimension_settings(block, "Indices", "IndexParamArray") or [block.field_text("Elements", "")]
+    width = block.integer_field("InputPortWidth", -1, _MAX_SELECTED)
+    if x.size == 1 < width and dimensions == 1:
+        block.suggest_dimensions((width,))
+    nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
+    if nodes.ndim != dimensions:
+        raise UnsupportedError(f"it selects along {dimensions} dimensions, but its input has {nodes.ndim}")
+    port = 1
+    for axis, option in enumerate(options[:dimensions]):
+        text = index_fields[axis] if axis < len(index_fields) else ""
+        if option in ("Index vector (port)", "Starting index (port)"):
+            nodes = _select_variable(block, nodes, axis, _variable_indices(block, option, axis, block.input(port)))
+            port += 1
+        else:
+            nodes = np.take(nodes, selected_indices(block, option, text, nodes.shape[axis], axis), axis=axis)
+    return block.signal(nodes, period_of(block.inputs))
+
+
+def _old_options(block: BlockContext, dimensions: int) -> list[str]:
+    if block.field_text("ElementSrc", "Internal") != "Internal" or block.field_text("IndexIsStartValue", "off") == "on":
+        raise UnsupportedError("its indices come from an input in a way that is not supported")
+    return ["Index vector (dialog)"] * dimensions
+
+
+def _variable_indices(block: BlockContext, option: str, axis: int, index: Signal) -> Signal:
+    """Return the indices from an input; a starting index covers as many elements as the file specifies."""
+    if option != "Starting index (port)":
+        return index
+    count = selection_length(block, axis)
+    if index.size != 1 or not 1 <= count <= _MAX_SELECTED:
+        raise UnsupportedError(f"it selects {count} elements from {index.size} starting indices")
+    return index + block.constant(*map(float, range(count)))
+
+
+def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signal) -> Nodes:
+    """Select elements at variable indices by comparing the index with each candidate."""
+    if places.size * nodes.size > _MAX_COMPARISONS:
+        raise UnsupportedError(f"{places.size} variable indices into {nodes.size} elements are too many")
+    first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
+    slices = [block.signal(np.atleast_1d(np.take(nodes, at, axis=axis))) for at in range(nodes.shape[axis])]
+    picked = []
+    for place in places.flat:
+        selected = select_by_index(block.signal([place]), slices, 1.0 + first)
+        picked.append(selected.nodes.reshape(np.take(nodes, 0, axis=axis).shape))
+    return np.stack(picked, axis=axis)
+
+
+@block("ManualSwitch", CurrentSetting="1", sw="1")
+def manual_switch(block: BlockContext) -> SignalOrBus:
+    """Return the input selected by the stored switch position."""
+    upper = block.numeric_field(block.field_name("CurrentSetting", "sw")) != 0
+    return block.input_or_bus(0 if upper else 1)
+
+
+@block("Switch", Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
+def switch(block: BlockContext) -> SignalOrBus:
+    """Return the first input if the second meets the criterion, else the third."""
+    criterion = block.option("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
+    u = block.input(1)
+    if criterion == "u2 ~= 0":
+        condition = apply("ne", u, 0.0)
+    else:
+        condition = apply("ge" if ">=" in criterion else "gt", u, block.parameter("Threshold"))
+    return select_signal(condition, block.input_or_bus(0), block.input_or_bus(2))
+
+
+def select_signal(condition: Signal, yes: SignalOrBus, no: SignalOrBus) -> SignalOrBus:
+    """Select one of two signals or buses."""
+    mismatch = "it switches between a bus and a signal, or between different buses"
+    return map_members(lambda a, b: select(condition, a, b), mismatch, yes, no)
+
+
+@block("MultiPortSwitch", Inputs="3", DataPortOrder="One-based contiguous", DataPortIndices="{1,2,3}", SampleTime="-1",
+       DataPortForDefault="Last data port", zeroidx="off")  # fmt: skip
+def multiport_switch(block: BlockContext) -> SignalOrBus:
+    """Select an input by the value of the first; other values select the last or default input."""
+    order = block.option("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
+    index = block.truncate(block.input(0))
+    data = [block.input_or_bus(at) for at in range(1, block.input_count)]
+    if len(data) == 1 and isinstance(data[0], Signal):  # the elements of a single data port are the choices
+        data = list(data[0].elements)
+    if not data:
+        raise UnsupportedError("it has no data port")
+    if order == "Specify indices":
+        numbers = case_values(block, "DataPortIndices")
+        if len(data) != len(numbers) + (block.field_text("DataPortForDefault") == "Additional data port"):
+            raise UnsupportedError(f"it has {len(data)} data ports but {len(numbers)} indices")
+    else:
+        first = 0 if order.startswith("Zero") or block.is_on("zeroidx") else 1
+        numbers = [[float(first + at)] for at in range(len(data))]
+    selected = data[-1]
+    for at in reversed(range(len(data) - 1)):
+        selected = select_signal(block.is_among(index, numbers[at]), data[at], selected)
+    return selected
+
+
+@block("InactiveVariant", needs=no_feedthrough)
+def inactive(block: BlockContext) -> SignalOrBus:
+    """Refuse an output of an inactive variant source or sink."""
+    raise UnsupportedError("this output belongs to an inactive variant")
+
+
+@block("DataStoreMemory", needs=no_feedthrough, DataStoreName="A", InitialValue="0", Dimensions="-1")
+def data_store_memory(block: BlockContext) -> SignalOrBus:
+    """Return the content of a data store at the start of the step."""
+    init = block.parameter("InitialValue")
+    dimensions = [int(n) for n in block.numeric_array("Dimensions").ravel()]
+    if init.size == 1 and min(dimensions, default=-1) > 0:
+        init = block.signal(fit_to_shape(init.nodes, tuple(dimensions)), init.period)
+    return block.compiler.contents.content(block.flat, init)
+
+
+def _memory(block: BlockContext) -> BlockContext:
+    if block.field_text("DataStoreElements", "") or block.is_on("EnableIndexing"):
+        raise UnsupportedError("it accesses elements of its data store, which is not supported")
+    if block.flat.data_store is None:
+        remedy = "Define it as a Simulink.Signal in a script or dictionary given as parameters, or bind this block."
+        raise UnsupportedError(f"data store {block.field_text('DataStoreName')} not found", remedy)
+    return block.of(block.flat.data_store)
+
+
+@block("DataStoreRead", needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
+def data_store_read(block: BlockContext) -> SignalOrBus:
+    """Return the content of a data store after the writers that run before this block."""
+    content = data_store_memory(_memory(block))
+    assert isinstance(content, Signal)
+    return block.compiler.contents.content_after(content, block.compiler.stores.writers_before(block.flat))
+
+
+@block("DataStoreWrite", DataStoreName="A", SampleTime="-1")
+def data_store_write(block: BlockContext) -> SignalOrBus:
+    """Return the signal that is written."""
+    _memory(block)
+    return block.input()

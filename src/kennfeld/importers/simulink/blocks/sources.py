@@ -1,0 +1,256 @@
+"""Sources library: signals of time and parameters, and recorded signals stored in the model."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from kennfeld.importers.simulink.blocks.lookup_tables import Method, constant_curve
+from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
+from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
+from kennfeld.importers.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Signal,
+    SignalOrBus,
+    apply,
+    select,
+    select_by_index,
+    staircase,
+)
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.imperative.node_arrays import Numbers
+
+_BIND = "Bind it to a measured channel."
+
+_MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
+
+
+@block("Constant", Value="1", SampleTime="inf", VectorParams1D="on")
+def constant(block: BlockContext) -> SignalOrBus:
+    """Return a constant or a variable."""
+    if block.field_text("VectorParams1D", "on") == "on":
+        return block.parameter("Value")
+    return block.signal(block.matrix("Value"), CONSTANT)
+
+
+@block("EnumeratedConstant", "Enumerated Constant", Value="SlDemoSign.Positive", SampleTime="inf")
+def enumerated_constant(block: BlockContext) -> SignalOrBus:
+    """Return the integer of an enumeration member."""
+    return block.parameter("Value")
+
+
+@block("Clock", SampleTime="-1")
+@block("DigitalClock", "Digital Clock", SampleTime="1")
+def clock(block: BlockContext) -> SignalOrBus:
+    """Return the time since the start in s, for a digital clock at the hits of its sample time."""
+    return block.time
+
+
+@block("Step", Time="1", Before="0", After="1", SampleTime="-1")
+def step(block: BlockContext) -> SignalOrBus:
+    """Switch from one value to another at a time."""
+    reached = block.time + block.time_tolerance() >= block.parameter("Time")
+    return select(reached, block.parameter("After"), block.parameter("Before"))
+
+
+@block("Ramp", slope="1", start="0", InitialOutput="0")
+def ramp(block: BlockContext) -> SignalOrBus:
+    """Return a line that starts to rise at a time."""
+    start = block.parameter("start")
+    since = apply("max", block.time - start, 0.0)
+    first = block.parameter("X0" if block.field_text("X0", "") else "InitialOutput")  # X0 in older files
+    return first + block.parameter("slope") * since
+
+
+@block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
+       Phase="0", Samples="10", Offset="0", SampleTime="-1")  # fmt: skip
+def sine(block: BlockContext) -> SignalOrBus:
+    """Return amplitude sin(angle) + bias with the angle frequency t + phase, or 2 pi (sample + offset) / samples."""
+    if block.option("SineType", "Time based", "Sample based") == "Sample based":
+        angle = _angle_of_hit(block)
+    else:
+        t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+        angle = block.parameter("Frequency") * t + block.parameter("Phase")
+    return block.parameter("Amplitude") * apply("sin", angle) + block.parameter("Bias")
+
+
+def _angle_of_hit(block: BlockContext) -> Signal:
+    sample = block.compiler.timing.specified_period(block.flat)
+    if sample is None or not 0 < sample < CONSTANT:
+        raise UnsupportedError("it counts samples, but its sample time is inherited")
+    hit = apply("floor", block.time / sample + 1e-6)
+    return 2 * np.pi * ((hit + block.parameter("Offset")) / block.parameter("Samples"))
+
+
+@block("chirp", "Chirp Signal", linked=True, f1="0.1", T="100", f2="1")
+def chirp(block: BlockContext) -> SignalOrBus:
+    """Return a sine whose frequency rises linearly from f1 at 0 s to f2 at T and beyond."""
+    f1, f2, t = block.parameter("f1"), block.parameter("f2"), block.time
+    rate = (f2 - f1) / (2.0 * block.parameter("T"))
+    return apply("sin", 2 * np.pi * (t * (f1 + rate * t)))
+
+
+@block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
+       TimeSource="Use simulation time")  # fmt: skip
+def generator(block: BlockContext) -> SignalOrBus:
+    """Return a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
+    form = block.field_text("WaveForm")
+    if form not in ("sine", "square"):
+        raise UnsupportedError(f"its wave form {form[:40]!r} is not supported, only sine and square", _BIND)
+    t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+    amplitude, frequency = block.parameter("Amplitude"), block.parameter("Frequency")
+    in_hertz = block.option("Units", "Hertz", "rad/sec") == "Hertz"
+    if form == "sine":
+        return amplitude * apply("sin", (frequency * (2 * np.pi) if in_hertz else frequency) * t)
+    turns = (frequency if in_hertz else frequency / (2 * np.pi)) * t
+    return select(turns - apply("floor", turns) >= 0.5, amplitude, -amplitude)
+
+
+@block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",
+       PulseWidth="1", PhaseDelay="0")  # fmt: skip
+def pulses(block: BlockContext) -> SignalOrBus:
+    """Return pulses with `Period`, `PulseWidth` (percent of the period) and `PhaseDelay`, in s or in samples."""
+    block.option("TimeSource", "Use simulation time")
+    period, delay = block.numeric_field("Period"), block.numeric_field("PhaseDelay")
+    width = block.numeric_field("PulseWidth") * (period / 100)
+    if block.option("PulseType", "Time based", "Sample based") == "Sample based":
+        sample = block.numeric_field("SampleTime", "1")
+        if sample <= 0:
+            raise UnsupportedError("it counts samples, but its sample time is inherited")
+        period, delay, width = period * sample, delay * sample, block.numeric_field("PulseWidth") * sample
+    if not period > 0:
+        raise UnsupportedError(f"its Period must be > 0, got {period:g}")
+    since = block.time - delay + block.time_tolerance()
+    high = (since >= 0.0) & (since % period < width)
+    return block.hold_in_minor_steps(select(high, block.parameter("Amplitude"), 0.0))
+
+
+@block("FromFile", "FromSpreadsheet", "Signal Editor", "RandomNumber", "UniformRandomNumber", "Random Number",
+       "Sigbuilder block", "Band-Limited White Noise.", "Band-Limited White Noise", refused=True)  # fmt: skip
+def refuse_recording(block: BlockContext) -> SignalOrBus:
+    """Refuse a signal that is not part of the model."""
+    raise UnsupportedError("its signal is recorded or random and not part of the model", _BIND)
+
+
+@block("Repeating Sequence Stair", sample="", OutValues="[3 1 4 2 1].'", tsamp="-1")
+def stairs(block: BlockContext) -> SignalOrBus:
+    """Return a periodic sequence of values."""
+    values = block.parameter("OutValues").flat
+    sample = block.numeric_field("tsamp")
+    dt = block.constant(sample) if sample > 0 else block.base_step
+    count = apply("floor", block.time / dt + 1e-6)
+    return select_by_index(count % float(len(values)), [block.signal([value]) for value in values], 0.5)
+
+
+def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[float]:
+    """Return the times in s between which a pulse generator switches, [] for other blocks; raises `EvaluationError`."""
+    if flat.type != "DiscretePulseGenerator":
+        return []
+    block, defaults = flat.block, BLOCK_TYPES[flat.type].defaults
+
+    def number(name: str, default: str = "") -> float:
+        numbers = expressions.numbers(block.value(name) or defaults.get(name, default), flat.scope)
+        if numbers.size != 1:
+            raise EvaluationError(f"its {name} must be scalar, got {numbers.size} values")
+        return float(numbers.item())
+
+    if (block.value("PulseType") or defaults["PulseType"]) != "Time based":
+        return [number("SampleTime", "1")]
+    period = number("Period")
+    return [period, period * number("PulseWidth") / 100, number("PhaseDelay")]
+
+
+class _RecordedSeries(NamedTuple):
+    times: Numbers
+    values: Numbers
+
+
+@block("Repeating table", "Repeating Sequence", linked=True, rep_seq_t="[0 2]", rep_seq_y="[0 2]")
+def repeating_sequence(block: BlockContext) -> SignalOrBus:
+    """Interpolate a periodic sequence of points linearly."""
+    times, values = block.numeric_array("rep_seq_t").ravel(), block.numeric_array("rep_seq_y").ravel()
+    _check_points(times, values[:, None])
+    if not times[-1] > times[0]:
+        raise UnsupportedError("its points all have the same time")
+    first, span = float(times[0]), float(times[-1] - times[0])
+    within = (_current_time(block) - first) % span + first
+    return _line(block, "rep_seq_y", within, _RecordedSeries(times, values), "clip")
+
+
+@block("FromWorkspace", VariableName="simulink_input", Interpolate="on", OutputAfterFinalValue="Extrapolation",
+       SampleTime="0")  # fmt: skip
+def from_workspace(block: BlockContext) -> SignalOrBus:
+    """Interpolate the columns of a matrix over its first one, the time."""
+    points = _points(block)
+    times, values = points[:, 0], points[:, 1:]
+    _check_points(times, values)
+    if times[0] > 0:
+        raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
+    last = block.field_text("OutputAfterFinalValue")
+    series = [_RecordedSeries(times, column) for column in values.T]
+    columns = [_column(block, f"column {at}", points, last) for at, points in enumerate(series, 2)]
+    return block.signal([signal.flat[0] for signal in columns], CONTINUOUS)
+
+
+def _points(block: BlockContext) -> Numbers:
+    """Return the matrix of a field; other variables hold recordings."""
+    try:
+        points = block.numeric_array("VariableName")
+    except UnsupportedError as error:
+        raise UnsupportedError(f"its signal is recorded and not part of the model: {error.message}", _BIND) from None
+    if points.shape[0] < 2 or points.shape[1] < 2:
+        raise UnsupportedError("its signal is not a matrix of times and values", _BIND)
+    return points
+
+
+def _check_points(times: Numbers, values: Numbers) -> None:
+    if len(times) != len(values) or len(times) < 2:
+        raise UnsupportedError(f"it has {len(values)} values for {len(times)} times")
+    if not (np.all(np.diff(times) >= 0) and np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
+        raise UnsupportedError("its times must increase, and its values must be finite", _BIND)
+
+
+def _current_time(block: BlockContext) -> Signal:
+    """Return the time, raised by a rounding tolerance."""
+    return block.time + block.time_tolerance(1e-9)
+
+
+def _column(block: BlockContext, label: str, points: _RecordedSeries, last: str) -> Signal:
+    now = _current_time(block)
+    if block.is_on("Interpolate"):
+        y = _line(block, label, block.time, points, "linear" if last == "Extrapolation" else "clip")
+    else:
+        y = _hold_points(block, now, points)
+    match last:
+        case "Extrapolation" | "Holding final value":
+            return y
+        case "Setting to zero":
+            return select(now > float(points.times[-1]) + block.time_tolerance(), 0.0, y)
+    raise UnsupportedError(f"OutputAfterFinalValue {last!r} is not supported", _BIND)
+
+
+def _hold_points(block: BlockContext, now: Signal, points: _RecordedSeries) -> Signal:
+    if len(points.times) > _MAX_STEPS:
+        raise UnsupportedError(f"it has {len(points.times)} steps; at most {_MAX_STEPS} are supported", _BIND)
+    steps = zip(points.times[1:].tolist(), points.values[1:].tolist(), strict=True)
+    return staircase(now, block.constant(float(points.values[0])), steps)
+
+
+def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
+    """Interpolate between points; two points at the same time are a jump."""
+    times = points.times
+    ends = [0, *(np.flatnonzero(np.diff(times) == 0) + 1), len(times)]
+    if len(ends) > _MAX_STEPS:
+        raise UnsupportedError(f"it has {len(ends) - 2} discontinuities; at most {_MAX_STEPS} are supported", _BIND)
+    near, pieces = x + block.time_tolerance(1e-9), list[Signal]()
+    for number, (first, end) in enumerate(pairwise(ends), 1):
+        name = label if len(ends) == 2 else f"{label}, part {number}"
+        part = _RecordedSeries(times[first:end], points.values[first:end])
+        method = Method("linear", beyond if end == len(times) else "clip")
+        piece = block.constant(float(part.values[0]))
+        if len(part.times) > 1:
+            piece = constant_curve(block, name, x, part.times, part.values, method)
+        pieces.append(select(near >= float(times[first]), piece, pieces[-1]) if pieces else piece)
+    return pieces[-1]

@@ -1,0 +1,179 @@
+"""Import report: supported and unsupported blocks with reasons, substitutions, and parameters."""
+
+from dataclasses import asdict, field, replace
+from typing import Any
+
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.models.quantities import CalibratableParameter, Quantity, UndefinedParameter
+
+TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
+
+_LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
+
+
+@dataclass(frozen=True)
+class UnsupportedBlock:
+    """A block that is not supported; `stops` is true if an output of the model depends on it.
+
+    `undefined` names the undefined variables, if these are the reason.
+    """
+
+    path: str
+    type: str
+    why: str
+    remedy: str
+    stops: bool
+    undefined: tuple[str, ...] = ()
+
+    @property
+    def finding(self) -> Finding:
+        """The block as a finding of the file."""
+        remedy = self.remedy or f'Bind it: bind = {{ "{self.path}" = "channel or formula" }}.'
+        return Finding(Location(path=self.path), self.why, remedy)
+
+
+@dataclass(frozen=True)
+class ImportableSubsystem:
+    """A subsystem that can be imported on its own: number of blocks, inputs and outputs."""
+
+    path: str
+    blocks: int
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """Result of an import, block by block.
+
+    Attributes:
+        total: number of blocks that compute something.
+        supported: number of them that are supported.
+        unsupported: the blocks that are not, with reasons.
+        loops: algebraic loops, each as block paths.
+        substitutions: sentences on differences from Simulink.
+        remarks: findings on anything else of note; of severity "remark" for skipped parts of a script, such as plots.
+        sources: origin of the value of each parameter.
+        frozen: expressions whose variables are constant, with the reason.
+        solver: name of the solver.
+        step: time step in s, None for that of the data.
+        parameters: what can be calibrated.
+        inputs: inputs of the function if `whole`; likewise `outputs`.
+        subsystems: subsystems that can be imported on their own, if requested.
+        reasons: by variable, why scripts could not assign it a value.
+        definitions: what to define, if variables are undefined.
+        missing_files: data files that were not found, with the scripts that load them or the models that use them.
+        stopped: errors that prevent lowering altogether.
+        unreached: paths of blocks whose inputs come from unsupported ones; they count as neither.
+    """
+
+    total: int
+    supported: int
+    unsupported: tuple[UnsupportedBlock, ...]
+    loops: tuple[tuple[str, ...], ...]
+    substitutions: tuple[str, ...]
+    remarks: tuple[Finding, ...]
+    sources: dict[str, str]
+    frozen: dict[str, str]
+    solver: str
+    step: float | None
+    parameters: tuple[CalibratableParameter, ...] = ()
+    inputs: tuple[Quantity, ...] = ()
+    outputs: tuple[Quantity, ...] = ()
+    subsystems: tuple[ImportableSubsystem, ...] = ()
+    reasons: dict[str, str] = field(default_factory=dict)
+    definitions: tuple[UndefinedParameter, ...] = ()
+    missing_files: dict[str, str] = field(default_factory=dict)
+    stopped: tuple[Finding, ...] = ()
+    unreached: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """True if all outputs are supported."""
+        return not self.stopped and not self.loops and not any(block.stops for block in self.unsupported)
+
+    @property
+    def project_sections(self) -> str:
+        """The undefined variables as sections of a project file, with `nan` for values; "" if there are none."""
+        if not self.definitions:
+            return ""
+        absent = [f"# {source} {_missing_text(name)}" for name, source in self.missing_files.items()]
+        return "\n".join([*absent, *(parameter.project_section for parameter in self.definitions)])
+
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """A sentence for each expression whose variables are constant."""
+        frozen = {" ".join(text.split())[:100]: why for text, why in self.frozen.items()}
+        return tuple(f"{text} is constant, and so are its variables: {why}" for text, why in frozen.items())
+
+    @property
+    def notes(self) -> tuple[Finding, ...]:
+        """Remarks for a user who calibrates the model."""
+        substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
+        sentences = (Finding(Location(), text, severity="remark") for text in (*substitutions, *self.fixed))
+        return (*sentences, *(replace(f, severity="remark") for f in self.remarks if f.severity != "remark"))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as JSON-compatible containers."""
+        stopped = [asdict(finding) | {"location": str(finding.location)} for finding in self.stopped]
+        return asdict(self) | {"remarks": [*map(str, self.remarks)], "stopped": stopped, "whole": self.whole}
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Reasons why outputs are not supported: blocks and loops, missing files, undefined variables, each once."""
+        undefined = (_undefined_finding(name, paths, self._reason(name)) for name, paths in self.undefined.items())
+        others = (_merge_findings(blocks) for blocks in self.groups if blocks[0].stops)
+        loops = (Finding(Location(path=loop[0]), _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
+        return (*self.stopped, *others, *loops, *self.missing, *undefined)
+
+    @property
+    def missing(self) -> tuple[Finding, ...]:
+        """Files that were not found, if variables are undefined."""
+        return tuple(_missing_finding(*names) for names in self.missing_files.items()) if self.undefined else ()
+
+    def _reason(self, name: str) -> str:
+        return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")
+
+    @property
+    def groups(self) -> tuple[tuple[UnsupportedBlock, ...], ...]:
+        """Unsupported blocks that do not lack a variable, grouped by reason."""
+        groups: dict[tuple[str, str, bool], list[UnsupportedBlock]] = {}
+        for block in self.unsupported:
+            if not block.undefined:
+                groups.setdefault((block.why, block.remedy, block.stops), []).append(block)
+        return tuple(tuple(blocks) for blocks in groups.values())
+
+    @property
+    def undefined(self) -> dict[str, tuple[str, ...]]:
+        """Undefined variables with the paths of the blocks that use them."""
+        names = dict.fromkeys(name for block in self.unsupported for name in block.undefined)
+        return {name: tuple(block.path for block in self.unsupported if name in block.undefined) for name in names}
+
+
+def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:
+    first = blocks[0].finding
+    if len(blocks) == 1:
+        return first
+    return replace(first, location=Location(path=f"{first.location} and {len(blocks) - 1} more"))
+
+
+def _missing_text(name: str) -> str:
+    return f"needs {name}, which was not found"
+
+
+def _missing_finding(name: str, source: str) -> Finding:
+    return Finding(
+        Location(source), _missing_text(name), "Place it in the same folder: variables may be defined there."
+    )
+
+
+def _undefined_finding(name: str, paths: tuple[str, ...], why: str) -> Finding:
+    who = f"used by {paths[0]}" if len(paths) == 1 else f"used by {paths[0]} and {len(paths) - 1} more"
+    remedy = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
+    return Finding(Location(f"variable {name}"), f"undefined{f' ({why})' if why else ''}; {who}", remedy)
+
+
+def _describe_loop(loop: tuple[str, ...]) -> str:
+    names = " -> ".join([*loop, loop[0]]) if len(loop) < 12 else f"{' -> '.join(loop[:10])} -> ... -> {loop[0]}"
+    return f"algebraic loop: {names}"

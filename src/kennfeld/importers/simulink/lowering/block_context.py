@@ -1,0 +1,326 @@
+"""Interface of block handlers: fields, inputs, states, and the graph under construction."""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.importers.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
+from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
+from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
+from kennfeld.importers.simulink.lowering.registry import field_text
+from kennfeld.importers.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Bus,
+    ExternalBus,
+    Signal,
+    SignalOrBus,
+    SignalRule,
+    apply,
+    as_vector,
+    constant,
+    select,
+)
+from kennfeld.importers.simulink.variables.mask_scope import Variable
+from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
+
+_REMEDY = "Define its variables in a script, a .mat, .sldd or calibration file given as parameters."
+
+
+class BlockContext:
+    """One block while it is lowered.
+
+    Fields are read by name; inputs are numbered from 0. Signals are arrays of graph nodes, on which operations act
+    element by element. States are created by `discrete_state` and `continuous_state`, whose updates are called once all
+    blocks are lowered.
+    """
+
+    def __init__(self, compiler: LoweringPass, flat: FlatBlock) -> None:
+        self.compiler = compiler
+        self.flat = flat
+        self.memories = self.before = 0
+
+    def of(self, flat: FlatBlock) -> "BlockContext":
+        """Return a context in which to read the fields and inputs of another block."""
+        return BlockContext(self.compiler, flat)
+
+    @property
+    def builder(self) -> GraphBuilder:
+        """The graph under construction."""
+        return self.compiler.builder
+
+    def field_text(self, name: str, default: str | None = None) -> str:
+        """Return a field as written, or its default."""
+        written = field_text(self.flat, name)
+        written = default if written is None else written
+        if written is None:
+            raise UnsupportedError(f"the file does not specify its {name}")
+        return written.strip()
+
+    def option(self, name: str, *known: str) -> str:
+        """Return a field that must be one of the known words; raise `UnsupportedError` otherwise."""
+        written = self.field_text(name)
+        if written not in known:
+            raise UnsupportedError(f"{name} {written[:60]!r} is not supported")
+        return written
+
+    def field_name(self, *names: str) -> str:
+        """Return the first of several names of one field that the file contains, else the last name."""
+        return next((name for name in names if self.flat.block.value(name) is not None), names[-1])
+
+    def is_on(self, name: str) -> bool:
+        """Return True if a field is on."""
+        return self.field_text(name, "off") == "on"
+
+    def parameter(self, name: str, default: str | None = None) -> Signal:
+        """Return a field as a signal whose variables stay parameters; rows and columns become vectors."""
+        nodes = self._array(name, self.field_text(name, default))
+        if not nodes.size:
+            raise UnsupportedError(f"its {name} is empty")
+        return self.signal(as_vector(nodes), CONSTANT)
+
+    def matrix(self, name: str) -> Nodes:
+        """Return a field as a matrix of nodes, Int[rows, columns]."""
+        return self._array(name, self.field_text(name))
+
+    def _array(self, name: str, text: str) -> Nodes:
+        field = f"{self.flat.path}:{name}"
+        variable = self.flat.scope.variables.get(field)
+        expressions = self.compiler.expressions
+        with evaluating(f"its {name} ({text[:60]}) has no value", _REMEDY):
+            if field in self.compiler.declared.promoted:
+                literal = Variable(expressions.numbers(text, self.flat.scope), source="a literal of the block")
+                return self.compiler.declared.array(self.builder, field, variable or literal)
+            if variable is not None:
+                return expressions.freeze(variable.value)
+            return expressions.array(text, self.flat.scope)
+
+    def numeric_array(self, name: str, default: str | None = None) -> Numbers:
+        """Return a field as constants, Float[rows, columns]."""
+        text = self.field_text(name, default)
+        variable = self.flat.scope.variables.get(f"{self.flat.path}:{name}")
+        if variable is not None and isinstance(variable.value, np.ndarray):
+            return np.atleast_2d(variable.value)
+        with evaluating(f"its {name} ({text[:60]}) has no value", _REMEDY):
+            return self.compiler.expressions.numbers(text, self.flat.scope)
+
+    def evaluate(self, text: str) -> Numbers:
+        """Return the numbers of an expression that is part of a field."""
+        with evaluating(f"{text[:60]} has no value", _REMEDY):
+            return self.compiler.expressions.numbers(text, self.flat.scope)
+
+    def numeric_field(self, name: str, default: str | None = None) -> float:
+        """Return a field as one constant."""
+        numbers = self.numeric_array(name, default)
+        if numbers.size != 1:
+            raise UnsupportedError(f"its {name} must be scalar, got {numbers.size} values")
+        return float(numbers.item())
+
+    def integer_field(self, name: str, least: int = 0, most: int = 100_000) -> int:
+        """Return a field as an integer within limits."""
+        value = self.numeric_field(name)
+        if not (value.is_integer() and least <= value <= most):
+            raise UnsupportedError(f"its {name} must be an integer from {least} to {most}, got {value:g}")
+        return int(value)
+
+    def initial_output(self) -> Signal | None:
+        """Return the initial output, None if the block does not specify one."""
+        return None if self.field_text("InitialOutput") in ("[]", "") else self.parameter("InitialOutput")
+
+    def warn(self, sentence: str) -> None:
+        """Add a warning to the import report; the sentence continues the path of the block."""
+        self.compiler.warnings[f"{self.flat.path} {sentence}"] = None
+
+    def source(self, index: int = 0) -> SignalSource | None:
+        """Return the source of an input, None if it is unconnected."""
+        return self.flat.inputs[index] if index < len(self.flat.inputs) else None
+
+    def input_or_bus(self, index: int) -> SignalOrBus:
+        """Return the signal or bus at an input; 0 if it is unconnected."""
+        source = self.source(index)
+        return self.compiler.value(source) if source is not None else self.constant(0.0)
+
+    def input(self, index: int = 0) -> Signal:
+        """Return the signal at an input."""
+        signal = self.input_or_bus(index)
+        if isinstance(signal, ExternalBus):
+            signal = signal.signal
+        if isinstance(signal, Signal) and index == 0:
+            self._check_frame(signal)
+        if isinstance(signal, Bus):
+            members = list(signal.members.values())
+            if len(members) != 1 or not isinstance(members[0], Signal):
+                remedy = "Select one signal of the bus with a Bus Selector."
+                raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
+            signal = members[0]
+        return replace(signal, builder=self.builder)
+
+    def _check_frame(self, signal: Signal) -> None:
+        """Raise `UnsupportedError` if the rows of an input are successive samples."""
+        if signal.shape[0] > 1 and self.field_text("InputProcessing", "").startswith("Columns"):
+            remedy = "Set its input processing to elements as channels, or bind it."
+            raise UnsupportedError(f"its input is a frame of {signal.shape[0]} samples, which is not supported", remedy)
+
+    def bus(self) -> SignalOrBus:
+        """Return the bus at the first input; that of a model input provides any signal by name."""
+        source = self.source()
+        arriving = self.input_or_bus(0)
+        if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
+            return arriving
+        return self.compiler.inputs.open_bus(source.flat)
+
+    @property
+    def inputs(self) -> list[Signal]:
+        """Signals at all inputs."""
+        return [self.input(index) for index in range(self.input_count)]
+
+    @property
+    def input_count(self) -> int:
+        """Number of inputs."""
+        return len(self.flat.inputs)
+
+    def constant(self, *values: float) -> Signal:
+        """Return a vector of constants."""
+        return constant(self.builder, *values)
+
+    def signal(
+        self, nodes: Nodes | Sequence[int], period: float = CONTINUOUS, shape: tuple[int, ...] | None = None
+    ) -> Signal:
+        """Return a signal of an array of nodes, or of nodes in the order of the columns of `shape`."""
+        array = np.array(nodes, dtype=np.int64)
+        return Signal(array if shape is None else array.reshape(shape, order="F"), period, builder=self.builder)
+
+    def reduce(self, op: str, args: Sequence[Signal]) -> Signal:
+        """Combine signals by an operation from first to last; 0 if there are none."""
+        return functools.reduce(functools.partial(apply, op), args) if args else self.constant(0.0)
+
+    def truncate(self, x: Signal) -> Signal:
+        """Round a signal toward zero."""
+        return self.signal(truncate(self.builder, x.nodes), x.period)
+
+    def is_among(self, x: Signal, values: Iterable[float]) -> Signal:
+        """Return 1 if a signal equals one of several values, else 0."""
+        return self.reduce("or", [apply("eq", x, value) for value in values])
+
+    @property
+    def time(self) -> Signal:
+        """Time since the start in s."""
+        return self.signal([self.builder.time()])
+
+    @property
+    def base_step(self) -> Signal:
+        """Length in s of the model step that ends at the sample."""
+        return self.signal([self.builder.step()])
+
+    def time_tolerance(self, share: float = 1e-6) -> float:
+        """Return a share of the step in s, for rounded times; 0 if the data define the step."""
+        return share * (self.compiler.clock.step or 0.0)
+
+    def sample_step(self) -> Signal:
+        """Return the sample time of the block in s, specified or inherited; then the step that ends at the sample."""
+        return self._sample_time(self.builder.step)
+
+    def next_sample_step(self) -> Signal:
+        """Return the sample time of the block in s, specified or inherited; then the step that begins at the sample."""
+        return self._sample_time(self.builder.next_step)
+
+    def _sample_time(self, step: Callable[[], int]) -> Signal:
+        return self.signal([step()]) if self.period() in (CONTINUOUS, CONSTANT) else self.constant(self.period())
+
+    def period(self) -> float:
+        """Return the sample time of the block in s: as specified, or inherited as far as it is known in this pass."""
+        return self.compiler.timing.period(self.flat)
+
+    def hold_in_minor_steps(self, x: Signal) -> Signal:
+        """Hold a signal during the minor steps of the solver."""
+        return self.compiler.timing.hold_in_minor_steps(x)
+
+    def is_true(self, index: int) -> Signal:
+        """Return 1 if an input, held during minor steps, is not 0."""
+        return apply("ne", self.hold_in_minor_steps(self.input(index)), 0.0)
+
+    def discrete_state(self, init: Signal, then: SignalRule, latency: int = 1, ported: bool = False) -> Signal:
+        """Return a discrete state at the start of the step.
+
+        Args:
+            init: initial value.
+            then: maps the state to its next value; called once all blocks are lowered.
+            latency: number of steps until the next value is read.
+            ported: True for the state at the block's state port.
+        """
+        self.memories += 1
+        return self.compiler.memories.create(self.flat, STATE_PORT if ported else self.memories, init, then, latency)
+
+    def feedback(self, init: Signal, rule: SignalRule) -> Signal:
+        """Return y = rule(y'), in which y' is the value of y in the previous sample, at first `init`."""
+        results: list[Signal] = []
+        results.append(rule(self.discrete_state(init, lambda _: results[0])))
+        return results[0]
+
+    def unconditional_feedback(self, init: Signal, rule: SignalRule) -> Signal:
+        """Return the same as `feedback` with the value of the previous step, even if the subsystem does not run."""
+        results: list[Signal] = []
+        self.before += 1
+        number = STATE_PORT - self.before
+        before = self.compiler.memories.delay_unconditionally(self.flat, number, init, lambda: results[0])
+        results.append(rule(before))
+        return results[0]
+
+    def continuous_state(
+        self,
+        init: Signal,
+        slope: SignalRule,
+        reset: Signal | None = None,
+        limits: tuple[Signal, Signal] | None = None,
+        ported: bool = False,
+    ) -> Signal:
+        """Return a continuous state, which the solver advances.
+
+        Args:
+            init: initial value.
+            slope: maps the state to its time derivative; called once all blocks are lowered.
+            reset: condition that sets the state to `init`.
+            limits: lower and upper limit.
+            ported: True for the state at the block's state port.
+        """
+        self.memories += 1
+        number = STATE_PORT if ported else self.memories
+        return self.compiler.continuous.integrate(self.flat, number, init, slope, reset, limits)
+
+    def suggest_dimensions(self, shape: tuple[int, ...]) -> None:
+        """Suggest the shape of the first input, whose memory or inport does not determine it."""
+        source = self.source()
+        if source is not None:
+            self.compiler.shapes.wish(source.flat, shape)
+
+    def zero_crossing(self, x: Signal, kind: str) -> Signal:
+        """Return 1 if a signal crosses zero as a trigger detects it: rising, falling or either.
+
+        A signal that reaches zero and stays there has crossed it; leaving zero on the other side later does not count
+        again.
+        """
+        before = self.discrete_state(apply("sign", x), lambda before: self._crossing_sign(before, x))
+        rests = apply("eq", x, 0.0)
+        rising = (before <= 0.0) & (x > 0.0) | apply("eq", before, -1.0) & rests
+        falling = (before >= 0.0) & (x < 0.0) | apply("eq", before, 1.0) & rests
+        return _select_edge(kind, rising, falling)
+
+    def _crossing_sign(self, before: Signal, x: Signal) -> Signal:
+        """Return the sign of a signal; at zero, half the sign of the crossing by which it arrived in this step."""
+        arrived = select(apply("eq", abs(before), 1.0), -0.5 * before, 0.0)
+        return select(apply("eq", x, 0.0), arrived, apply("sign", x))
+
+    def level_crossing(self, x: Signal, kind: str) -> Signal:
+        """Return 1 if a signal becomes positive (rising), ceases to be positive (falling), or either."""
+        before = self.discrete_state(x, lambda _: x) > 0.0
+        now = x > 0.0
+        return _select_edge(kind, now & ~before, before & ~now)
+
+
+def _select_edge(kind: str, rising: Signal, falling: Signal) -> Signal:
+    if kind == "either":
+        return rising | falling
+    return rising if kind == "rising" else falling

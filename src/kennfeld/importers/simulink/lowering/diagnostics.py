@@ -1,0 +1,116 @@
+"""Unsupported blocks and their reasons; the first reason of each block is kept."""
+
+import math
+import re
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from types import TracebackType
+from typing import NamedTuple
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
+from kennfeld.importers.simulink.reader.library_links import is_of_simulink
+from kennfeld.importers.simulink.reader.model_tree import split_path
+from kennfeld.importers.simulink.signals import Signal, constant
+from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
+
+PARAMETER_ERRORS = (ValueError, IndexError, TypeError, ArithmeticError, EvaluationError)
+
+
+class UnsupportedError(Exception):
+    """A block, or a setting of it, is not supported.
+
+    `remedy` says what helps; `undefined` names an undefined variable, if that is the reason.
+    """
+
+    def __init__(self, message: str, remedy: str = "", undefined: str = "") -> None:
+        super().__init__(message)
+        self.message, self.remedy, self.undefined = message, remedy, undefined
+
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """Message, remedy and undefined variable."""
+        return self.message, self.remedy, self.undefined
+
+
+@contextmanager
+def evaluating(failure: str, remedy: str = "") -> Iterator[None]:
+    """Turn an `EvaluationError` into an `UnsupportedError` that starts with `failure`.
+
+    A remedy of the error's own takes precedence.
+    """
+    try:
+        yield
+    except EvaluationError as error:
+        own = error.remedy if error.remedy != DEFAULT_REMEDY else remedy
+        raise UnsupportedError(f"{failure}: {error}", own, error.undefined) from None
+
+
+class BlockFailure(NamedTuple):
+    """Reason why a block is unsupported, remedy, and undefined variables if these are the reason."""
+
+    flat: FlatBlock
+    why: str
+    remedy: str = ""
+    undefined: tuple[str, ...] = ()
+
+
+class BlockFailures(dict[FlatBlock, BlockFailure]):
+    """The unsupported blocks."""
+
+    def note(self, flat: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
+        """Record why a block is unsupported unless a reason is known; undefined variables are collected."""
+        failure = self.setdefault(flat, BlockFailure(flat, message, remedy, (undefined,) if undefined else ()))
+        if undefined and failure.undefined:
+            self[flat] = failure._replace(undefined=tuple(dict.fromkeys((*failure.undefined, undefined))))
+
+    def note_errors(self, flat: FlatBlock) -> "_Noting":
+        """Return a context manager that records an exception as the reason of a block and suppresses it."""
+        return _Noting(self, flat)
+
+
+class _Noting(AbstractContextManager[None, bool]):
+    def __init__(self, failures: BlockFailures, flat: FlatBlock) -> None:
+        self.failures, self.flat = failures, flat
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
+    ) -> bool:
+        if isinstance(error, UnsupportedError):
+            self.failures.note(self.flat, *error.parts)
+        elif isinstance(error, PARAMETER_ERRORS):
+            cause = "" if isinstance(error, EvaluationError) else "its settings do not match its signals: "
+            self.failures.note(self.flat, cause + str(error)[:200], "", getattr(error, "undefined", ""))
+        return isinstance(error, (UnsupportedError, *PARAMETER_ERRORS))
+
+
+def placeholder_signal(builder: GraphBuilder) -> Signal:
+    """Return a placeholder for a signal that could not be lowered."""
+    return replace(constant(builder, math.nan), sound=False)
+
+
+def placeholder_outputs(builder: GraphBuilder, flat: FlatBlock) -> tuple[Signal, ...]:
+    """Return placeholders for the outputs of an unsupported block."""
+    count = flat.block.ports.outputs if flat.block.ports is not None else 1
+    return tuple(placeholder_signal(builder) for _ in range(max(count, 1)))
+
+
+def unsupported_reason(flat: FlatBlock) -> tuple[str, str]:
+    """Return reason and remedy for a block whose type is not registered."""
+    if flat.unsupported_reason:
+        return f"unsupported: {flat.unsupported_reason}", ""
+    elsewhere = flat.block.elsewhere
+    if elsewhere and flat.block.system is None:
+        stem = re.sub(r"\.(slx|mdl)\Z", "", elsewhere)
+        message = f"its content is in the file {elsewhere}, which was not found or does not match"
+        return message, f"Put {stem}.slx next to the model, or bind it."
+    if flat.block.type == "ModelReference":
+        message = f"it references the model {flat.block.model}, which was not found"
+        return message, "Put that file next to the model, or bind the block."
+    link = flat.block.reference
+    if link is not None and not is_of_simulink(link.source):
+        library = (split_path(link.source) or ("",))[0]
+        message = f"it links to the library {library}, which was not found"
+        return message, f"Put {library}.slx next to the model, or add its folder to `folders`."
+    return f"blocks of type {flat.type} are not supported", ""

@@ -1,0 +1,84 @@
+"""Names of graph nodes: outports first, then signal names, then block paths; each name is unique."""
+
+from kennfeld.base.errors import Location
+from kennfeld.graph import CLOCK
+from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, FlatBlock, FlatModel
+from kennfeld.importers.simulink.lowering.compiler import BlockCompiler
+from kennfeld.importers.simulink.reader.block_ports import port_label
+from kennfeld.importers.simulink.signals import leaf_signals
+
+RESULTS = ("Outport", "ToWorkspace", *SINK_TYPES)
+
+
+class NodeNames:
+    """Names of nodes: `visible` nodes by name, `outputs` of outports, `units` and `locations` by name."""
+
+    def __init__(self, compiler: BlockCompiler, flat: FlatModel) -> None:
+        self.compiler = compiler
+        self.visible: dict[str, int] = {}
+        self.units: dict[str, str] = {}
+        self.locations: dict[str, Location] = {}
+        self._taken = {*compiler.inputs, *compiler.declared.parameters, *CLOCK}
+        self._inputs = {node for name in compiler.inputs for node in [compiler.builder.input(name)]}
+        outputs: list[str] = []
+        for flat_block in flat.results:
+            for number, label in _results(flat_block) if compiler.outputs(flat_block) else ():
+                outputs += self._add(flat_block, number, label)
+        self.outputs = tuple(dict.fromkeys(outputs))
+        self._name_inner_signals(flat)
+        for name, inport in compiler.inputs.items():
+            if inport is not None:
+                self._describe(name, inport)
+
+    def _name_inner_signals(self, flat: FlatModel) -> None:
+        """Name the inner signals, those with names of their own first."""
+        skipped = {"Outport", "Inport", "Constant", "Ground", "Mux", "Demux", "BusCreator", "BusSelector", *SINK_TYPES}
+        skipped |= {"BusElement", "BusElements", "ConditionalSubsystem", "IterationCondition", "ForEachPartition"}
+        shown = [flat_block for flat_block in flat.blocks if flat_block.type not in skipped and not flat_block.hidden]
+        rest = [flat_block for flat_block in shown if self.compiler.outputs(flat_block)]
+        for flat_block in rest:
+            for port, name in flat_block.output_names.items():
+                if port < len(self.compiler.outputs(flat_block)):
+                    self._add(flat_block, port, name.strip("<>"), prefer_path=True)
+        for flat_block in rest:
+            for port in range(len(self.compiler.outputs(flat_block))):
+                if port not in flat_block.output_names:
+                    is_vector = len(self.compiler.outputs(flat_block)) > 1
+                    self._add(flat_block, port, f"{flat_block.path}:{port + 1}" if is_vector else flat_block.path)
+
+    def _add(self, flat: FlatBlock, port: int, name: str, prefer_path: bool = False) -> list[str]:
+        names = []
+        for key, signal in leaf_signals(self.compiler.outputs(flat)[port], name):
+            for at, node in enumerate(signal.flat):
+                own = key if signal.size == 1 else f"{key}[{at + 1}]"
+                if prefer_path and own in self.visible and self.visible[own] != node:
+                    own = flat.path if signal.size == 1 else f"{flat.path}[{at + 1}]"
+                names.append(self._assign(own, node, flat, is_output=flat.type in RESULTS))
+        return names
+
+    def _assign(self, name: str, node: int, flat: FlatBlock, is_output: bool) -> str:
+        """Give a node a free name, or the same name if it already has it."""
+        if not is_output and (self.compiler.builder.nodes[node].op in ("const", "input") or node in self._inputs):
+            return name
+        free, number = name, 2
+        while free in self._taken or self.visible.get(free, node) != node:
+            free, number = (f"{name}.out" if number == 2 else f"{name}.{number - 1}"), number + 1
+        self.visible[free] = node
+        self._describe(free, flat)
+        return free
+
+    def _describe(self, name: str, flat: FlatBlock) -> None:
+        self.locations[name] = Location(path=flat.path)
+        unit = (flat.block.value("Unit") or "").strip()
+        if unit and unit != "inherit" and not any(sign in unit for sign in "]\n\r"):
+            self.units[name] = unit
+
+
+def _results(flat: FlatBlock) -> list[tuple[int, str]]:
+    """Return number and name of the signals of an outport, or of a block that records or displays some."""
+    if flat.type == "Outport":
+        return [(0, port_label(flat.block))]
+    if flat.type == "ToWorkspace":
+        return [(0, flat.block.value("VariableName") or flat.path)]
+    ports = [(port, source) for port, source in enumerate(flat.inputs) if source is not None]
+    return [(port, flat.input_names.get(port) or source.flat.path) for port, source in ports]

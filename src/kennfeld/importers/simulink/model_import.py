@@ -1,0 +1,316 @@
+"""Import of one system: flattening, solver and step, lowering, import report and model."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.graph import Graph
+from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
+from kennfeld.graph.integration import apply_solver, is_continuous, without_idle_holds
+from kennfeld.importers.simulink.constant_outputs import find_constant_outputs
+from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, FlatModel
+from kennfeld.importers.simulink.flattening.integer_signals import find_integer_conversions
+from kennfeld.importers.simulink.import_report import (
+    TYPES_IGNORED,
+    ImportReport,
+    UnsupportedBlock,
+)
+from kennfeld.importers.simulink.loaded_model import LoadedModel
+from kennfeld.importers.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
+from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, placeholder_signal, unsupported_reason
+from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
+from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
+from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
+from kennfeld.importers.simulink.lowering.scheduling import ModelClock
+from kennfeld.importers.simulink.model_assembly import NodeNames
+from kennfeld.importers.simulink.reader.model_tree import System
+from kennfeld.importers.simulink.signals import Signal, SignalOrBus
+from kennfeld.importers.simulink.solver_selection import SolverSelection
+from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
+from kennfeld.importers.simulink.variables.mask_scope import Scope
+from kennfeld.importers.simulink.variables.model_variables import solver_settings
+from kennfeld.models.formula.frontend import expression
+from kennfeld.models.formula.printer import merge_equal_states
+from kennfeld.models.model import Model
+from kennfeld.models.quantities import Quantity, calibratable
+
+_MAX_LISTED = 6
+_MAX_NAMED = 3  # blocks named in a sentence
+_MAX_ATTEMPTS = 20  # to determine nested iteration counts
+_SYNTHETIC_TYPES = (
+    "ConditionalSubsystem",
+    "ConditionalOutput",
+    "IterationCondition",
+    "ForEachPartition",
+    "IterationOutput",
+    "ForEachConcatenation",
+)
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """Result of an import: the report, and the model, None if an output is not supported."""
+
+    model: Model | None
+    report: ImportReport
+
+
+class ModelImport:
+    """Import of one system of a loaded model."""
+
+    def __init__(
+        self,
+        loaded: LoadedModel,
+        system: System,
+        scope: Scope,
+        cuts: Mapping[str, str] = MappingProxyType({}),
+        promote: frozenset[str] = frozenset(),
+        step: float | None = None,
+    ) -> None:
+        self.path, self.document, self.variables = loaded.path, loaded.document, loaded.variables
+        self.cuts, self.promote, self.files = cuts, promote, loaded.files
+        self.most_asked: int | None = None  # limit on operations, below that of the builder
+        self._asked_before = 0
+        self._loaded, self._system, self._scope = loaded, system, scope
+        self.flat = self._flatten({})
+        self.remarks = list(loaded.remarks)
+        self.substitutions: list[str] = []
+        self.bound = {key: expression(text, Location(self.path.name, path=f"bind {key}")) for key, text in cuts.items()}
+        paths = {flat.path for flat in self.flat.blocks}
+        if unknown := [key for key in cuts if _block_of(key) not in paths]:
+            place = Location(self.path.name, path="bind")
+            raise InputError(Finding(place, f"unknown block {key}", nearest(key, paths)) for key in unknown)
+        self._last = BlockCompiler(self.flat, ModelClock(None), (), self._bound_signals, InferredAttributes())
+        self.stepping = self._select_solver(step)
+        self.solver, self.clock = self.stepping.solver, self.stepping.clock
+
+    def _select_solver(self, asked: float | None) -> SolverSelection:
+        """Select the solver and the clock, with the requested step or that of the model."""
+        settings, lost = solver_settings(self.document, self.variables)
+        stepping = SolverSelection(settings, self.flat.blocks, self._last.expressions, Scope(self.variables))
+        self.remarks += stepping.warnings
+        sentences = stepping.substitutions
+        if asked is not None:
+            if not 0 < asked < math.inf:
+                raise ArgumentError(f"step must be a finite time in s > 0, got {asked!r}")
+            sentences = [text for text in sentences if text not in stepping.step_substitutions]
+            stepping.clock.step = asked
+        self.substitutions += [*([lost] if lost else []), *sentences]
+        return stepping
+
+    def _flatten(self, counts: Mapping[str, int]) -> FlatModel:
+        return self._loaded.flat(self._system, self._scope, self.cuts, counts)
+
+    def run(self) -> ImportResult:
+        """Return the model and the report."""
+        compiler = self.compile()
+        report = self.report(compiler)
+        if not report.whole:
+            return ImportResult(None, self._with_definitions(report, compiler))
+        model = self._model(compiler, report)
+        graph, units = model.graph, model.graph.units
+        inputs, outputs = (
+            tuple(Quantity(name, units.get(name, "")) for name in names) for names in (graph.inputs, graph.outputs)
+        )
+        used = tuple(parameter for parameter in report.parameters if parameter.name in model.values)
+        return ImportResult(model, replace(report, inputs=inputs, outputs=outputs, parameters=used))
+
+    def _with_definitions(self, report: ImportReport, compiler: BlockCompiler) -> ImportReport:
+        """Return a report with the undefined variables as parameters to define."""
+        failed, reasons = tuple(compiler.failures), self.variables.undefined
+        definitions = undefined_parameters(failed, compiler.expressions, report.undefined, reasons)
+        return replace(report, definitions=definitions, missing_files=dict(self.variables.missing_files))
+
+    @property
+    def asked(self) -> int:
+        """Number of graph operations requested so far, over all attempts."""
+        return self._asked_before + self._last.builder.asked
+
+    def inspect(self) -> ImportResult:
+        """Return model and report; the report alone if the model is too large or has no outputs."""
+        try:
+            return self.run()
+        except InputError as error:
+            return ImportResult(None, replace(self.report(self._last), stopped=error.findings))
+
+    def compile(self) -> BlockCompiler:
+        """Lower the blocks; iteration counts that depend on signals are determined in earlier attempts."""
+        for _ in range(_MAX_ATTEMPTS):
+            compiler = self._attempt()
+            wrong = {path for path, count in compiler.counts.items() if self.flat.counts.get(path) != count}
+            if not wrong:
+                break
+            built = self.flat.counts
+            self.flat = self._flatten({**built, **compiler.counts})
+            if self.flat.counts == built:
+                compiler.note_conflicting_counts(wrong)
+                break
+        return compiler
+
+    def _attempt(self) -> BlockCompiler:
+        """Lower the outputs, and recorded signals too if they are supported."""
+        flat = self.flat
+        compiler = self._compile(flat.results)
+        if not flat.outports and not flat.recorded and self._has_failures(compiler):
+            compiler = self._compile_displays(compiler)
+        if flat.outports and flat.recorded and not self._has_failures(compiler):
+            more = self._compile([*flat.outports, *flat.recorded])
+            return compiler if self._has_failures(more) else more
+        return compiler
+
+    def _compile_displays(self, compiler: BlockCompiler) -> BlockCompiler:
+        """Lower those displays whose signals are supported; return `compiler` unchanged if there are none."""
+        shown = self.flat.results
+        sound = [flat for flat in shown if (signals := compiler.outputs(flat)) and all(s.sound for s in signals)]
+        if compiler.visits.loops or not sound:
+            return compiler
+        partial = self._compile(sound)
+        if self._has_failures(partial):
+            return compiler
+        skipped = ", ".join(flat.path for flat in shown if flat not in sound)
+        self.substitutions.append(f"skipped {skipped[:200]}: the displayed signal is not supported")
+        return partial
+
+    def _compile(self, goals: Collection[FlatBlock]) -> BlockCompiler:
+        if not goals:
+            message = "it has no outport and no block that records or displays a signal"
+            raise InputError.of(Location(self.path.name), message, _output_remedy(self._system))
+        try:
+            return compile_to_fixed_point(self._make_compiler, goals)
+        except GraphTooLargeError as error:
+            raise InputError.of(Location(self.path.name, path=error.place), error.message, error.remedy) from None
+
+    def _make_compiler(self, guesses: InferredAttributes) -> BlockCompiler:
+        self._asked_before = self.asked
+        compiler = self._last = BlockCompiler(self.flat, self.clock, self.promote, self._bound_signals, guesses)
+        compiler.files = self.files
+        compiler.declared.whole = self.variables
+        if self.most_asked is not None:
+            compiler.builder.most = max(self.most_asked - self.asked, 0)
+        return compiler
+
+    def _has_failures(self, compiler: BlockCompiler) -> bool:
+        return bool(compiler.failures or compiler.visits.loops)
+
+    def _bound_signals(self, compiler: LoweringPass, flat: FlatBlock) -> Outputs:
+        whole = self.bound.get(flat.path)
+        count = max(flat.block.ports.outputs if flat.block.ports is not None else 1, 1)
+        signals: list[SignalOrBus] = []
+        for number in range(1, count + 1):
+            graph = self.bound.get(f"{flat.path}:{number}", whole)
+            if graph is None:
+                remedy = f'Bind it too: "{flat.path}:{number}".'
+                compiler.failures.note(flat, f"its output {number} is not bound", remedy)
+            signals.append(placeholder_signal(compiler.builder) if graph is None else _insert_formula(compiler, graph))
+        return tuple(signals)
+
+    def report(self, compiler: BlockCompiler) -> ImportReport:
+        """Return the import report."""
+        named = [flat for flat in self.flat.blocks if not (flat.hidden or flat.synthetic)]
+        blocks = [flat for flat in named if flat.type not in _SYNTHETIC_TYPES]
+        unsupported: dict[str, UnsupportedBlock] = {}
+        for flat, why, remedy, undefined in compiler.failures.values():  # one failure represents all iterations
+            block = UnsupportedBlock(flat.path, flat.block.type, why, remedy, True, undefined)
+            unsupported.setdefault(flat.path, block)
+        for flat in blocks:
+            refused = flat.type not in BLOCK_TYPES or BLOCK_TYPES[flat.type].refused
+            if refused and flat.path not in unsupported:
+                why, remedy = _refusal(compiler, flat)
+                unsupported[flat.path] = UnsupportedBlock(flat.path, flat.block.type, why, remedy, False)
+        behind = [flat for flat in blocks if flat.path not in unsupported and not compiler.is_reached(flat)]
+        unreached = tuple(dict.fromkeys(flat.path for flat in behind))
+        undecided = dict.fromkeys(
+            f"{reader.path} reads the data store before it is written in the step: no priority orders it after "
+            f"{writer.path}. Assign a Priority to both, because generated code may run them in another order"
+            for writer, reader in compiler.stores.undecided
+        )
+        loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
+        sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
+        constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
+        warnings = (*constant, *(Finding(Location(), sentence, severity="warning") for sentence in sentences))
+        note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
+        sources = compiler.declared.sources
+        return ImportReport(
+            len(blocks), len(blocks) - len(unsupported) - len(unreached), tuple(unsupported.values()), loops,
+            (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
+            tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
+            dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
+            tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
+            reasons=dict(self.variables.undefined), unreached=unreached,
+        )  # fmt: skip
+
+    def _model(self, compiler: BlockCompiler, report: ImportReport) -> Model:
+        names = NodeNames(compiler, self.flat)
+        equations = without_idle_holds(compiler.builder.finish(names.visible, {}, names.outputs))
+        graph = self._solve(equations)
+        values, sources = compiler.declared.values(graph.parameters), compiler.declared.sources
+        units = {name: parameter.unit for name, parameter in values.items() if parameter.unit} | names.units
+        present = {*graph.names, *graph.inputs, *graph.parameters}
+        present_units = MappingProxyType({name: unit for name, unit in units.items() if name in present})
+        return Model(
+            graph=replace(graph, units=present_units),
+            name=self.document.name,
+            step=self.clock.step,
+            declared=MappingProxyType({name: parameter.coordinates for name, parameter in values.items()}),
+            source=str(self.path),
+            locations=MappingProxyType(names.locations | {name: Location(text) for name, text in sources.items()}),
+            values=values,
+            remarks=report.notes,
+            stepped=self.stepping.replaced,
+            equations=replace(equations, units=present_units) if is_continuous(equations) else None,
+            solver=self.solver,
+        )
+
+    def _solve(self, equations: Graph) -> Graph:
+        try:
+            return merge_equal_states(apply_solver(equations, self.solver, BoundedGraphBuilder))
+        except GraphTooLargeError as error:
+            raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
+
+
+def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
+    """Return a sentence on blocks that convert to integers, () if there are none."""
+    names = join_names(find_integer_conversions(blocks), _MAX_NAMED)
+    return (f"integer types are ignored in {names}: Simulink rounds there, and wraps or saturates",) if names else ()
+
+
+def _output_remedy(system: System) -> str:
+    inner = [block.path for block in system.every() if block.system is not None]
+    return f"Import a subsystem: {join_names(inner, _MAX_LISTED)}." if inner else "Add an outport."
+
+
+def _refusal(compiler: BlockCompiler, flat: FlatBlock) -> tuple[str, str]:
+    """Return reason and remedy for a block of an unsupported type."""
+    kind = BLOCK_TYPES.get(flat.type)
+    if kind is None:
+        return unsupported_reason(flat)
+    try:
+        kind.rule(compiler.block_context(flat))
+    except UnsupportedError as unsupported:
+        return unsupported.message, unsupported.remedy
+    return unsupported_reason(flat)
+
+
+def _block_of(key: str) -> str:
+    """Return the block path of a bind key, without the output number."""
+    path, colon, number = key.rpartition(":")
+    return path if colon and number.isdecimal() else key
+
+
+def _insert_formula(compiler: LoweringPass, graph: Graph) -> Signal:
+    """Insert the graph of a bound formula into the model's graph."""
+    builder, nodes = compiler.builder, list[int]()
+    states = {which: builder.state(state.latency) for which, state in enumerate(graph.states)}
+    for op, args, payload in graph.nodes:
+        nodes.append(states[payload] if op == "state" else builder.node(op, tuple(nodes[a] for a in args), payload))
+    for which, state in enumerate(graph.states):
+        builder.close(states[which], nodes[state.init], nodes[state.next])
+    for name in graph.inputs:
+        compiler.inputs.setdefault(name, None)
+    return Signal(np.array([nodes[graph.names["value"]]], dtype=np.int64))

@@ -1,0 +1,238 @@
+"""MATLAB files: parameter scripts, mask code and functions, interpreted but never executed.
+
+Functions are files `name.m` next to the model, in its folders or among the parameters. Expressions that need numbers
+are evaluated by the MATLAB evaluator.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kennfeld.base.errors import Finding, InputError, Location, Severity
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.file_state import note_opened
+from kennfeld.importers.simulink.variables.enumerations import enumeration_of, enumeration_variable, is_class
+from kennfeld.importers.simulink.variables.mask_scope import (
+    USER_SOURCE,
+    ParameterValue,
+    Variable,
+    VariableTable,
+    equal_values,
+)
+from kennfeld.matlab import syntax as m
+from kennfeld.matlab.errors import MatlabError
+from kennfeld.matlab.evaluator import evaluate
+from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
+from kennfeld.matlab.parser import parse_leniently, parse_script
+from kennfeld.matlab.script_runner import run_script
+from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
+from kennfeld.matlab.traversal import names_read
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, text
+from kennfeld.matlab.values import Value as MatlabValue
+from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
+
+_NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
+_MAX_FILE_BYTES = 2_000_000  # bytes
+
+_SCRIPT_NAME = re.compile(r"[\w. -]{1,128}\Z")  # of a file or a folder
+
+
+class FunctionFiles:
+    """Functions by file name; `files` are individually named ones."""
+
+    def __init__(self, folders: Iterable[Path], files: Iterable[Path] = ()) -> None:
+        self._files = {path.stem: path for path in files if path.suffix == ".m"}
+        self._folders = tuple(folders)
+        self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
+
+    def find(self, name: str) -> Mapping[str, m.FunctionDefinition]:
+        """Return the functions of the file `name.m`, its first one under that name; {} for a script."""
+        if name not in self._read:
+            path = self._path(name)
+            self._read[name] = _functions(path) if path is not None else {}
+        return self._read[name]
+
+    def _path(self, name: str) -> Path | None:
+        if not _NAME.match(name):
+            return None
+        places = [self._files[name]] if name in self._files else [folder / f"{name}.m" for folder in self._folders]
+        return next((path for path in places if path.is_file()), None)
+
+
+def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
+    note_opened(path)
+    try:
+        if path.stat().st_size > _MAX_FILE_BYTES:
+            raise ProgramError(f"the file {path.name} is too large for a function")
+        text = path.read_bytes().decode("utf-8", "replace")
+        if is_class(text):
+            return {}
+        script = parse_script(text, path.name)
+    except OSError as error:
+        raise ProgramError(f"the file {path.name} cannot be read: {error.strerror or error}") from None
+    except InputError as error:
+        raise ProgramError(str(error.findings[0])) from None
+    if not script.functions or script.statements:
+        return {}
+    return {**{function.name: function for function in script.functions}, path.stem: script.functions[0]}
+
+
+def evaluate_numerically(
+    tree: m.Expression, variable: Callable[[str], ParameterValue | None]
+) -> tuple[ParameterValue, tuple[str, ...]]:
+    """Return the value of an expression and the variables it uses, over those that `variable` returns.
+
+    Raises:
+        EvaluationError: if the expression has no value.
+    """
+    values = {name: value for name in sorted(names_read(tree)) if (value := variable(name)) is not None}
+    try:
+        result = supported_value(evaluate(tree, values, {"get_param": _get_param, "eval": _evaluate_text}))
+    except MatlabError as error:
+        missing = [name for name in sorted(names_read(tree)) if name not in values and name not in NUMERIC_FUNCTIONS]
+        raise EvaluationError(error.findings[0].message, missing[0] if missing else "") from None
+    if result is None:
+        raise EvaluationError("its value is neither numeric nor text")
+    return result, tuple(values)
+
+
+def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -> dict[str, ParameterValue]:
+    """Return the variables that mask code assigns, given those that `variable` returns."""
+    script, _ = parse_leniently(code)
+    wanted = sorted(names_read(script.statements))
+    known_values = {name: value for name in wanted if (value := variable(name)) is not None}
+    outcome = run_script(code, "mask", known_values, functions={"get_param": _get_param, "eval": _evaluate_text})
+    values = {name: supported_value(value) for name, value in outcome.variables.items()}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _get_param(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
+    said = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
+    if said is None:
+        raise MatlabError.at("mask", m.SourcePosition(), f"get_param({text(key)[:40]}) requires Simulink")
+    return said
+
+
+def _evaluate_text(written: MatlabValue) -> MatlabValue:
+    """Return the value of an expression without variables."""
+    return evaluate(text(written))
+
+
+def supported_value(value: Any) -> ParameterValue | None:
+    """Return a MATLAB value as a block parameter, None if unsupported."""
+    variable = to_variable(value, "")
+    return variable.value if variable is not None else None
+
+
+def to_variable(value: Any, source: str) -> Variable | None:
+    """Return a variable with the limits, unit and description of its object."""
+    meant = to_calibration_parameter(value)
+    if meant is not None:
+        parameter_value: ParameterValue = (
+            _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
+        )
+        variable = Variable(parameter_value, unit=meant.unit, description=meant.description, source=source)
+        return variable.limited(meant.min, meant.max)
+    plain = _plain(value)
+    fixed = isinstance(value, MatlabStruct) and value.kind == ENUMERATION
+    return Variable(plain, source=source, fixed=fixed) if plain is not None else None
+
+
+def _table(meant: LookupTable) -> dict[str, ParameterValue]:
+    points = {f"Breakpoints{i + 1}": np.asarray(item.value) for i, item in enumerate(meant.breakpoints)}
+    return {"Table": np.asarray(meant.value, dtype=np.float64), **points}
+
+
+def _plain(value: Any) -> ParameterValue | None:
+    if isinstance(value, MatlabStruct):
+        return _struct(value)
+    if isinstance(value, MatlabCell):
+        parts = [supported_value(part) for part in value.values.ravel(order="F")]
+        return tuple(part for part in parts if part is not None)
+    if not isinstance(value, np.ndarray):
+        return None
+    if value.dtype.kind == "U":
+        return "".join(value.ravel())
+    if value.dtype.kind == "O":
+        return str(value.ravel()[0]) if value.size == 1 else tuple(map(str, value.ravel(order="F")))
+    return np.asarray(value, dtype=np.float64)
+
+
+def _struct(value: MatlabStruct) -> ParameterValue:
+    elements = [
+        {name: part for name, inner in element.items() if (part := supported_value(inner)) is not None}
+        for element in value.elements.ravel(order="F")
+    ]
+    return elements[0] if len(elements) == 1 else tuple(elements)
+
+
+def run_parameter_script(variables: VariableTable, path: Path) -> None:
+    """Run a parameter script and add its variables to `variables`; raise `InputError` if it cannot be read."""
+    text = read_file(path).decode("utf-8", "replace")
+    if not is_class(text):
+        run_text(variables, text, path.name, path.parent)
+    elif (enumeration := enumeration_of(text)) is not None:
+        variables[enumeration[0]] = enumeration_variable(enumeration[1], path.name)
+    else:
+        message = "is a class, but not an enumeration of integers"
+        raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")
+
+
+def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> None:
+    """Run MATLAB code and add its variables to `variables`; variables it leaves without a value are removed.
+
+    Variables given by the user stay, so that they can replace what a script cannot compute. Files are loaded from
+    `folder` and the folders below it.
+    """
+    values = {key: _script_value(variable) for key, variable in variables.items()}
+
+    def load(file: str) -> bytes | None:
+        content = _load_file(folder, file)
+        if content is None and file.casefold().endswith(".mat"):
+            variables.missing_files[file] = name
+        return content
+
+    outcome = run_script(text, name, values, load)
+    for finding in outcome.findings:  # a script skips plots, and what follows an error
+        severity: Severity = "warning" if finding.severity == "warning" else "remark"
+        variables.findings.append(replace(finding, severity=severity))
+    for key, value in outcome.variables.items():
+        result = to_variable(value, name)
+        if result is None:
+            variables.findings.append(
+                Finding(Location(name, path=key), "its type is not supported", severity="warning")
+            )
+            continue
+        before = variables.get(key)
+        if before is None or not equal_values(before.value, result.value):
+            comment = result.description or outcome.comments.get(key, "")
+            variables[key] = replace(result, description=comment)
+    for key, why in outcome.undefined.items():
+        variables.undefined[key] = why
+        if key in variables and variables[key].source != USER_SOURCE:
+            del variables[key]
+
+
+def _script_value(variable: Variable) -> Any:
+    """Return a variable for a script, in which an enumeration converts numbers."""
+    if not (variable.fixed and isinstance(variable.value, Mapping)):
+        return variable.value
+    return MatlabStruct.of({name: from_python(value) for name, value in variable.value.items()}, ENUMERATION)
+
+
+def _load_file(folder: Path, name: str) -> bytes | None:
+    parts = name.replace("\\", "/").removeprefix("./").split("/")
+    if not all(_SCRIPT_NAME.match(part) and part.strip(".") for part in parts):  # a path could name any local file
+        return None
+    path = folder.joinpath(*parts)
+    return read_file(path) if path.is_file() else None
+
+
+def read_file(path: Path) -> bytes:
+    """Return the content of a file; raise `InputError` if it cannot be read."""
+    with convert_errors(path, "the file cannot be read", missing="file not found", advice="Check the path."):
+        return path.read_bytes()

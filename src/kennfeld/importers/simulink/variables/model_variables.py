@@ -1,0 +1,311 @@
+"""Collection of a model's variables and solver settings from workspace, dictionaries, scripts and given values."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
+from kennfeld.importers.simulink.reader.model_tree import ModelDocument, StoredSolver
+from kennfeld.importers.simulink.variables.data_dictionary import (
+    Dictionary,
+    file_name,
+    find_beside,
+    read_dictionary,
+)
+from kennfeld.importers.simulink.variables.enumerations import enumeration_files, enumeration_variable, members_of
+from kennfeld.importers.simulink.variables.m_files import read_file, run_parameter_script, run_text
+from kennfeld.importers.simulink.variables.mask_scope import (
+    USER_SOURCE,
+    ParameterValue,
+    Variable,
+    VariableTable,
+    equal_values,
+    to_parameter_value,
+)
+from kennfeld.importers.simulink.variables.stored_variables import (
+    ENUMERATED,
+    StoredVariable,
+    StoredVariables,
+    UnusableValueError,
+    mat_variables,
+    workspace_variables,
+)
+from kennfeld.importers.simulink.variables.stored_variables import Value as Stored
+from kennfeld.models.imperative.node_arrays import Numbers
+
+ParameterSource: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
+
+_CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
+
+_NAMES: Final = ("bdroot", "gcs", "gcb")
+
+
+@dataclass(frozen=True)
+class FileSearch:
+    """Where the files of a model are found: in its own folder and in `folders`; `given` are files of the user.
+
+    Each dictionary and each folder is read once, since referenced models share them.
+    """
+
+    folders: tuple[Path, ...] = ()
+    given: tuple[Path, ...] = ()
+    _dictionaries: dict[Path, Dictionary] = field(default_factory=dict, repr=False)
+    _enumerations: dict[Path, dict[str, Variable]] = field(default_factory=dict, repr=False)
+
+    @property
+    def given_names(self) -> frozenset[str]:
+        """Names of the user's files, which need not be found elsewhere."""
+        return frozenset(path.name for path in self.given)
+
+    def dictionary(self, path: Path) -> Dictionary:
+        """Return a data dictionary with those it refers to."""
+        return read_dictionary(
+            path, folders=self.folders, given=self.given_names - {path.name}, known=self._dictionaries
+        )
+
+    def enumerations(self, folder: Path) -> dict[str, Variable]:
+        """Return the enumerations whose class files are given, in a folder or in the further ones, in this order."""
+        enumerations = enumeration_files((), [path for path in self.given if path.suffix == ".m"])
+        for place in (folder, *self.folders):
+            if place not in self._enumerations:
+                self._enumerations[place] = enumeration_files([place])
+            enumerations = {**self._enumerations[place], **enumerations}
+        return enumerations
+
+
+def collect_variables(
+    document: ModelDocument, sources: Iterable[ParameterSource], search: FileSearch | None = None
+) -> VariableTable:
+    """Collect the variables that a model's expressions may use.
+
+    In increasing precedence: enumerations whose class files are next to the model, data dictionaries, callback code,
+    `sources` in order, the model workspace, and values of calibration files and parameter sets. The findings list what
+    could not be read.
+    """
+    sources = tuple(sources)
+    search = search or FileSearch(given=tuple(Path(source) for source in sources if isinstance(source, str | Path)))
+    variables = VariableTable()
+    _add_adjacent_files(variables, document, search)
+    parameter_sets: list[ParameterSet] = []
+    for name in _CALLBACKS:
+        if name in document.callbacks:
+            run_text(variables, document.callbacks[name], f"{document.name} {name}", document.path.parent)
+    for source in sources:
+        if isinstance(source, ParameterSet):
+            parameter_sets.append(source)
+        elif isinstance(source, Mapping):
+            for name, value in _values_by_name(source).items():
+                variables[name] = Variable(value, source=USER_SOURCE)
+        else:
+            parameter_sets += _add_file(variables, Path(source), search)
+    by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
+    _workspace(variables, document, search)
+    variables.findings += [
+        _hidden(document, name)
+        for name, variable in by_name.items()
+        if not equal_values(variable.value, variables[name].value)
+    ]
+    overriding = {parameter.name: parameter for values in parameter_sets for parameter in values.values()}
+    variables.strangers = ParameterSet(
+        parameter for name, parameter in overriding.items() if name.partition(".")[0] not in variables
+    )
+    variables.update({name: _with_parameter(variables.get(name), parameter) for name, parameter in overriding.items()})
+    return variables
+
+
+def _hidden(document: ModelDocument, name: str) -> Finding:
+    message = "is also defined in the model workspace, which overrides the given value"
+    remedy = "Give it in a ParameterSet or a calibration file: these override the workspace."
+    return Finding(Location(document.name, path=name), message, remedy, severity="warning")
+
+
+def _add_adjacent_files(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
+    """Add enumerations and data dictionaries next to a model; folders in the names of dictionaries are ignored."""
+    folders = (document.path.parent, *search.folders)
+    variables.update(search.enumerations(document.path.parent))
+    for name in document.dictionaries:
+        if file_name(name) in search.given_names:
+            continue
+        path = find_beside(name, folders)
+        if path is None:
+            message = "the data dictionary was not found next to the model"
+            remedy = "Give it as parameters, or its folder as folders."
+            variables.findings.append(Finding(Location(document.name, path=name[:80]), message, remedy))
+            variables.missing_files[name[:80]] = document.path.name
+            continue
+        try:
+            _entries(variables, path, search)
+        except InputError as error:
+            variables.findings += error.findings
+
+
+def _values_by_name(values_by_name: Mapping[str, object]) -> dict[str, ParameterValue]:
+    """Return values given by name; raise `InputError` for all unsupported ones."""
+    values = {name: to_parameter_value(value) for name, value in values_by_name.items()}
+    wrong = [name for name, value in values.items() if value is None]
+    if wrong:
+        remedy = "Use numbers, texts, lists or dictionaries of them, or Parameters in a ParameterSet."
+        messages = [f"{name}={values_by_name[name]!r:.60} is not a supported value" for name in wrong]
+        raise InputError(Finding(Location("parameters"), message, remedy) for message in messages)
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[ParameterSet]:
+    """Add the variables of a file; parameter sets of a calibration file are returned."""
+    ending = path.suffix.casefold()
+    if ending == ".sldd":
+        read_file(path)  # a missing file is an error here, but not if a model names it
+        _entries(variables, path, search)
+    elif ending == ".mat":
+        _add(variables, mat_variables(read_file(path)), path.name)
+    elif ending == ".m":
+        run_parameter_script(variables, path)
+    else:
+        from kennfeld.calfiles import read
+
+        return [read(path)]
+    return []
+
+
+def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
+    read = search.dictionary(path)
+    variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
+    _add(variables, read.data, path.name)
+    variables.solvers.update(read.solvers)
+    for name in read.data.unreadable:
+        if name.endswith(".sldd") and not (path.parent / file_name(name)).is_file():
+            variables.missing_files[name[:80]] = path.name
+
+
+def _workspace(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
+    kind = document.workspace.kind
+    if kind == "m-code":
+        before = dict(variables)
+        run_text(variables, document.workspace.text, "model workspace", document.path.parent)
+        for name in before.keys() - variables.keys():  # the user may give what is missing
+            variables[name] = before[name]
+    elif kind == "file":
+        path = document.path.parent / Path(document.workspace.text).name
+        if path.is_file():
+            _add_file(variables, path, search)
+        else:
+            message = f"its workspace is in {path.name}, which was not found"
+            variables.findings.append(Finding(Location(document.name), message))
+    else:
+        _add(variables, workspace_variables(document.workspace), "model workspace")
+
+
+def _add(variables: VariableTable, data: StoredVariables, source: str) -> None:
+    unreadable = dict(data.unreadable)
+    for name, entry in data.entries.items():
+        try:
+            variable = _variable(entry, source, variables)
+        except UnusableValueError as error:
+            unreadable[name] = str(error)
+            continue
+        if variable is not None:
+            variables[name] = variable
+    for name, reason in unreadable.items():
+        variables.findings.append(Finding(Location(source, path=name), reason, severity="warning"))
+
+
+def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable]) -> Variable | None:
+    condition = entry.properties.get("Condition")
+    if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
+        return Variable({"Condition": condition}, source=source)
+    value = _value(entry, known)
+    if value is None and entry.kind.rpartition(".")[2] == "Signal":  # it may declare a data store
+        parts = {"InitialValue": "", **entry.properties}
+        value = {name: part for name in parts if (part := _value(parts[name], known)) is not None}
+    if value is None:
+        return None
+    fixed = _is_enumerated(entry) or _is_enumerated(entry.value)
+    variable = Variable(value, unit=entry.unit, description=entry.description, source=source, fixed=fixed)
+    return variable.limited(entry.minimum, entry.maximum)
+
+
+def _is_enumerated(stored: Stored) -> bool:
+    return isinstance(stored, StoredVariable) and stored.type.startswith(ENUMERATED)
+
+
+def _member_numbers(entry: StoredVariable, known: Mapping[str, Variable]) -> ParameterValue | None:
+    """Return the numbers of enumerated values; raise `UnusableValueError` if a member is unknown."""
+    names = entry.value if isinstance(entry.value, tuple) else (entry.value,)
+    if not names or not all(isinstance(name, str) for name in names):
+        return _value(entry.value, known)
+    kind = entry.type.removeprefix(ENUMERATED).strip()
+    members = members_of(known.get(kind))
+    if not members:
+        raise UnusableValueError(
+            f"it is of the enumeration {kind[:60]}, which is not defined: place {kind[:60]}.m next to the model "
+            "or give it as parameters"
+        )
+    if unknown := [name for name in names if name not in members]:
+        raise UnusableValueError(f"its enumeration {kind[:60]} has no member {str(unknown[0])[:60]}")
+    return np.array([[members[str(name)] for name in names]])
+
+
+def _value(stored: Stored, known: Mapping[str, Variable]) -> ParameterValue | None:
+    if isinstance(stored, StoredVariable):
+        if _is_enumerated(stored):
+            return _member_numbers(stored, known)
+        if not stored.breakpoints:
+            return _value(stored.value, known)
+        axes = {f"Breakpoints{number}": variable for number, variable in enumerate(stored.breakpoints, 1)}
+        stored = {"Table": stored.value, **axes}
+    if isinstance(stored, Mapping):
+        parts = {name: _value(part, known) for name, part in stored.items()}
+        return {name: part for name, part in parts.items() if part is not None}
+    if isinstance(stored, tuple):
+        values = tuple(_value(part, known) for part in stored)
+        if len(values) == 1:
+            return values[0]
+        return tuple(part for part in values if part is not None)
+    return to_parameter_value(stored) if stored is not None else None
+
+
+def _with_parameter(known: Variable | None, parameter: Parameter) -> Variable:
+    """Return a variable with the value of a parameter, keeping known information that the parameter lacks."""
+    unit = parameter.unit or (known.unit if known is not None else "")
+    value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
+    if known is not None and isinstance(known.value, np.ndarray) and _sizes(known.value) == _sizes(value):
+        value = value.reshape(known.value.shape)
+    description = parameter.description or (known.description if known is not None else "")
+    lower: float | Numbers = known.lower if known is not None else -np.inf
+    upper: float | Numbers = known.upper if known is not None else np.inf
+    if parameter.limited:
+        lower, upper = (np.reshape(bound, value.shape) for bound in (parameter.lower, parameter.upper))
+    return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
+
+
+def _sizes(values: Numbers) -> list[int]:
+    """Return the sizes along dimensions with more than one element, so that rows and columns compare equal."""
+    return [size for size in values.shape if size != 1]
+
+
+def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[StoredSolver, str]:
+    """Return the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
+    settings, seen = document.solver, set[str]()
+    while settings.reference:
+        name = settings.reference
+        if name in seen or name not in variables.solvers:
+            why = "refers to itself" if name in seen else "was not found"
+            return settings, f"configuration {name[:60]} {why}: give its dictionary as parameters"
+        seen.add(name)
+        settings = variables.solvers[name]
+    return settings, ""
+
+
+def model_properties(document: ModelDocument, variables: VariableTable) -> dict[str, Variable]:
+    """Return the properties that `get_param` may query of a model, as structs of texts."""
+    settings, _ = solver_settings(document, variables)
+    said = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
+    said |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
+    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in said.items() if text}}
+    return {name: Variable(value, source="the model itself", fixed=True) for name in _NAMES if name not in variables}

@@ -1,0 +1,1 @@
+"""Ends of a descent: kinks, ridges, runaways, slopes of zero."""

@@ -1,0 +1,1 @@
+"""One fit from one start, and its result."""

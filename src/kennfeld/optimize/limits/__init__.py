@@ -1,0 +1,1 @@
+"""Linear limits of the values, and the nearest point that keeps them."""

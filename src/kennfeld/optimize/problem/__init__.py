@@ -1,0 +1,1 @@
+"""The problem: criteria, penalties and limits over the samples, checked."""

@@ -1,0 +1,1 @@
+"""Errors of a model on datasets, by criterion, recording and lookup."""

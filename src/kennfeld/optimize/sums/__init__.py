@@ -1,0 +1,1 @@
+"""Cost, gradient and Gauss-Newton matrix over all samples."""

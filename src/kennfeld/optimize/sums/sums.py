@@ -1,0 +1,67 @@
+"""The seam between the search and the evaluation of a model: the sums over all samples that a calibration needs.
+
+`native.Accumulator` is the implementation. Another one may evaluate an external model, or distribute the samples: it is
+given to `CompiledProblem`, and everything above knows this protocol only.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from kennfeld.base.arrays import Float, Int
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.samples import Samples
+from kennfeld.native.symmetric import SymmetricMatrix
+
+
+class NormalEquations(Protocol):
+    """Half the gradient J'Wr and the Gauss-Newton matrix J'WJ of the sum of losses; valid until the next call."""
+
+    @property
+    def gradient(self) -> Float:
+        """J'Wr, Float[free]."""
+
+    @property
+    def matrix(self) -> SymmetricMatrix:
+        """J'WJ, [free, free]."""
+
+
+class Sums(Protocol):
+    """Cost and derivatives of a model, summed over samples.
+
+    `values` are the free values, followed by the fixed ones. With r the residuals and W the weights of the scored
+    samples, J is the Jacobian of r with respect to the free values.
+    """
+
+    widths: Float  # Float[axes]: standard deviations of the smoothing of lookups, in the unit of the axis
+
+    @property
+    def stateful(self) -> bool:
+        """True if samples that are not scored affect later ones, through states of the model."""
+
+    def prepare(self) -> None:
+        """Do before the first iteration what `normal` would otherwise do in it, such as compiling."""
+
+    def cost(self, values: Float) -> float:
+        """Return the sum of weighted losses; not finite if the model's output is not."""
+
+    def normal(self, values: Float) -> NormalEquations:
+        """Return half the gradient and the Gauss-Newton matrix."""
+
+    def residual(self, values: Float) -> Float:
+        """Return W^1/2 r, Float[visits * outputs]; 0 if not scored."""
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """Return W^1/2 r, Float[visits * outputs], and W^1/2 J, Float[visits * outputs, free]; 0 if not scored."""
+
+    def rows_at(self, values: Float, visits: Int) -> Float:
+        """Return the rows of the Jacobian at increasing visits as in `rows`, Float[visits, outputs, free]."""
+
+    def touched(self, values: Float, owners: Int | None = None) -> Int:
+        """Count for each free value the scored samples whose step depends on it, Int[free].
+
+        `owners` assigns visits to scored ones, by non-decreasing numbers, -1 for none: a scored sample then counts once
+        for all samples assigned to it.
+        """
+
+
+SumsFactory = Callable[[Kernel, Samples], Sums]

@@ -1,6 +1,0 @@
-"""Opens spreadsheets safely: limits what a damaged or hostile file may request before a library reads it."""
-
-from kennfeld.workbooks.formulas import UnsavedFormulas
-from kennfeld.workbooks.workbook import Workbook, column_letters, open_workbook
-
-__all__ = ["UnsavedFormulas", "Workbook", "column_letters", "open_workbook"]

@@ -1,0 +1,215 @@
+"""C functions as graphs, compared with the same functions compiled by the C compiler of the system."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.graph.interpreter import evaluate
+from kennfeld.models.function_files import read_function_file
+from kennfeld.models.model_function import as_model
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+pytest.importorskip("pycparser")
+
+PROGRAMS = {
+    "loops": """
+        static const double table[4] = {1.0, 2.0, 4.0, 8.0};
+        double step(double u, int n, double *y) {
+            double sum = 0; int i;
+            for (i = 0; i < 4; i++) { if (i == 2) continue; sum += table[i] * u; }
+            do { sum = sum / 2; } while (i++ < 8 && sum > 3.0);
+            for (i = 0; i < 12; i++) { if (sum < 1) break; sum *= 0.5; }
+            *y = table[n & 3] + i;
+            return sum;
+        }""",
+    "states": """
+        #include <math.h>
+        static int calls = 2;
+        static double ring[3];
+        static void shift(double x) { ring[2] = ring[1]; ring[1] = ring[0]; ring[0] = x; calls++; }
+        double step(double u, int n, double *y) {
+            static double filtered = 0.5;
+            shift(u);
+            if (n > 2) shift(-u);
+            filtered += 0.25 * (u - filtered);
+            *y = ring[0] + 10 * ring[2] + calls;
+            return fmax(filtered, 0.0);
+        }""",
+    "switch": """
+        enum mode { OFF, SLOW = 2, FAST };
+        double step(double u, int n, double *y) {
+            double r = 1;
+            switch (n) {
+            case OFF: r = -1; break;
+            case 1: case SLOW: r += 10;
+            case FAST: r += 100; break;
+            case 4: if (u > 0) { r = 3; if (u > 4) break; r += u; } r *= 2; break;
+            default: r = 7 / 2;
+            }
+            *y = n > 1 ? u : -u;
+            return r;
+        }""",
+    "integers": """
+        #include <stdint.h>
+        double step(double u, int n, double *y) {
+            static uint8_t count; static int16_t wide = 32000; uint32_t hash = 2166136261u;
+            count += 100; wide += 500;
+            hash = (hash ^ (uint32_t)(n + 7)) * 16777619u;
+            hash ^= hash >> 13; hash = (hash << 5) | (hash >> 27);
+            *y = count + wide + (n - 3) / 2 * 1000 + (n - 3) % 2;
+            return (double)hash + (int8_t)(n * 77) + (n < 1u) + ~n + (unsigned char)u * 0;
+        }""",
+    "arguments": """
+        #define SCALE 2.0 /* of a macro */
+        static void both(double x, double *a, double *b) { *a = x + 1; *b = *b + SCALE * x; }
+        static double sum(const double *values, int count) {
+            double total = 0;
+            for (int i = 0; i < count; i++) total += values[i];
+            return total;
+        }
+        double step(double u, int n, double *y) {
+            double p, q = 1, list[2][2] = {{1, 2}, {3}}, row[3] = {u, 2 * u};
+            both(u, &p, &q);
+            both(p, &row[2], &q);
+            list[1][1] = q;
+            *y = sum(row, 3) + list[0][1] + list[1][1];
+            if (n > 3) return p;
+            { double p = 5; q += p; }
+            return q;
+        }""",
+    "effects": """
+        static int calls;
+        static double count(double x) { calls++; return x; }
+        double step(double u, int n, double *y) {
+            int before = n, more = 0;
+            double r = (u > 0 && n++ > 1) ? count(u) : u - n--;
+            if (n > 0 || (more = before) < 0) r += more++;
+            for (int k = 0; k < 5 && n-- > 0; k++) r -= count(0.5);
+            r += (n += 2, n) > 0 ? ++more : more--;
+            *y = calls + 10 * more + 100 * n;
+            return r;
+        }""",
+    "indices": """
+        typedef struct { double x; double y; } Pair;
+        static void next(double *value, int *at) { *value += 1; *at += 1; }
+        double step(double u, int n, double *y) {
+            double a[6] = {1, 2, 3, 4, 5, 6};
+            Pair pairs[2] = {{u, 1}, {2, 3}};
+            int i = n > 2, j = 0;
+            double *first = &a[i];
+            Pair *pair = &pairs[i];
+            i++;
+            a[i++] += u;
+            a[i++] = a[j++] = 7;
+            *first = -1;
+            pair->y += 5;
+            i = 1;
+            next(&a[i], &i);
+            a[i]--;
+            *y = i + 10 * j + pairs[0].y - pairs[1].y;
+            return a[0] + 10 * a[1] + 100 * a[2] + 1000 * a[3] + 1e4 * a[4] + 1e5 * a[5];
+        }""",
+    "ends": """
+        #include <stddef.h>
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            static double ring[4];
+            double list[] = {u, 1, 2 * u}, sum = 0, low;
+            size_t i, count = sizeof(list) / sizeof(list[0]);
+            for (i = 0; i < count; i++) sum += list[i];
+            for (int k = 0; k < n; k++) ring[k] += u;
+            for (int k = 3; k >= 0 && ring[k] == 0; k--) sum += k;
+            low = fmin(u, 0.0 / 0.0) + fmax(sqrt(u), -1.0);
+            *y = sum + ring[2];
+            return low + (n > 0 && ring[n - 1] > 0 ? ring[n - 1] : 0);
+        }""",
+    "structs": """
+        typedef struct { double x, y; double list[2]; } Pair;
+        typedef struct { Pair first, second; int count; struct { double a; union { double b; double c; }; }; } Both;
+        static Pair kept = {0.5, .list = {1, 2}};
+        static Pair make(double x, int n) { Pair p = {x, n, {x + 1, n + 1}}; if (n > 2) p.y = -x; return p; }
+        static Pair swapped(Pair p) { double x = p.x; p.x = p.y; p.y = x; return p; }
+        static Pair limited(Pair p) { if (p.x > 2) return (Pair){ 2, .list[1] = p.y }; p.list[0] = 9; return p; }
+        static double sum(const Pair *p) { return p->x + 10 * p->y + 100 * p->list[0] + 1000 * p->list[1]; }
+        static double total(const double *x, int n) { double s = 0; for (int i = 0; i < n; i++) s += x[i]; return s; }
+        static Both both(Pair p, double u) { Both b = { p, swapped(p), .count = 3, .c = u }; b.a = b.c + 1; return b; }
+        double step(double u, int n, double *y) {
+            Pair p = make(u, n), q = swapped(p), pairs[3] = { p, [2] = q };
+            Both b = both(q, u);
+            pairs[1] = n > 0 ? p : swapped(swapped(q));
+            Pair again = limited(pairs[1]);
+            pairs[0].list[1] = total((double[]){u, 1, 2}, 3) + make(u, n).list[0];
+            kept = again = (u > 0 ? pairs[0] : kept);
+            *y = sum(&kept) + b.second.x + b.first.list[1] + b.count + b.a;
+            return sum(&pairs[n & 1]) + sum(&(Pair){u, .y = 2}) + sum(&again) + (int){n} + limited(q).list[1];
+        }""",
+    "unions": """
+        typedef union { double array[3]; struct { double x, y, z; } axis; double rows[1][3]; } Vector;
+        typedef struct { int kind; union { double number; int whole; struct { int a; double b[2]; } part; }; } Value;
+        static Vector sum = {{1, 2, 3}};
+        static Value last;
+        static Vector added(Vector a, Vector b) {
+            return (Vector){ .axis = { a.axis.x + b.axis.x, .y = a.axis.y + b.array[1], a.axis.z + b.axis.z } };
+        }
+        static void set(Value *v, double u, int n) {
+            v->kind = n & 1;
+            if (v->kind) v->number = u;
+            else v->whole = (int)u;
+        }
+        static double get(const Value *v) { return v->kind ? v->number : v->whole; }
+        double step(double u, int n, double *y) {
+            Value values[2], plain = { 2, .part = { n, { u } } };
+            Vector v = { .array = { u, 2 } };
+            union { float f; int i; } word;
+            double before = get(&last);
+            word.i = n; word.f = word.i + 1;
+            v.rows[0][2] = v.axis.y + n;
+            v.array[n & 1] += 1;
+            sum = added(sum, v);
+            sum.axis.x *= 0.5;
+            set(&values[0], u, n);
+            set(&values[1], 2 * u, n + 1);
+            last = values[n > 2];
+            plain.part.b[1] = plain.part.a + word.f;
+            *y = sum.array[0] + 10 * sum.rows[0][1] + 100 * sum.axis.z;
+            return before + get(&values[0]) + get(&values[1]) + plain.part.b[0] + plain.part.b[1];
+        }""",
+    "mathematics": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            *y = sin(u) + atan2(u, 2) + fmod(u, 1.5) + hypot(u, n) + trunc(u) + rint(u) + copysign(3, u) + cbrt(u);
+            return exp(-u) + pow(fabs(u), 1.5) + floor(u) + ceil(u) + round(u) + log1p(fabs(u)) + expm1(u / 9)
+                   + fdim(u, 1)
+                   + tanh(u) + log2(1 + u * u) + isnan(u) + M_PI * 0;
+        }""",
+}
+
+
+def _reference(source, folder, u, n):
+    file, library = folder / "program.c", folder / "program.so"
+    file.write_text(source)
+    options = ["-O1", "-fwrapv", "-ffp-contract=off", "-w", "-shared", "-fPIC", "-D_GNU_SOURCE"]
+    subprocess.run([COMPILER, *options, "-o", str(library), str(file), "-lm"], check=True)
+    step = ctypes.CDLL(str(library)).step
+    step.restype, step.argtypes = ctypes.c_double, [ctypes.c_double, ctypes.c_int, ctypes.POINTER(ctypes.c_double)]
+    y, rows = ctypes.c_double(), []
+    for a, b in zip(u.tolist(), n.astype(int).tolist(), strict=True):
+        rows.append((step(a, b, ctypes.byref(y)), y.value))
+    return np.array(rows).T
+
+
+@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
+    rng = np.random.default_rng(3)
+    u, n = rng.normal(0.0, 5.0, 30), rng.integers(-2, 5 if program == "ends" else 6, 30).astype(float)
+    value, y = _reference(PROGRAMS[program], tmp_path, u, n)
+    model = as_model(read_function_file("program.c:step", tmp_path))
+    columns = {"u": u, "n": n}
+    nodes = evaluate(model.graph, {name: columns[name] for name in model.graph.inputs} | {"u": u}, ParameterSet())
+    np.testing.assert_allclose(nodes["step"], value, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(nodes["y"], y, rtol=1e-12, atol=1e-12)

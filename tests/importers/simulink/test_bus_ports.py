@@ -1,0 +1,112 @@
+"""Ports that several blocks share, each for an element of a bus."""
+
+import numpy as np
+import pytest
+
+from kennfeld.base.errors import InputError
+from tests.draws import mostly_slow
+from tests.importers.simulink.simulink_files import LAYOUTS, Model
+from tests.importers.simulink.simulink_runs import imported, run
+
+U, V = np.random.default_rng(37).normal(size=(2, 12))
+
+
+def element(system, kind, name, port, way, bus="Bus"):
+    system.block(kind, name, IsBusElementPort="on", Port=str(port), PortName=bus, Element=way)
+
+
+def drawn(control=None):
+    """A subsystem that takes n and air.p of one bus, and gives sum and deep.product in another."""
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    model.inport("v")
+    model.block("BusCreator", "Air", ports=(1, 1), Inputs="1")
+    model.block("BusCreator", "All", ports=(2, 1), Inputs="2")
+    inner = model.subsystem("S", ports={"in": 1, "out": 1, **({"enable": 1} if control else {})})
+    element(inner, "Inport", "n", 1, "n")
+    element(inner, "Inport", "p", 1, "air.p")
+    element(inner, "Outport", "first", 1, "sum")
+    element(inner, "Outport", "second", 1, "deep.product")
+    inner.block("Sum", "T", ports=(2, 1))
+    inner.block("Product", "M", ports=(2, 1))
+    if control:
+        inner.block("EnablePort", "E")
+    for at, name in enumerate(("n", "p"), 1):
+        inner.line(name, f"T:{at}", f"M:{at}")
+    inner.line("T", "first")
+    inner.line("M", "second")
+    model.block("BusSelector", "Pick", ports=(1, 2), OutputSignals="sum,deep.product")
+    model.outport("a")
+    model.outport("b")
+    model.line("v", "Air", name="p")
+    model.line("Air", "All:2", name="air")
+    model.line("u", "All:1", name="n")
+    model.chain("All", "S", "Pick")
+    model.line("Pick:1", "a")
+    model.line("Pick:2", "b")
+    return model
+
+
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
+def test_a_subsystem_takes_and_gives_elements_of_buses(layout, tmp_path):
+    found = run(imported(drawn(), tmp_path, layout), {"u": U, "v": V})
+    np.testing.assert_allclose(found["a"], U + V)
+    np.testing.assert_allclose(found["b"], U * V)
+
+
+def test_elements_at_the_top_are_channels_and_outputs_of_their_own(tmp_path):
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    element(model, "Inport", "In Bus Element", 1, "n", "Engine")
+    element(model, "Inport", "In Bus Element1", 1, "air.p", "Engine")
+    element(model, "Outport", "Out Bus Element", 1, "m", "Result")
+    element(model, "Outport", "Out Bus Element1", 1, "k", "Result")
+    model.block("Gain", "G", Gain="2")
+    model.block("Gain", "H", Gain="3")
+    model.chain("In Bus Element", "G", "Out Bus Element")
+    model.chain("In Bus Element1", "H", "Out Bus Element1")
+    made = imported(model, tmp_path)
+    assert made.graph.outputs == ("Result.m", "Result.k")
+    found = run(made, {"Engine.n": U, "Engine.air.p": V})
+    np.testing.assert_allclose(found["Result.m"], 2 * U)
+    np.testing.assert_allclose(found["Result.k"], 3 * V)
+
+
+@pytest.mark.parametrize(
+    ("selected", "expected"),
+    [("a1,a2", [1, 2]), ("a(signal1),a (signal 2)", [1, 2]), ("a2,b", [2, 3]), ("a,b3", [1, 3])],
+)
+def test_duplicate_names_in_a_bus_get_port_numbers(selected, expected, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("BusCreator", "C", Inputs="3", ports=(3, 1))
+    for at, name in enumerate("aab", 1):
+        drawn.inport(f"u{at}")
+        drawn.line(f"u{at}", f"C:{at}", name=name)
+    drawn.block("BusSelector", "S", OutputSignals=selected, ports=(1, 2))
+    drawn.line("C", "S")
+    for at in (1, 2):
+        drawn.outport(f"y{at}")
+        drawn.line(f"S:{at}", f"y{at}")
+    found = run(imported(drawn, tmp_path), {"u1": [1.0], "u2": [2.0], "u3": [3.0]})
+    assert [found["y1"][0], found["y2"][0]] == expected
+
+
+def test_an_element_that_the_bus_does_not_have_is_told(tmp_path):
+    model = drawn()
+    model.blocks[4].system.blocks[0].parameters["Element"] = "speed"
+    with pytest.raises(InputError, match="S/n: it selects speed, but the bus contains n, air"):
+        imported(model, tmp_path)
+
+
+def test_elements_that_leave_a_conditional_subsystem_are_refused(tmp_path):
+    model = drawn(control=True)
+    model.line("u", "S#enable")
+    with pytest.raises(InputError, match="S/first: unsupported: an output of a conditional subsystem composed of bus"):
+        imported(model, tmp_path)
+
+
+def test_elements_at_a_subsystem_that_runs_several_times_are_refused(tmp_path):
+    model = drawn()
+    inner = model.blocks[4].system
+    inner.block("ForIterator", "For", ports=(0, 1), IterationLimit="3")
+    with pytest.raises(InputError, match="unsupported: a bus element port of an iterated subsystem"):
+        imported(model, tmp_path)

@@ -1,0 +1,236 @@
+"""Models as formula text: the same numbers, derivatives instead of the stages of a solver, and names of blocks."""
+
+import re
+
+import numpy as np
+import pytest
+
+from kennfeld.graph import GraphBuilder
+from kennfeld.graph.integration import SOLVERS
+from kennfeld.importers.simulink.formula_export import formula_lines, write_formula
+from kennfeld.models.formula import formula
+from kennfeld.models.formula import read as read_formula
+from tests.draws import mostly_slow
+from tests.importers.simulink.simulink_files import Model
+from tests.importers.simulink.simulink_runs import imported, run, slopes
+
+U = np.sin(np.arange(40) * 0.7) * 3 + 0.5
+R = (np.arange(40) % 11 == 7).astype(float)
+
+
+def text_of(model):
+    return "\n".join(line.text for line in formula_lines(model))
+
+
+def read_back(model):
+    return formula(text_of(model), parameters=model.values)
+
+
+def node_lines(model):
+    return [line for line in text_of(model).splitlines() if " = " in line]
+
+
+def assert_equal_graphs(model):
+    """The text has the graph of the model, except for the names that it leaves out or shortens."""
+    names = {line.text.partition(" = ")[0].partition("[")[0].strip("%"): line.node for line in formula_lines(model)}
+    read = read_back(model)
+    own = {name: model.graph.names[names[name]] for name in read.graph.names}
+    expected = GraphBuilder.of(model.graph).finish(own, {}, read.graph.outputs)
+    assert (read.graph.nodes, read.graph.states) == (expected.nodes, expected.states)
+    assert read.step == model.step
+
+
+def integrator(solver):
+    drawn = Model(solver=solver, step="0.1")
+    drawn.inport("u")
+    drawn.block("Integrator", "x", InitialCondition="x0")
+    drawn.block("Fcn", "f", Expr="-k*u*abs(u)")
+    drawn.block("Sum", "slope", ports=(2, 1), Inputs="++")
+    drawn.outport("y")
+    drawn.line("u", "slope:1")
+    drawn.chain("x", "f", "slope:2")
+    drawn.chain("slope", "x", "y")
+    return drawn
+
+
+def resettable(solver):
+    drawn = Model(solver=solver, step="0.1")
+    drawn.inport("u")
+    drawn.inport("r")
+    drawn.block("Gain", "G", Gain="k")
+    drawn.block(
+        "Integrator", "I", ports=(2, 1), InitialCondition="x0", ExternalReset="rising", LimitOutput="on",
+        UpperSaturationLimit="0.8", LowerSaturationLimit="-0.4",
+    )  # fmt: skip
+    drawn.block("Integrator", "J")
+    drawn.outport("y")
+    drawn.outport("z")
+    drawn.chain("u", "G", "I:1")
+    drawn.line("r", "I:2")
+    drawn.line("I", "y", "J")
+    drawn.line("J", "z")
+    return drawn
+
+
+def transfer(solver):
+    drawn = Model(solver=solver, step="0.1")
+    drawn.inport("u")
+    drawn.block("TransferFcn", "Lag", Numerator="[1 k]", Denominator="[0.5 0.3 x0+1]")
+    drawn.block("StateSpace", "Space", A="[0 1; -k -0.4]", B="[0; 1]", C="[1 x0]", D="0.1", InitialCondition="[0.2; 0]")
+    drawn.outport("y")
+    drawn.chain("u", "Lag", "Space", "y")
+    return drawn
+
+
+def tabulated(solver):
+    drawn = Model(solver=solver, step="0.1")
+    drawn.inport("u")
+    drawn.block(
+        "Lookup_n-D", "Table", ports=(1, 1), NumberOfTableDimensions="1", Table="[2 1 -1 -4]",
+        BreakpointsForDimension1="[-2 -0.5 0.5 2]",
+    )  # fmt: skip
+    drawn.block("Gain", "G", Gain="k")
+    drawn.block("Sum", "slope", ports=(2, 1), Inputs="++")
+    drawn.block("Integrator", "x", InitialCondition="x0")
+    drawn.outport("y")
+    drawn.line("u", "slope:1")
+    drawn.chain("x", "Table", "G", "slope:2")
+    drawn.chain("slope", "x", "y")
+    return drawn
+
+
+def sampled(solver):
+    """A discrete controller of a continuous plant in an enabled subsystem, with a zero-order hold in the loop."""
+    drawn = Model(solver=solver, step="0.1")
+    drawn.inport("u")
+    drawn.inport("r")
+    drawn.block("Sum", "error", ports=(2, 1), Inputs="+-")
+    drawn.block("ZeroOrderHold", "Hold", SampleTime="0.2")
+    drawn.block("DiscreteIntegrator", "Control", gainval="k", SampleTime="0.2")
+    inner = drawn.subsystem("Plant")
+    inner.block("EnablePort", "E", StatesWhenEnabling="held")
+    inner.inport("a")
+    inner.block("Integrator", "x", InitialCondition="x0")
+    inner.block("Derivative", "d")
+    inner.block("Sum", "sum", ports=(3, 1), Inputs="+-+")
+    inner.block("Gain", "Small", Gain="0.01")
+    inner.outport("b")
+    inner.line("a", "sum:1")
+    inner.line("x", "sum:2", "d", "b")
+    inner.chain("d", "Small", "sum:3")
+    inner.line("sum", "x")
+    drawn.outport("y")
+    drawn.line("u", "error:1")
+    drawn.chain("error", "Hold", "Control", "Plant")
+    drawn.block("Constant", "one", Value="1")
+    drawn.block("Sum", "enable", ports=(2, 1), Inputs="+-")
+    drawn.line("one", "enable:1")
+    drawn.line("r", "enable:2")
+    drawn.line("enable", "Plant#enable")
+    drawn.line("Plant", "error:2", "y")
+    return drawn
+
+
+DRAWINGS = (integrator, resettable, transfer, tabulated, sampled)
+VALUES = {"k": 0.8, "x0": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("draw", "solver"),
+    [  # each drawing and each solver
+        pytest.param(draw, solver, marks=() if at % len(DRAWINGS) == number else pytest.mark.slow)
+        for number, draw in enumerate(DRAWINGS)
+        for at, solver in enumerate(SOLVERS)
+    ],
+)
+def test_the_text_gives_the_numbers_of_the_model_to_the_last_digit(draw, solver, tmp_path):
+    model = imported(draw(solver), tmp_path, parameters=[VALUES])
+    columns = {name: {"u": U, "r": R}[name] for name in model.graph.inputs}
+    found, expected = run(read_back(model), columns, parameters=model.values), run(model, columns)
+    for name in model.graph.outputs:
+        np.testing.assert_array_equal(found[name], expected[name])
+        assert np.ptp(expected[name]) > 0.1
+    assert_equal_graphs(model)
+    assert f"solver {solver}" in text_of(model).splitlines()
+
+
+@pytest.mark.parametrize("draw", mostly_slow(DRAWINGS, [resettable, sampled]))
+def test_derivatives_pass_through_the_text(draw, tmp_path):
+    model = imported(draw("ode4"), tmp_path, parameters=[VALUES])
+    columns = {name: {"u": U, "r": R}[name] for name in model.graph.inputs}
+    read = read_back(model)
+    exact = slopes(model, columns, "k", "y")[0]
+    again = slopes(type(model)(read.graph, step=read.step, values=model.values), columns, "k", "y")
+    np.testing.assert_array_equal(again[0], exact)
+    np.testing.assert_allclose(again[0], again[1], rtol=1e-5, atol=1e-7)
+
+
+def test_a_continuous_state_is_written_as_its_derivative(tmp_path):
+    model = imported(integrator("ode5"), tmp_path, parameters=[VALUES])
+    assert text_of(model).splitlines()[:2] == ["step 0.1", "solver ode5"]
+    assert node_lines(model) == ["y = integrator(slope, x0)", "f = -k * y * abs(y)", "slope = u + f"]
+
+
+def test_a_reset_is_written_as_the_value_from_which_the_step_starts(tmp_path):
+    lines = node_lines(imported(resettable("ode3"), tmp_path, parameters=[VALUES]))
+    [start] = [line for line in lines if "integrator(G" in line]
+    assert re.fullmatch(r"(_y_\d+) = if\(.*, (_y_\d+), integrator\(G, \2, -0\.4, 0\.8, \1\)\)", start)
+    assert "z = integrator(y)" in lines
+
+
+def test_a_node_has_one_name_and_an_outport_before_a_signal_before_a_block(tmp_path):
+    drawn = Model(solver="FixedStepDiscrete", step="0.1")
+    drawn.inport("u")
+    for name in ("A", "B", "C", "D"):
+        drawn.block("Gain", name, Gain="2")
+    drawn.block("SignalConversion", "Copy", ports=(1, 1))
+    drawn.outport("y")
+    drawn.outport("z")
+    drawn.line("u", "A", name="first")
+    drawn.line("A", "Copy", name="second")
+    drawn.line("Copy", "B")
+    drawn.line("B", "C")
+    drawn.line("C", "D", "y", name="third")
+    drawn.line("D", "z")
+    model = imported(drawn, tmp_path)
+    assert node_lines(model) == ["y = 2 * B", "z = 2 * y", "second = 2 * u", "B = 2 * second"]
+
+
+def test_outputs_of_one_signal_and_those_that_pass_an_input_on_keep_their_names(tmp_path):
+    drawn = Model(solver="FixedStepDiscrete", step="0.1")
+    drawn.inport("u")
+    drawn.block("Gain", "G", Gain="2")
+    for name in ("y", "z", "through"):
+        drawn.outport(name)
+    drawn.line("u", "G", "through")
+    drawn.line("G", "y", "z")
+    assert node_lines(imported(drawn, tmp_path)) == ["y = 2 * u", "z = y", "through = u"]
+
+
+def test_inner_nodes_of_a_block_have_its_name(tmp_path):
+    drawn = Model(solver="FixedStepDiscrete", step="0.1")
+    drawn.inport("u")
+    drawn.block("Fcn", "My block", Expr="sin(u*u) + cos(u*u)")
+    drawn.block("Gain", "G", Gain="2")
+    drawn.outport("y")
+    drawn.chain("u", "My block", "G", "y")
+    assert node_lines(imported(drawn, tmp_path))[1:] == [
+        "_My_block_1 = u * u",
+        "%My block% = sin(_My_block_1) + cos(_My_block_1)",
+    ]
+
+
+def test_the_file_that_is_written_is_read_as_the_model(tmp_path):
+    source = transfer("ode2").write(tmp_path, "slx parts")
+    target, values = write_formula(source, tmp_path / "plant.kf", parameters=[VALUES])
+    read = read_formula(target)
+    assert (read.step, read.solver, values.name) == (0.1, "ode2", "plant.json")
+    model = imported(transfer("ode2"), tmp_path, parameters=[VALUES])
+    found = run(read, {"u": U}, parameters=model.values)["y"]
+    np.testing.assert_array_equal(found, run(model, {"u": U})["y"])
+
+
+def test_a_step_can_be_chosen_for_the_text(tmp_path):
+    source = transfer("ode2").write(tmp_path, "slx parts")
+    write_formula(source, tmp_path / "plant.kf", parameters=[VALUES], step=0.025)
+    assert read_formula(tmp_path / "plant.kf").step == 0.025

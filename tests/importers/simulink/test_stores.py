@@ -1,0 +1,331 @@
+"""Data stores, delays that change, scripts, and other things that go beyond a single block."""
+
+import numpy as np
+import pytest
+
+from kennfeld.base.errors import InputError
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Scalar
+from kennfeld.importers.simulink.importing import import_simulink
+from kennfeld.models.formula import formula
+from kennfeld.models.formula.printer import to_text
+from tests.draws import mostly_slow
+from tests.importers.simulink.simulink_data import sldd
+from tests.importers.simulink.simulink_files import LAYOUTS, Mask, Model
+from tests.importers.simulink.simulink_runs import alone, imported, run
+from tests.importers.simulink.torque_drawing import TORQUE, torque
+
+U = np.random.default_rng(5).normal(size=30)
+
+
+def store(reader, writer):
+    """A counter through a data store, read outside of the subsystem that writes it; priorities as given."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="total", InitialValue="start")
+    inner = drawn.subsystem("Add", **({"Priority": writer} if writer else {}))
+    inner.inport("x")
+    inner.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="total", Priority="1")
+    inner.block("Sum", "S", ports=(2, 1))
+    inner.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="total", Priority="2")
+    inner.line("x", "S:1")
+    inner.line("R", "S:2")
+    inner.chain("S", "W")
+    drawn.line("u", "Add")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="total", **({"Priority": reader} if reader else {}))
+    drawn.outport("y")
+    drawn.chain("R", "y")
+    return drawn
+
+
+@pytest.mark.parametrize(("reader", "writer", "late"), [("2", "1", 0), ("1", "2", 1), ("", "", 1), ("-1", "3", 1)])
+def test_priorities_say_whether_a_data_store_is_read_before_it_is_written(reader, writer, late, tmp_path):
+    found = run(imported(store(reader, writer), tmp_path, parameters=[{"start": 2.0}]), {"u": U})["y"]
+    expected = np.concatenate([[2.0], 2 + np.cumsum(U)])
+    np.testing.assert_allclose(found, expected[1:] if late == 0 else expected[:-1])
+
+
+def test_what_no_priority_decides_is_told(tmp_path):
+    report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
+    assert any("data store" in one and "R" in one for one in report.substitutions)
+    assert any("Assign a Priority to both" in str(one) for one in report.notes)
+
+
+def tasks(reader, writer, mode, priorities):
+    """A data store that one sample time writes and another one reads, both in steps of 0.1 s."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.solver["SolverMode"] = mode
+    drawn.inport("u")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="s", InitialValue="5")
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="s", SampleTime=str(writer / 10),
+                Priority=priorities[1])  # fmt: skip
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="s", SampleTime=str(reader / 10),
+                Priority=priorities[0])  # fmt: skip
+    drawn.outport("y")
+    drawn.line("u", "W")
+    drawn.line("R", "y")
+    return drawn
+
+
+def in_order(reader, writer, first):
+    """What is read where one of the two runs first in each step."""
+    held, shown, read = 5.0, 5.0, []
+    for k, value in enumerate(U):
+        for who in ("reader", "writer") if first == "reader" else ("writer", "reader"):
+            if who == "reader" and k % reader == 0:
+                shown = held
+            elif who == "writer" and k % writer == 0:
+                held = value
+        read.append(shown)
+    return read
+
+
+@pytest.mark.parametrize(
+    ("reader", "writer", "mode", "priorities", "first"),
+    [
+        (2, 3, "MultiTasking", ("2", "1"), "reader"),
+        (3, 2, "MultiTasking", ("1", "2"), "writer"),
+        (3, 1, "Auto", ("1", "2"), "writer"),
+        (2, 2, "MultiTasking", ("2", "1"), "writer"),
+        (2, 3, "SingleTasking", ("2", "1"), "writer"),
+        (3, 2, "SingleTasking", ("1", "2"), "reader"),
+    ],
+)
+def test_the_faster_of_two_tasks_comes_first_whatever_the_priorities(reader, writer, mode, priorities, first, tmp_path):
+    model = imported(tasks(reader, writer, mode, priorities), tmp_path)
+    np.testing.assert_allclose(run(model, {"u": U})["y"], in_order(reader, writer, first))
+
+
+SIGNAL = "A = Simulink.Signal; A.InitialValue = 'start*2'; A.Dimensions = 1; start = 3;"
+
+
+def signal_entry(initial):
+    element = f'<P Name="InitialValue" Class="char">{initial}</P><P Name="Dimensions" Class="double">1</P>'
+    return f'<P Name="Value"><Element Class="Simulink.Signal">{element}</Element></P>'
+
+
+@pytest.mark.parametrize("source", ["script", "dictionary", "workspace"])
+def test_a_signal_object_declares_a_data_store(source, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete", code=SIGNAL if source == "workspace" else "")
+    drawn.inport("u")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A", Priority="1")
+    inner = drawn.subsystem("S", Priority="2")
+    inner.inport("u")
+    inner.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="A")
+    inner.line("u", "W")
+    drawn.outport("y")
+    drawn.line("u", "S")
+    drawn.line("R", "y")
+    (tmp_path / "init.m").write_text(SIGNAL)
+    (tmp_path / "data.sldd").write_bytes(sldd({"A": signal_entry("2*start")}))
+    sources = {"script": [tmp_path / "init.m"], "dictionary": [tmp_path / "data.sldd", {"start": 3.0}], "workspace": []}
+    model = imported(drawn, tmp_path, parameters=sources[source])
+    assert run(model, {"u": [1.0, 2.0, 3.0]})["y"].tolist() == [6, 1, 2]
+    assert list(model.graph.parameters) == ["start"]
+
+
+def test_a_data_store_of_a_signal_object_without_a_value_starts_at_0(tmp_path):
+    drawn = alone("Gain")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A")
+    drawn.outport("z")
+    drawn.line("R", "z")
+    (tmp_path / "init.m").write_text("A = Simulink.Signal; A.Dimensions = [1 2];")
+    found = run(imported(drawn, tmp_path, parameters=[tmp_path / "init.m"]), {"u1": [5.0]})
+    assert [found["z[1]"][0], found["z[2]"][0]] == [0.0, 0.0]
+
+
+def test_a_data_store_without_a_memory_is_told(tmp_path):
+    drawn = alone("Gain")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="lost")
+    drawn.outport("z")
+    drawn.line("R", "z")
+    with pytest.raises(InputError, match="data store lost not found"):
+        imported(drawn, tmp_path)
+
+
+def delayed(kind, longest, **more):
+    return alone("VariableTransportDelay", 2, VariableDelayType=kind, MaximumDelay=longest, InitialOutput="-5", **more)
+
+
+def test_a_variable_time_delay_looks_back_by_its_second_input(tmp_path):
+    time = np.linspace(0.1, 0.55, 30)
+    found = run(imported(delayed("Variable time delay", "1"), tmp_path), {"u1": U, "u2": time})["y1"]
+    t = 0.1 * np.arange(30)
+    expected = np.where(t - time < 1e-9, -5.0, np.interp(t - time, t, U))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("zero", ["off", "on"])
+def test_a_time_delay_of_less_than_a_step_goes_on_as_a_line_or_looks_at_its_input(zero, tmp_path):
+    time = np.tile([0.0, 0.02, 0.07, -0.3, 0.1], 6)
+    found = run(imported(delayed("Variable time delay", "1", ZeroDelay=zero), tmp_path), {"u1": U, "u2": time})["y1"]
+    share = np.maximum(time, 0.0) / 0.1
+    assert found[0] == (U[0] if zero == "on" else -5.0)
+    for k in range(2, 30):
+        newest, before = (U[k], U[k - 1]) if zero == "on" else (U[k - 1], U[k - 2])
+        ahead = 0.0 if zero == "on" else 1.0
+        assert found[k] == pytest.approx(newest + (share[k] - ahead) * (before - newest), abs=1e-12), k
+
+
+def test_a_transport_delay_is_a_pipe_that_takes_its_time(tmp_path):
+    model = imported(delayed("Variable transport delay", "2"), tmp_path)
+    t = 0.1 * np.arange(30)
+    even = run(model, {"u1": U, "u2": np.full(30, 0.4)})["y1"]
+    np.testing.assert_allclose(even[4:], U[:-4], atol=1e-9)
+    assert set(even[:4]) == {-5.0}
+    slowing = 0.5 + 0.2 * t
+    found = run(model, {"u1": t, "u2": slowing})["y1"]
+    # the way covered is 5 log((0.5 + 0.2 t) / 0.5); one pipe back the time was ...
+    entered = ((0.5 + 0.2 * t) * np.exp(-0.2) - 0.5) / 0.2
+    np.testing.assert_allclose(found[entered > 0], entered[entered > 0], atol=2e-3)
+    assert set(found[entered < 0]) == {-5.0}
+
+
+def test_a_delay_that_reaches_too_far_says_how_to_shorten_it(tmp_path):
+    with pytest.raises(InputError, match="MaximumDelay of 900 s is 9000 steps") as caught:
+        imported(delayed("Variable time delay", "900"), tmp_path)
+    assert '"B:MaximumDelay"' in str(caught.value)
+    model = imported(delayed("Variable time delay", "900"), tmp_path, parameters=[{"B:MaximumDelay": 0.5}])
+    assert len(model.graph.states) == 5
+
+
+# where values come from
+
+
+def test_scripts_give_values_units_and_what_they_say_beside_them(tmp_path):
+    script = (
+        "T = 0.5; % time constant\nK = Simulink.Parameter;\nK.Value = 2*T;\nK.Min = 0;\nK.Max = 7;\nK.Unit = 'Nm';\n"
+    )
+    (tmp_path / "init.m").write_text(script + "map.x = [0 1 2];\nmap.z = map.x.^2;\nfigure(1)\n")
+    drawn = alone("Gain", Gain="K/T")
+    drawn.block("Lookup_n-D", "L", ports=(1, 1), NumberOfTableDimensions="1", Table="map.z",
+                BreakpointsForDimension1="map.x")  # fmt: skip
+    drawn.outport("z")
+    drawn.chain("u1", "L", "z")
+    model = imported(drawn, tmp_path, parameters=[tmp_path / "init.m"])
+    gain = model.values["K"]
+    assert (gain.value, float(gain.lower), float(gain.upper), gain.unit) == (1.0, 0.0, 7.0, "Nm")
+    assert model.values["T"].description == "time constant"
+    found = run(model, {"u1": [1.5]})
+    assert (found["y1"][0], found["z"][0]) == (3.0, 2.5)
+    assert model.values["map.z"].axes[0].name == "map.x"
+
+
+def test_the_code_of_callbacks_and_of_the_model_workspace_gives_values(tmp_path):
+    callbacks = {"InitFcn": "a = 1; b = 10; c = 100;"}
+    empty = Model(step="0.1", solver="FixedStepDiscrete", callbacks=callbacks, code="b = 20;")
+    drawn = alone("Gain", Gain="a + b + c", model=empty)
+    assert run(imported(drawn, tmp_path), {"u1": [1.0]})["y1"].tolist() == [121.0]
+    given = ParameterSet([Scalar("c", 7.0)])
+    assert run(imported(drawn, tmp_path, parameters=[given]), {"u1": [1.0]})["y1"].tolist() == [28.0]
+
+
+def test_functions_of_whole_arrays_are_evaluated_as_numbers_and_that_is_told(tmp_path):
+    drawn = alone("Gain", Gain="interp1([0 1 2], [10 20 40], q)*max(cumsum([1 q]))")
+    found = import_simulink(drawn.write(tmp_path), parameters=[{"q": 1.5}])
+    assert run(found.model, {"u1": [1.0]})["y1"].tolist() == [75.0]
+    assert list(found.report.frozen) == ["interp1([0 1 2], [10 20 40], q)*max(cumsum([1 q]))"]
+
+
+def test_values_under_the_name_of_a_field_go_over_its_literal(tmp_path):
+    drawn = alone("Gain", Gain="3")
+    assert run(imported(drawn, tmp_path, parameters=[{"B:Gain": 4.0}]), {"u1": [1.0]})["y1"].tolist() == [4.0]
+    model = imported(drawn, tmp_path, parameters=[ParameterSet([Scalar("B:Gain", 5.0)])], promote=["B:Gain"])
+    assert model.values["B:Gain"].value == 5.0
+
+
+# the whole model
+
+
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
+def test_the_torque_model_as_blocks_is_the_one_as_formula(layout, tmp_path):
+    rng = np.random.default_rng(1)
+    n, q, d = np.linspace(700, 6000, 6), np.linspace(10, 100, 5), np.linspace(-10, 50, 7)
+    given = {"n": n, "q": q, "d": d, "CurveEtaDeltaSpark": np.cos(d / 60)}
+    given |= {name: rng.normal(size=(6, 5)) for name in ("MapOptTorque", "MapOptIgnition", "MapDragTorque")}
+    model = imported(torque(), tmp_path, layout, parameters=[given])
+    written = formula(TORQUE)
+    columns = {
+        "Speed": rng.uniform(500, 6500, 50),
+        "Rel_Airmass": rng.uniform(0, 110, 50),
+        "Ignition": rng.uniform(-30, 30, 50),
+    }
+    found, expected = run(model, columns), run(written, columns, parameters=model.values)
+    np.testing.assert_array_equal(found["TorquePredict"], expected["TorquePredict"])
+    np.testing.assert_array_equal(found["trqOpt"], expected["trqOpt"])
+    assert set(model.graph.nodes) == set(written.graph.nodes)
+    assert model.graph.outputs == ("TorquePredict",)
+    assert {"trqOpt", "dragTorque", "Engine/deltaSpark", "Engine/etaSpark"} <= set(model.graph.names)
+
+
+def test_a_model_is_printed_as_formula_text_that_gives_the_same_graph(tmp_path):
+    drawn = Model("osc", solver="ode3", step="0.05")
+    drawn.inport("u in [Nm]")
+    drawn.block("Sum", "S\nup/down", ports=(2, 1), Inputs="+-")
+    drawn.block("Integrator", "V", ports=(1, 1), InitialCondition="v0")
+    drawn.block("Gain", "D", Gain="d")
+    drawn.outport("y 1")
+    drawn.line("u in [Nm]", "S\nup/down:1")
+    drawn.chain("S\nup/down", "V")
+    drawn.line("V", "D", "y 1")
+    drawn.line("D", "S\nup/down:2")
+    model = imported(drawn, tmp_path, parameters=[{"v0": 1.0, "d": 0.5}])
+    again = formula(to_text(model.graph, model.step))
+    assert again.graph == model.graph
+    assert again.step == 0.05
+
+
+def test_names_that_would_be_two_things_are_told_apart(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("K")
+    drawn.block("Gain", "y", Gain="K")
+    drawn.outport("K")
+    drawn.chain("K", "y")
+    drawn.blocks[-1].name = "out"
+    drawn.line("y", "out")
+    drawn.blocks[-1].name = "t"
+    drawn.wires[-1].ends[0] = ("t", "in", 1)
+    model = imported(drawn, tmp_path, parameters=[{"K": 2.0}])
+    assert model.graph.inputs == ("K_in",)
+    assert run(model, {"K_in": [3.0]})[model.graph.outputs[0]].tolist() == [6.0]
+    formula(to_text(model.graph))
+
+
+def test_a_long_chain_of_blocks_is_built(tmp_path):
+    drawn = Model("long", step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    names = [f"G{at}" for at in range(1200)]
+    for name in names:
+        drawn.block("Gain", name, Gain="-1")
+    drawn.outport("y")
+    drawn.chain("u", *names, "y")
+    model = imported(drawn, tmp_path)
+    assert run(model, {"u": [1.5]})["y"].tolist() == [1.5]
+
+
+@pytest.mark.parametrize(
+    ("code", "gain", "exact"),
+    [
+        ("b = 2*a + 1;", 4.0, True),
+        ("a = 2*a; b = a; b = b + 1; disp(b)", 4.0, True),
+        ("if a > 1\n  b = 4;\nelse\n  b = 0;\nend", 4.0, False),
+        ("b = 0;\nfor k = 1:3\n  b = b + k*a;\nend", 9.0, False),
+        ("v(2) = 1; b = 2*a + 1;", 4.0, True),
+        ("a = 2*a; v(1) = a; v(2) = 1; b = v(1);", 3.0, False),
+        ("v(1) = a; b = v(1); v(1) = 9;", 1.5, False),
+    ],
+)
+def test_masks_with_code_are_followed(code, gain, exact, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    inner = drawn.subsystem("S", mask=Mask({"a": "K"}, initialization=code))
+    inner.inport("x")
+    inner.block("Gain", "G", Gain="b")
+    inner.outport("y")
+    inner.chain("x", "G", "y")
+    drawn.outport("y")
+    drawn.chain("u", "S", "y")
+    found = import_simulink(drawn.write(tmp_path), parameters=[{"K": 1.5}])
+    assert run(found.model, {"u": [1.0]})["y"].tolist() == [gain]
+    assert (list(found.model.graph.parameters) == ["K"]) == exact
+    assert bool(found.report.frozen) != exact
