@@ -7,7 +7,9 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import number
 
-Loss = Literal["square", "huber", "soft_l1", "excess"]
+RobustLoss = Literal["huber", "soft_l1"]
+Loss = Literal["square", RobustLoss, "excess"]
+ROBUST_LOSSES: tuple[RobustLoss, ...] = get_args(RobustLoss)  # those that large errors enter less, with a `delta`
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,8 @@ class Criterion:
         regions: Sequence[Region] = (),
     ) -> None:
         if loss not in get_args(Loss):
-            raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be square, huber, soft_l1 or excess")
+            *most, last = get_args(Loss)
+            raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be {', '.join(most)} or {last}")
         owner = f"the criterion on {node}"
         values = {
             "node": node,

@@ -5,13 +5,14 @@ from contextlib import contextmanager
 from types import MappingProxyType
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.base.machine_code.ir import ONE, ZERO, FunctionWriter, literal
+from kennfeld.base.machine_code.ir import ZERO, FunctionWriter, literal
 from kennfeld.domain.criteria import Loss
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.traversal import ancestors
 from kennfeld.native.column_table import HEAD, find, load_sample, visit
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
+from kennfeld.native.losses import LOSS_RULES
 
 RANGE = (("i64", "first"), ("i64", "last"))
 ROW = ("i64", "row")
@@ -63,26 +64,7 @@ def apply_weight(step: StepEmitter, factor: str, output: Output) -> str:
 
 def loss_of(f: FunctionWriter, r: str, output: Output) -> tuple[str, str]:
     """Return the loss of a residual r, and its slope over 2 r, the weight of the equivalent square."""
-    square = f.fmul(r, r)
-    delta = literal(output.delta)
-    match output.loss:
-        case "square":
-            return square, ONE
-        case "huber":
-            size = f.new(f"call double @llvm.fabs.f64(double {r})")
-            beyond = f.new(f"fcmp ogt double {size}, {delta}")
-            line = f.fmul(delta, f.new(f"fsub double {f.fmul(literal(2.0), size)}, {delta}"))
-            return f.select(beyond, line, square), f.select(beyond, f.new(f"fdiv double {delta}, {size}"), ONE)
-        case "soft_l1":
-            ratio = f.new(f"fdiv double {r}, {delta}")
-            share = f.fmul(ratio, ratio)
-            root = f.new(f"call double @llvm.sqrt.f64(double {f.new(f'fadd double {ONE}, {share}')})")
-            # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
-            loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, ONE)}")
-            return loss, f.new(f"fdiv double {ONE}, {root}")
-        case "excess":
-            beyond = f.new(f"fcmp ogt double {r}, {ZERO}")
-            return f.select(beyond, square, ZERO), f.select(beyond, ONE, ZERO)
+    return LOSS_RULES[output.loss].code(f, r, output.delta)
 
 
 def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int, CodeItem] = NOTHING) -> list[CodeItem]:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.watch_folder import DEFAULT_LIMIT
+from kennfeld.domain.criteria import ROBUST_LOSSES, RobustLoss
 from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.search_settings import SearchSettings
 from kennfeld.files import functions
@@ -56,6 +57,7 @@ _INNER = "calculated"
 _REDUCTION = IntegerForm(least=1)
 _REDUCTIONS = EitherForm(_REDUCTION, TableOfForm(_REDUCTION, names=DIRECTIONS))
 _TERMS_EXAMPLE = 'Write terms = [{ parameter = "...", at = [...], factor = 1 }, ...].'
+_ROBUST = " or ".join(f'`"{loss}"`' for loss in ROBUST_LOSSES)
 _REGION_EXAMPLE = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
 
 
@@ -225,9 +227,7 @@ class CriterionEntry:
     )
     weight: float = key("factor on the squared errors; 0 switches off", 1.0, least=0)
     scale: float = key("errors are divided by it, in the channel's unit", 1.0, above=0)
-    loss: Literal["square", "huber", "soft_l1"] = key(
-        '`"huber"` or `"soft_l1"` reduce the influence of outliers', "square"
-    )
+    loss: Literal["square", RobustLoss] = key(f"{_ROBUST} reduce the influence of outliers", "square")
     delta: float = key("error at which this reduction begins, in units of `scale`", 1.0, above=0)
     weight_channel: str = key(
         "a channel with the weight of each sample, >= 0; missing values count as 0", "", holds="channel"
@@ -242,7 +242,8 @@ class CriterionEntry:
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield a delta without effect."""
         if self.loss == "square" and "delta" in present:
-            yield "delta", "delta requires the loss huber or soft_l1", 'Write loss = "huber" or "soft_l1".'
+            remedy = f"Write loss = {_ROBUST.replace('`', '')}."
+            yield "delta", f"delta requires the loss {' or '.join(ROBUST_LOSSES)}", remedy
 
 
 @dataclass(frozen=True)

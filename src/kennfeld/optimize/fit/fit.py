@@ -12,6 +12,7 @@ from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.task_runner import RunnerLostError
 from kennfeld.base.threads import blas_threads
+from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.ends.doubtful_ends import describe_offsets, describe_outlier
 from kennfeld.optimize.ends.end_warnings import (
@@ -571,7 +572,7 @@ class FitRun:
 
     def _check_outliers(self, end: SolverResult, quality: Sequence[Quality]) -> SolverResult:
         """Mark the end as failed if a robust loss of one sample hides those of the others."""
-        robust = {criterion.node for criterion in self.problem.criteria if criterion.loss in ("huber", "soft_l1")}
+        robust = {criterion.node for criterion in self.problem.criteria if criterion.loss in ROBUST_LOSSES}
         robust &= scored_nodes(self.problem)
         if end.status != "converged" or not robust or self.problem.partitions is not None:
             return end

@@ -24,6 +24,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.sample_statistics import Moments, gather
 from kennfeld.domain.criteria import Criterion
 from kennfeld.native.column_table import ColumnTable
+from kennfeld.native.losses import LOSS_RULES
 from kennfeld.native.samples import Samples
 from kennfeld.optimize.problem.partitions import dataset_numbers
 from kennfeld.optimize.problem.problem import Problem
@@ -242,7 +243,7 @@ class _ClassSums:
         if inside != ANY:
             chosen = (w > inside[0]) & (w <= inside[1])
             r, w = r[chosen], w[chosen]
-        ratios, slopes = _influence(r, criterion)
+        ratios, slopes = LOSS_RULES[criterion.loss].influence(r, criterion.delta)
         sums = float(w @ ratios), float(w @ slopes), float(w.sum()), float(np.log(w).sum())
         return cls(r.size, sum_squares(r * ratios, w), *sums)
 
@@ -391,23 +392,6 @@ def _likely_exponent(members: Sequence[tuple[Group, float]]) -> int:
     pairs = list(zip((group for group, _ in members), independent, strict=True))
     squares = np.sum([np.power(g.score, EXPONENTS) * g.squares_by_exponent for g, _ in pairs], axis=0)
     return likely_exponent(squares, sum(n * (g.logarithm + np.log(g.score)) for g, n in pairs), sum(independent))
-
-
-def _influence(r: Float, criterion: Criterion) -> tuple[Float, Float]:
-    """Return psi / r and psi' of each residual."""
-    delta = criterion.delta
-    match criterion.loss:
-        case "square":
-            return np.ones(r.size), np.ones(r.size)
-        case "huber":
-            inside = np.abs(r) <= delta
-            return np.where(inside, 1.0, delta / np.maximum(np.abs(r), delta)), inside.astype(np.float64)
-        case "soft_l1":
-            root = np.sqrt(1 + (r / delta) ** 2)
-            return 1 / root, root**-3
-        case "excess":
-            above = (r > 0).astype(np.float64)
-            return above, above
 
 
 def noise_of_criteria(
