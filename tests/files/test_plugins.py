@@ -125,7 +125,7 @@ def test_what_is_no_recording_is_refused(packages, tmp_path):
     )
     install(packages, "lists", code, "lists = lists:FORMAT")
     (tmp_path / "a.l").write_text("[1]", encoding="utf-8")
-    with pytest.raises(kf.errors.InputError, match="the format list returned a value of the type list, not Dataset"):
+    with pytest.raises(kf.InputError, match="the format list returned a value of the type list, not Dataset"):
         kf.read(tmp_path / "a.l")
 
 

@@ -239,6 +239,10 @@ class InputWarning(UserWarning):
     """
 
 
+for _public in (ArgumentError, InputError, InputWarning, KennfeldError):
+    _public.__module__ = "kennfeld"  # from where users import them, and what tracebacks show
+
+
 def warn(findings: Iterable[Finding]) -> None:
     """Issue findings as Python warnings, at the line outside this package from which the call came."""
     for finding in findings:

@@ -17,7 +17,7 @@ def optional_package(location: Location, extra: str) -> Iterator[None]:
     >>> with optional_package(Location("drive.mf4"), "mdf"):
     ...     import asamMDF
     Traceback (most recent call last):
-    kennfeld.base.errors.InputError: drive.mf4: the package asamMDF is not installed. Run: pip install "kennfeld[mdf]"
+    kennfeld.InputError: drive.mf4: the package asamMDF is not installed. Run: pip install "kennfeld[mdf]"
     """
     try:
         yield

@@ -4,8 +4,18 @@
 point `kennfeld.formats`.
 """
 
+from kennfeld.base.errors import Location
 from kennfeld.files.file_format import CalibrationConverter, FileFormat, MeasurementReader, Role
 from kennfeld.files.head import FileHead
 from kennfeld.files.identification import Identity, identify
 
-__all__ = ["CalibrationConverter", "FileFormat", "FileHead", "Identity", "MeasurementReader", "Role", "identify"]
+__all__ = [
+    "CalibrationConverter",
+    "FileFormat",
+    "FileHead",
+    "Identity",
+    "Location",
+    "MeasurementReader",
+    "Role",
+    "identify",
+]

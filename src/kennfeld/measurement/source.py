@@ -80,7 +80,7 @@ def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
 
     >>> locate("missing/bench.csv")
     Traceback (most recent call last):
-    kennfeld.base.errors.InputError: missing/bench.csv: there is no such file. Check the path: the folder does not exist.
+    kennfeld.InputError: missing/bench.csv: there is no such file. Check the path: the folder does not exist.
     """
     return locate_head(path, sheet)[0]
 

@@ -1,8 +1,8 @@
 """LLVM IR of expansions in radial basis functions: value, slopes along the inputs, slopes of the values.
 
-y = c + sum_d b_d x_d + sum_i w_i bell(r_i), r_i^2 = sum_d ((x_d - z_id) / s_id)^2, see `kennfeld.domain.rbf`. Eight centres
-are processed at once. The functions depend on the number of inputs and the kernel, not on the model, and are compiled
-once each.
+y = c + sum_d b_d x_d + sum_i w_i bell(r_i), r_i^2 = sum_d ((x_d - z_id) / s_id)^2, see `kennfeld.domain.rbf`. Eight
+centres are processed at once. The functions depend on the number of inputs and the kernel, not on the model, and are
+compiled once each.
 """
 
 from collections.abc import Iterator
