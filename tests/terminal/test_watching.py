@@ -343,9 +343,7 @@ def test_a_worker_that_ended_in_a_call_is_named(
 
     monkeypatch.setenv(FOLDER, str(tmp_path))
     monkeypatch.setattr("kennfeld.project.Project.read", fail)
-    record = (
-        "from kennfeld.base.machine_code.call_record import CallRecord; CallRecord('lag.fmu', ['fmi2DoStep']).begin(1)"
-    )
+    record = "from kennfeld.base.machine_code.call_record import CallRecord as C; C('lag.fmu', ['fmi2DoStep']).begin(1)"
     worker = subprocess.Popen([sys.executable, "-c", f"{record}; import os; os.abort()"])
     status = worker.wait()
     assert describe_end(worker.pid, status) == "lag.fmu: its code crashed in fmi2DoStep: aborted (SIGABRT)"
