@@ -121,6 +121,6 @@ def folder(test: str) -> str:
     """Return the folder by which a test is counted: two levels, as in `tests/optimize`.
 
     >>> folder("tests/importers/fmu/test_trajectories.py::test_one")
-    'tests/models'
+    'tests/importers'
     """
     return "/".join(PurePosixPath(test.split("::")[0]).parent.parts[:2])
