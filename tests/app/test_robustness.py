@@ -62,6 +62,7 @@ def test_a_project_that_the_page_had_opened_is_opened_again(torque: Path, tmp_pa
 @pytest.mark.slow
 def test_a_page_that_cannot_prove_itself_says_what_to_do(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
+        page.wait_for_selector(READY)
         kill(process, page)
         for file in (tmp_path / ".kennfeld" / "servers").iterdir():
             file.write_text(file.read_text().replace('"key": "', '"key": "x'))

@@ -48,6 +48,8 @@ def render_undetermined(report: ReportData) -> Html:
 
 def _surrogate_errors(surrogates: Sequence["Surrogate"]) -> Html | None:
     """Return errors of the surrogates on the data of their training, beside linear models, and their deviations."""
+    if not surrogates:
+        return None
     from kennfeld.surrogate.surrogate_file import deviation_note
 
     rows = [
@@ -57,9 +59,7 @@ def _surrogate_errors(surrogates: Sequence["Surrogate"]) -> Html | None:
     ]
     head = ("surrogate", "dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|")
     deviations = [note(f"{s.name}: {deviation_note(s)}") for s in surrogates]
-    return (
-        element("div", table(head, rows, words=4, class_="wide") if rows else None, *deviations) if surrogates else None
-    )
+    return element("div", table(head, rows, words=4, class_="wide") if rows else None, *deviations)
 
 
 def _extrapolation_table(extrapolation: Sequence[Extrapolation]) -> Html:

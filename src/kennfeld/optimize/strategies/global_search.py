@@ -3,9 +3,10 @@
 If the values of a model shift its events in time (a governor triggered by the crank, a relay, quantised code), its cost
 is a step function whose exact derivatives miss the steps. The covariance matrix adaptation evolution strategy
 (N. Hansen, A. Ostermeier: Completely Derandomized Self-Adaptation in Evolution Strategies, 2001) only compares costs.
-The first run begins at the start, later ones anywhere within the bounds with twice the population of the previous one
-(A. Auger, N. Hansen: A Restart CMA Evolution Strategy With Increasing Population Size, 2005). A descent from the best
-values ends the search.
+The first run begins at the start, later ones anywhere within the bounds. Runs with populations that double alternate
+with runs of the smallest one, so that both take as many evaluations: the former follow the widest valley, the latter
+find narrow ones (N. Hansen: Benchmarking a BI-Population CMA-ES on the BBOB-2009 Function Testbed, 2009). A descent
+from the best values ends the search.
 
 Under output limits, the lower cost wins between two feasible points, the smaller violation between two infeasible ones,
 and a feasible point over an infeasible one (K. Deb: An efficient constraint handling method for genetic algorithms,
@@ -49,8 +50,8 @@ RUNS_SHARE = 0.95  # of the evaluations; the rest compares the end with its neig
 NEIGHBOURS = (1e-2, 1e-3, 1e-4)  # distances, as shares of the bounds' distance, at which an end must be the lowest
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
 CONVERGED = 1e-6  # relative differences of the cost at which a run ends
-MIN_GAIN = 1e-4  # relative decrease of the cost that makes a run a success
-PATIENCE = 2  # unsuccessful runs in a row that end the search
+MIN_GAIN = 1e-4  # relative difference of two costs that counts
+PATIENCE = 2  # runs in a row that end the search if they end at the lowest cost of those before
 PAUSE = 1.0  # s after which the best so far is reported within a generation
 SMALLEST = 1e-300  # of a cost, so that it has a logarithm
 REJECTED = 1e30  # in place of a cost that is not finite
@@ -131,7 +132,7 @@ class _Search:
         self.random = np.random.default_rng(search.seed)
         size = self.movable.size
         self.budget = search.max_evaluations or (EVALUATIONS_OF_FEWEST if size <= FEWEST else EVALUATIONS) * (size + 4)
-        self.cost, self.highest = np.inf, -np.inf
+        self.cost, self.run_cost, self.highest = np.inf, np.inf, -np.inf  # the lowest, that of a run, the highest
         self.evaluations = self.generations = 0
         self.reported = time.monotonic()
 
@@ -146,23 +147,28 @@ class _Search:
 
     def _restarted(self) -> SolverResult:
         first = (self.start[self.movable] - self.lower) / self.span
-        runs_without_gain = runs = 0
-        while runs_without_gain < PATIENCE and self.evaluations < RUNS_SHARE * self.budget:
+        agreeing = runs = larger = 0
+        spent = {True: 0, False: 0}  # evaluations of runs with growing and with the smallest population
+        while agreeing < PATIENCE and self.evaluations < RUNS_SHARE * self.budget:
             before = self.cost
             origin = first if runs == 0 else self.random.uniform(size=first.size)
-            converged = self._one_run(origin, 2**runs)
-            gains = self.cost < (1 - MIN_GAIN) * before or self._is_flat
-            runs_without_gain = 0 if gains else runs_without_gain + 1
+            self.run_cost, evaluations = np.inf, self.evaluations
+            grows = spent[True] <= spent[False] or runs == 0
+            converged = self._one_run(origin, 2**larger if grows else 1)
+            spent[grows] += self.evaluations - evaluations
+            larger += grows
+            same = np.isfinite(before) and abs(self.run_cost - before) <= MIN_GAIN * before
+            agreeing = agreeing + 1 if converged and same and not self._is_flat else 0
             runs += converged
-        return self._judged(runs, runs_without_gain >= PATIENCE)
+        return self._judged(runs, agreeing >= PATIENCE)
 
     @property
     def _is_flat(self) -> bool:
         """True if all costs so far are equal; one of 0 cannot be lower anywhere."""
         return self.cost == self.highest != 0
 
-    def _judged(self, runs: int, exhausted: bool) -> SolverResult:
-        """Return the end of so many converged runs; `exhausted` if further ones brought no gain."""
+    def _judged(self, runs: int, agreed: bool) -> SolverResult:
+        """Return the end of so many converged runs; `agreed` if the last ones ended at the lowest cost."""
         if not np.isfinite(self.cost):
             return self._end("failed", f"The cost is not a finite number at any of {self.evaluations} points.")
         if self._is_flat:
@@ -178,10 +184,8 @@ class _Search:
             message = f"After {self.evaluations} evaluations, values beside the best ones still lower the cost. {more}"
             return self._end("max_iterations", message)
         message = f"The global search ended after {count_noun(runs, 'converged run')}."
-        if not exhausted:
-            message += (
-                " The last runs still lowered the cost: more evaluations or narrower bounds may lower it further."
-            )
+        if not agreed:
+            message += " They ended at different costs: more evaluations or narrower bounds may lead to a lower one."
         return self._end("converged", message)
 
     def _descend_to_neighbours(self) -> bool:
@@ -233,7 +237,7 @@ class _Search:
         cost = self.objective.cost(kept)
         self.evaluations += 1
         if np.isfinite(cost):
-            self.highest = max(cost, self.highest)
+            self.highest, self.run_cost = max(cost, self.highest), min(cost, self.run_cost)
             if cost < self.cost:
                 self.cost, self.best = cost, kept
         return cost
