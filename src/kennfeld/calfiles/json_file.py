@@ -266,13 +266,15 @@ class _JsonReader:
             return None
         labels = entry["inputs"]
         if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-            return self._wrong(f"{name}.inputs", f"must be a list of names, got {_describe_value(labels)}")
+            self._wrong(f"{name}.inputs", f"must be a list of names, got {_describe_value(labels)}")
+            return None
         rows = entry.get("hinges", [])
         if not isinstance(rows, list):
             message = f"must be a list of rows of input, position and height, got {_describe_value(rows)}"
-            return self._wrong(f"{name}.hinges", message)
+            self._wrong(f"{name}.hinges", message)
+            return None
         inputs, centres = len(labels), len(entry["weights"]) if isinstance(entry["weights"], list) else 0
-        shapes = ([], [inputs], [centres], [centres, inputs], [centres, inputs], [len(rows), 3])
+        shapes: tuple[list[int], ...] = ([], [inputs], [centres], [centres, inputs], [centres, inputs], [len(rows), 3])
         parts = []
         for key, shape in zip((*_PARTS, "hinges"), shapes, strict=True):
             numbers = self._numbers(entry.get(key, rows), shape, f"{name}.{key}")

@@ -192,7 +192,7 @@ def check_kernel(kernel: str) -> None:
 
 def _checked_hinges(hinges: Sequence[Sequence[float]], inputs: int) -> tuple[Hinge, ...]:
     try:
-        rows = [tuple(hinge) for hinge in hinges]
+        rows: list[tuple[Any, ...]] = [tuple(hinge) for hinge in hinges]
         if not all(isinstance(number, Real) and not isinstance(number, bool) for row in rows for number in row):
             raise TypeError
         checked = tuple(Hinge(int(along), float(position), float(height)) for along, position, height in rows)
