@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kennfeld import Axis, Curve, ParameterSet, Scalar
+from kennfeld import RBF, Axis, Curve, Expansion, ParameterSet, Scalar
 from kennfeld.app.questions import COMMANDS, QUESTIONS
-from kennfeld.app.session.edited_values import moved_breakpoints, with_edits
+from kennfeld.app.session.edited_values import fit_onto, moved_breakpoints, with_edits
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.state import SetText, SetValues
@@ -280,3 +280,16 @@ def test_saving_keeps_what_was_saved_before(project: Path) -> None:
     session = Session(project)
     assert session.parameters["C"].values.tolist() == [0, 2, 4, 6]
     assert session.parameters["k"].values.tolist() == 5.0
+
+
+def test_values_of_an_expansion_with_other_kinks_are_not_taken():
+    parts = 0.0, [1.0], [2.0], [[0.0]], [[1.0]]
+    own, other = (RBF("F", Expansion(*parts, hinges=[(0, 0.5, height)])) for height in (1.0, 3.0))
+    matern = RBF("F", Expansion(*parts, "matern52", own.hinges))
+    np.testing.assert_array_equal(fit_onto(own, own.with_values(own.values + 1)).values, own.values + 1)
+    for unlike in (other, matern):
+        with pytest.raises(ArgumentError, match="F has another kernel or other kinks in the file"):
+            fit_onto(own, unlike)
+        kept, findings = with_edits(ParameterSet([own]), {"F": own.values + 1}, {"F": unlike})
+        assert kept["F"].values.tolist() == own.values.tolist()
+        assert "its unsaved values are not used" in str(findings[0])

@@ -93,6 +93,8 @@ def test_hinges_belong_to_what_makes_expansions_equal():
         ([(0, 1.0)], "rows of input, position and height"),
         ([1.0], "rows of input, position and height"),
         ([("x", 0.0, 1.0)], "rows of input, position and height"),
+        ([(0, "1.0", 1.0)], "rows of input, position and height"),
+        ([(True, 0.0, 1.0)], "rows of input, position and height"),
     ],
 )
 def test_hinges_that_cannot_be_used_are_named(hinges, message):

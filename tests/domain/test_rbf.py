@@ -88,6 +88,12 @@ def test_the_file_holds_it_bit_for_bit(tmp_path, kernel):
         ({"offset": "x"}, r"F\.offset: must be a number, got 'x'"),
         ({"centers": []}, "Did you mean centres"),
         ({"kernel": "cosine"}, "kernel='cosine' of an expansion must be gaussian or matern52"),
+        ({"inputs": ["a", 1]}, r"F\.inputs: must be a list of names, got a list"),
+        ({"hinges": {}}, r"F\.hinges: must be a list of rows of input, position and height, got an object"),
+        ({"hinges": [[0, "1", 2]]}, r"F\.hinges\[0\]\[1\]: must be a number, got '1'"),
+        ({"hinges": [[True, 1, 2]]}, r"F\.hinges\[0\]\[0\]: must be a number, got True"),
+        ({"hinges": [0, 1, 2]}, r"F\.hinges\[0\]: must be a list of length 3, got 0"),
+        ({"hinges": [[2, 1, 2]]}, r"F: hinges of an expansion are along inputs 0 to 1, counted from 0, not 2"),
     ],
 )
 def test_a_broken_file_is_answered(tmp_path, change, expected):

@@ -112,10 +112,12 @@ def test_a_curve_is_a_line_and_a_map_a_picture_of_its_cells_with_all_values():
 
 
 def test_radial_basis_functions_have_a_name_for_each_number():
-    bells = kf.Expansion(0.0, [0.01], [5.0], [[2500.0]], [[800.0]])
+    bells = kf.Expansion(0.0, [0.01], [5.0], [[2500.0]], [[800.0]], hinges=[(0, 3000.0, 0.125)])
     bump = kf.RBF("Bump", bells, inputs=["Speed"])
     text = text_of(bump)
     assert all(bump.value_name(i) in text for i in range(bump.size))
+    assert "change of the slope in Speed at 3000" in text
+    assert "0.125" in text
 
 
 def test_bounds_and_locks_are_told():

@@ -338,6 +338,20 @@ def test_factors_that_no_sample_can_judge_are_told():
     assert "Smoothness could not be chosen, because too few samples are independent" in result.message
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_factors_that_no_sample_can_judge_leave_the_fit_at_equal_weight(count):
+    """A single point moved a map to values 40 times its own, through a corner of its cell that it hardly sees."""
+    rng, axis = np.random.default_rng(0), np.linspace(0.0, 8.0, 9)
+    x, y = rng.uniform(0, 8, (2, count))
+    data = {"x": x, "y": y, "t": 5 + 2 * x - y + 0.3 * x * y}
+    values = []
+    for smoothness in ("auto", 1.0):
+        start = kf.ParameterSet([kf.Map("M", axis, axis, np.zeros((9, 9)))])
+        result = kf.calibrate("z = M(x, y)", data, start, target="t", node="z", smoothness=smoothness)
+        values.append(result.parameters["M"].values)
+    assert np.abs(values[0] - values[1]).max() < 0.3 * np.abs(values[1]).max()
+
+
 def test_a_table_that_matters_only_after_others_is_smoothed():
     """Behind a map of zeros a time constant has no effect, so it has no derivative at the start."""
     rng = np.random.default_rng(2)

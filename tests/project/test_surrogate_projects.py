@@ -76,16 +76,17 @@ def test_a_simulation_has_a_column_with_the_deviation_if_asked(outside, monkeypa
     np.testing.assert_allclose(deviations["fast"], uncertain_model().deviation(points), rtol=1e-12)
 
 
-@pytest.mark.parametrize("filtered", [False, True])
-def test_the_deviation_of_a_dynamic_surrogate_begins_anew_with_each_piece(tmp_path, filtered):
+@pytest.mark.parametrize("lags", [(), (1,), (2,), (1, 3)])  # of the output; none of a filtered model
+def test_the_deviation_of_a_dynamic_surrogate_begins_anew_with_each_piece(tmp_path, lags):
     u = np.random.default_rng(0).normal(size=(40, 1))
-    if filtered:
+    if not lags:
         bells = Expansion(0.0, [0.0, 1.0], [1.0], [[0.0, 0.0]], [[1.0, 1.0]])
         model = FilteredSurrogate("tank", ("u",), "y", 1.0, (3.0,), bells, uncertainty=Uncertainty(0.2, 0.1, [0.01]))
     else:
-        bells = Expansion(0.0, [0.9, 0.3], [1.0], [[0.0, 0.0]], [[1.0, 1.0]])
+        slopes = [*(0.9 / len(lags) for _ in lags), 0.3]
+        bells = Expansion(0.0, slopes, [1.0], np.zeros((1, len(slopes))), np.ones((1, len(slopes))))
         uncertainty = FreeRunUncertainty(0.2, 0.1, 0.05, 2.0)
-        model = DynamicSurrogate("tank", ("u",), ((0,),), "y", (1,), 1.0, bells, uncertainty=uncertainty)
+        model = DynamicSurrogate("tank", ("u",), ((0,),), "y", lags, 1.0, bells, uncertainty=uncertainty)
     pieces = [model.deviation(part) for part in (u[:15], u[15:])]
     write_surrogate(model, tmp_path / "tank.json")
     time = [*range(15), *range(200, 225)]

@@ -149,6 +149,21 @@ def broken(tmp_path, change, made=None):
         (lambda c: c.update(step="fast"), "model.json step: must be a finite number, got 'fast'"),
         (lambda c: c.update(limits=[1]), "model.json limits: must be two numbers or null, got [1]"),
         (lambda c: c.update(inputs="throttle"), "model.json inputs: must be a list of texts, got 'throttle'"),
+        (lambda c: c.update(expansion=None), "model.json expansion: must be a table, got None"),
+        (lambda c: c.update(name=None), "model.json name: must be text, got None"),
+        (lambda c: c.update(lags=[[0, 2], None]), "model.json lags 2: must be a list of whole numbers, got None"),
+        (lambda c: c.update(limits=[False, 9]), "model.json limits: must be two numbers or null, got [False, 9]"),
+        (
+            lambda c: c["expansion"].update(weights=None),
+            "expansion weights: must be a list of finite numbers, got None",
+        ),
+        (lambda c: c["expansion"].update(slopes=["1"] * 5), "expansion slopes: must be a list of finite numbers, got"),
+        (lambda c: c["expansion"].update(hinge=[[0, 1, 2]]), "expansion hinge: unknown key. Did you mean hinges?"),
+        (
+            lambda c: c["expansion"].update(hinges=None),
+            "must be a list of rows of input, position and height, got None",
+        ),
+        (lambda c: c["expansion"].update(hinges=[[0, "1", 2]]), "must be a list of rows of input, position and height"),
     ],
 )
 def test_a_broken_file_is_told_with_its_place(change, message, tmp_path):

@@ -264,17 +264,27 @@ class _JsonReader:
             self._wrong(f"{name}.{key}", "is missing")
         if missing:
             return None
-        inputs, centres = (len(entry[k]) if isinstance(entry[k], list) else 0 for k in ("inputs", "weights"))
+        labels = entry["inputs"]
+        if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
+            self._wrong(f"{name}.inputs", f"must be a list of names, got {_describe_value(labels)}")
+            return None
+        rows = entry.get("hinges", [])
+        if not isinstance(rows, list):
+            message = f"must be a list of rows of input, position and height, got {_describe_value(rows)}"
+            self._wrong(f"{name}.hinges", message)
+            return None
+        inputs, centres = len(labels), len(entry["weights"]) if isinstance(entry["weights"], list) else 0
+        shapes: tuple[list[int], ...] = ([], [inputs], [centres], [centres, inputs], [centres, inputs], [len(rows), 3])
         parts = []
-        for key, shape in zip(_PARTS, ([], [inputs], [centres], [centres, inputs], [centres, inputs]), strict=True):
-            numbers = self._numbers(entry[key], shape, f"{name}.{key}")
+        for key, shape in zip((*_PARTS, "hinges"), shapes, strict=True):
+            numbers = self._numbers(entry.get(key, rows), shape, f"{name}.{key}")
             if numbers is None:
                 return None
             parts.append(numbers)
-        slopes, weights, positions, widths = parts[1:]
+        slopes, weights, positions, widths, hinges = parts[1:]
         kernel = entry.get("kernel", "gaussian")
-        expansion = Expansion(float(parts[0]), slopes, weights, positions, widths, kernel, entry.get("hinges", ()))
-        return RBF(name, expansion, list(map(str, entry["inputs"])), **attributes)
+        expansion = Expansion(float(parts[0]), slopes, weights, positions, widths, kernel, hinges.tolist())
+        return RBF(name, expansion, labels, **attributes)
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:
         points = self._points(name, entry, letter)

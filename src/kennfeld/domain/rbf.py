@@ -7,6 +7,7 @@ its values, so that they can be calibrated, for example in place of a large map.
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from itertools import pairwise
+from numbers import Real
 from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
@@ -191,12 +192,15 @@ def check_kernel(kernel: str) -> None:
 
 def _checked_hinges(hinges: Sequence[Sequence[float]], inputs: int) -> tuple[Hinge, ...]:
     try:
-        checked = tuple(Hinge(int(along), float(position), float(height)) for along, position, height in hinges)
+        rows: list[tuple[Any, ...]] = [tuple(hinge) for hinge in hinges]
+        if not all(isinstance(number, Real) and not isinstance(number, bool) for row in rows for number in row):
+            raise TypeError
+        checked = tuple(Hinge(int(along), float(position), float(height)) for along, position, height in rows)
     except (TypeError, ValueError, OverflowError):
         raise ArgumentError("hinges of an expansion must be rows of input, position and height") from None
-    for hinge, given in zip(checked, hinges, strict=True):
+    for hinge, given in zip(checked, rows, strict=True):
         if hinge.input != given[0] or not 0 <= hinge.input < inputs:
-            message = f"hinges of an expansion are along inputs 0 to {inputs - 1}, counted from 0, not {given[0]}"
+            message = f"hinges of an expansion are along inputs 0 to {inputs - 1}, counted from 0, not {given[0]:g}"
             raise ArgumentError(message)
         if not np.isfinite(hinge).all():
             raise ArgumentError(f"hinges of an expansion must have finite numbers, got {tuple(hinge)}")

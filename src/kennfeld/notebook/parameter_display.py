@@ -36,6 +36,11 @@ def parameter_html(parameter: Parameter) -> Html:
 def _grid_parts(parameter: Parameter) -> list[Html]:
     if isinstance(parameter, RBF):
         rows = [(parameter.value_name(i), full_decimal(value)) for i, value in enumerate(parameter.values.tolist())]
+        labels = [name or f"input {d + 1}" for d, name in enumerate(parameter.inputs)]
+        rows += [
+            (f"change of the slope in {labels[d]} at {full_decimal(position)}", full_decimal(height))
+            for d, position, height in parameter.hinges
+        ]
         return [text_table(("value", "number"), rows)]
     axes, values = parameter.index_axes, parameter.values
     titles = [_title(axis, letter) for axis, letter in zip(axes, AXIS_LETTERS, strict=False)]

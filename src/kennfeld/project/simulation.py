@@ -237,20 +237,27 @@ def _largest_deviation(surrogate: "Surrogate", calls: SurrogateCalls, bound: Bou
 
     blocks = (points for _, points in calls.points(bound))  # Float[samples, inputs] of each call
     if isinstance(surrogate, DynamicSurrogate):
-        runs = [_recursion_deviation(surrogate, np.concatenate(parts), bound) for parts in zip(*blocks, strict=True)]
+        measured = (first != surrogate.start for first in calls.first_outputs)
+        runs = [
+            _recursion_deviation(surrogate, np.concatenate(parts), bound, measured=known)
+            for parts, known in zip(zip(*blocks, strict=True), measured, strict=False)
+        ]
         return np.max(runs, axis=0) if runs else np.empty(0)
     deviation_at = surrogate.deviation if isinstance(surrogate, StaticSurrogate) else surrogate.deviation_at
     parts = [np.max([deviation_at(x) for x in points], axis=0) for points in blocks]
     return np.concatenate(parts) if parts else np.empty(0)
 
 
-def _recursion_deviation(surrogate: "DynamicSurrogate", points: Float, bound: BoundDataset) -> Float:
-    """Return the deviation of one call, Float[samples]; its errors begin anew with each piece."""
+def _recursion_deviation(surrogate: "DynamicSurrogate", points: Float, bound: BoundDataset, *, measured: bool) -> Float:
+    """Return the deviation of one call, Float[samples]; its errors begin anew with each piece.
+
+    `measured` states whether the outputs before a piece are.
+    """
     if bound.hold is not None:  # a point stays in its settled state as long as it is held
-        settled: Float = surrogate.deviation_along(points[None], repeats=bound.hold.samples)[-1]
+        settled: Float = surrogate.deviation_along(points[None], measured=measured, repeats=bound.hold.samples)[-1]
         return settled
     pieces = np.split(points, bound.starts[bound.starts > 0])
-    return np.concatenate([surrogate.deviation_along(piece[:, None])[:, 0] for piece in pieces])
+    return np.concatenate([surrogate.deviation_along(piece[:, None], measured=measured)[:, 0] for piece in pieces])
 
 
 def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Channel]:

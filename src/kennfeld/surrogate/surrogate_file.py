@@ -32,6 +32,7 @@ UNCERTAINTY = ("signal", "noise", "nugget")
 FREE_RUN_UNCERTAINTY = ("signal", "noise", "process_noise", "start")
 REWRITE = "Train it again with `kennfeld surrogate train`."
 NUMBERS = ("rmse", "r2", "max_abs")
+MISSING = object()  # the value of a key that is not in its table; null is a value
 
 Surrogate = StaticSurrogate | DynamicSurrogate | FilteredSurrogate
 
@@ -187,16 +188,17 @@ class _TableReader:
         self.findings.error(self.location.within(key), message, remedy)
 
     def get(self, key: str) -> Any:
-        """Return a value; None, with an error, if it is missing."""
+        """Return a value; `MISSING`, with an error, if there is none."""
         if key not in self.values:
             self.report(key, "is missing")
-        return self.values.get(key)
+        return self.values.get(key, MISSING)
 
     def check(self, key: str, value: Any, accepts: Callable[[Any], bool], expected: str) -> Any:
         """Return the value if it is accepted; else None, with an error unless it is missing."""
-        if value is None or accepts(value):
+        if value is not MISSING and accepts(value):
             return value
-        self.report(key, f"must be {expected}, got {_shorten(value)}")
+        if value is not MISSING:
+            self.report(key, f"must be {expected}, got {_shorten(value)}")
         return None
 
     def text(self, key: str) -> str:
@@ -207,24 +209,27 @@ class _TableReader:
 
     def number(self, key: str) -> float | None:
         value = self.get(key)
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        if _is_number(value) and math.isfinite(value):
             return float(value)
         if key in self.values:
             self.report(key, f"must be a finite number, got {_shorten(value)}")
         return None
 
     def numbers(self, key: str) -> Float | None:
-        value = self.get(key)
+        value = self.check(key, self.get(key), _is_numeric, "a list of finite numbers")
         if value is None:
             return None
         try:
             result = np.array(value, dtype=np.float64)
             if not np.isfinite(result).all():
                 raise ValueError
-        except (TypeError, ValueError, OverflowError):
+        except (ValueError, OverflowError):
             self.report(key, f"must be a list of finite numbers, got {_shorten(value)}")
             return None
         return result
+
+    def count(self, key: str) -> int:
+        return int(self.check(key, self.get(key), _is_count, "a whole number >= 0") or 0)
 
     def whole(self, key: str, value: Any) -> tuple[int, ...]:
         return tuple(self.check(key, value, _is_list_of(int), "a list of whole numbers") or ())
@@ -232,6 +237,25 @@ class _TableReader:
     def inner(self, key: str) -> "_TableReader | None":
         values = self.check(key, self.get(key), lambda value: isinstance(value, dict), "a table")
         return None if values is None else _TableReader(values, self.location.within(key), self.findings)
+
+
+def _is_number(value: Any) -> bool:
+    """Return whether a value is a number; truth values are not."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_count(value: Any) -> bool:
+    return _is_number(value) and value >= 0 and value % 1 == 0
+
+
+def _is_numeric(value: Any) -> bool:
+    """Return whether a value is a list of numbers, or a list of such lists."""
+    return isinstance(value, list) and all(_is_number(item) or _is_numeric(item) for item in value)
+
+
+def _is_rows(value: Any) -> bool:
+    """Return whether a value is a list of lists of three numbers."""
+    return isinstance(value, list) and all(_is_numeric(row) and len(row) == 3 for row in value)
 
 
 def _is_list_of(kind: type) -> Callable[[Any], bool]:
@@ -279,7 +303,7 @@ def _dynamic(reader: _TableReader) -> dict[str, Any]:
 
 def _filtered(reader: _TableReader) -> dict[str, Any]:
     return {
-        "delay": int(reader.number("delay") or 0),
+        "delay": reader.count("delay"),
         "time_constants": _row(reader, "time_constants"),
         "step": reader.number("step"),
         "start_inputs": _row(reader, "start_inputs"),
@@ -309,12 +333,14 @@ def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[An
         return None
     scalars = ("offset", "threshold", "signal", "noise", "process_noise", "start")
     values: dict[str, Any] = {name: inner.number(name) if name in scalars else inner.numbers(name) for name in names}
+    _report_unknown_keys(inner, (*names, "kernel", "hinges") if key == "expansion" else names)
     if any(value is None for value in values.values()):
         return None
     if "kernel" in inner.values:
         values["kernel"] = inner.text("kernel")
     if "hinges" in inner.values:
-        values["hinges"] = inner.check("hinges", inner.get("hinges"), _is_list_of(list), "a list of lists") or ()
+        expected = "a list of rows of input, position and height"
+        values["hinges"] = inner.check("hinges", inner.get("hinges"), _is_rows, expected) or ()
     if key == "expansion" and not values["weights"].size:
         empty = np.empty((0, values["slopes"].size))
         values |= {"centres": empty, "widths": empty}
@@ -325,10 +351,16 @@ def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[An
         return None
 
 
+def _report_unknown_keys(reader: _TableReader, known: tuple[str, ...]) -> None:
+    for key in reader.values:
+        if key not in known:
+            reader.report(key, "unknown key", nearest(key, known) or REWRITE)
+
+
 def _limits(reader: _TableReader) -> tuple[float, float]:
     value = reader.get("limits")
     valid = isinstance(value, list) and len(value) == 2
-    if not valid or not all(item is None or isinstance(item, int | float) for item in value):
+    if not valid or not all(item is None or _is_number(item) for item in value):
         if "limits" in reader.values:
             reader.report("limits", f"must be two numbers or null, got {_shorten(value)}")
         return (-math.inf, math.inf)
@@ -345,8 +377,10 @@ def _quality(reader: _TableReader) -> tuple[SurrogateQuality, ...]:
         if use not in get_args(Use) or mode not in get_args(Mode):
             inner.report("", f"unknown use {use!r} or mode {mode!r}")
             continue
-        numbers = {name: inner.number(name) if inner.get(name) is not None else math.nan for name in NUMBERS}
-        samples = int(inner.number("samples") or 0)
+        numbers = {
+            name: math.nan if inner.values.get(name, MISSING) is None else inner.number(name) for name in NUMBERS
+        }
+        samples = inner.count("samples")
         result.append(SurrogateQuality(inner.text("dataset"), use, mode, samples, **numbers))  # type: ignore[arg-type]
     return tuple(result)
 

@@ -254,17 +254,14 @@ class DynamicSurrogate:
         deviation = self._linearised(points).deviation(self.uncertainty, unmeasured)
         return np.concatenate([np.zeros(first.size), deviation[:, 0]])
 
-    def deviation_along(self, points: Float, *, repeats: int = 1) -> Float:
+    def deviation_along(self, points: Float, *, measured: bool = True, repeats: int = 1) -> Float:
         """Return the same along points of free runs side by side: Float[steps, runs, numbers] -> Float[steps, runs].
 
-        An output before the first step counts as measured unless it is `start`. Each point counts as so many steps.
+        `measured` states whether the outputs before the first step are. Each point counts as so many steps.
         """
         if self.uncertainty is None:
             return np.full(points.shape[:-1], np.nan)
-        back = max(self.output_lags)
-        unmeasured = np.zeros((back, points.shape[1]), dtype=bool)
-        for i, lag in enumerate(self.output_lags):
-            unmeasured[back - lag] = points[0, :, i] == self.start
+        unmeasured = np.full((max(self.output_lags), points.shape[1]), not measured)
         return self._linearised(points).repeated(repeats).deviation(self.uncertainty, unmeasured)
 
     def _linearised(self, points: Float) -> LinearisedRun:

@@ -14,6 +14,7 @@ from kennfeld.base.errors import ArgumentError, Finding, Location
 from kennfeld.domain.free_axes import AxisKey, breakpoints_by_name, free_axes, with_labelled
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.rbf import RBF
 from kennfeld.graph.interpolation import regrid
 
 REMEDY = "Undo the change of the breakpoints, or check the values."
@@ -23,21 +24,32 @@ def fit_onto(own: Parameter, other: Parameter) -> Parameter:
     """Return a parameter with the values of another one, interpolated if its axes differ.
 
     Raises:
-        ArgumentError: the other one is of another kind.
+        ArgumentError: the other one is of another kind, or an expansion whose fixed parts differ.
     """
     tables = own.axes and len(own.axes) == len(other.axes)
     if own.values.shape != other.values.shape and not tables:
         raise ArgumentError(f"{own.name} is a {own.kind} of another size than the {other.kind} of the file")
     if len(own.axes) != len(other.axes) or (own.kind == "rbf") != (other.kind == "rbf"):
         raise ArgumentError(f"{own.name} is a {own.kind} here and a {other.kind} in the file")
+    if not has_same_form(own, other):
+        raise ArgumentError(f"{own.name} has another kernel or other kinks in the file, which its values do not hold")
     if not tables or own.kind == "rbf":
         return own.with_values(other.values)
     return own.with_values(regrid(other.values, other.axes, own.axes, other.extrapolation))
 
 
+def has_same_form(first: Parameter, second: Parameter) -> bool:
+    """Return whether equal values make equal functions of two expansions; true if one is a table."""
+    if not isinstance(first, RBF) or not isinstance(second, RBF):
+        return True
+    return (first.coordinates, first.kernel, first.hinges) == (second.coordinates, second.kernel, second.hinges)
+
+
 def on_same_breakpoints(first: Parameter, second: Parameter) -> bool:
     """Return whether the values of two tables have the same shape and stand at the same breakpoints."""
     if first.values.shape != second.values.shape or len(first.axes) != len(second.axes):
+        return False
+    if not has_same_form(first, second):
         return False
     pairs = zip(first.axes, second.axes, strict=True)
     return all(np.array_equal(one.breakpoints, other.breakpoints) for one, other in pairs)

@@ -25,6 +25,13 @@ class SurrogateCalls:
         self.inputs = {at: str(nodes[at].payload) for at in places if nodes[at].op == "input"}
         self.computed = {at: f"\0at {at}" for at in places if at not in self.inputs}
 
+    @property
+    def first_outputs(self) -> list[float | None]:
+        """The output before the first sample in each call of a recursion; None unless it is a constant."""
+        nodes, states = self.problem.graph.nodes, self.problem.graph.states
+        initial = [nodes[states[nodes[args[0]].payload].init] for args in self.calls]
+        return [float(node.payload) if node.op == "const" else None for node in initial]
+
     @cached_property
     def _nodes(self) -> NodeSimulator | None:
         if not self.computed:

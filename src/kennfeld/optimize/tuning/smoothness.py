@@ -217,12 +217,15 @@ class SmoothnessSelection:
         restrained = self._fit(reference, plain.values)
         self.restraints = self._restraints(restrained.values, move_start=True)
         best = self._improve(self._judge_first(reference, restrained))
-        if best.fit.cut_short or not smoothable(self.problem):
+        if not best.fit.cut_short and smoothable(self.problem):
+            other = self._path(reference, start)
+            if other.value < best.value and not other.fit.cut_short:
+                other = self._improve(other)
+            best = other if other.value < best.value or other.stopped else best
+        if not best.undefined or best.stopped:
             return best
-        other = self._path(reference, start)
-        if other.value < best.value and not other.fit.cut_short:
-            other = self._improve(other)
-        return other if other.value < best.value or other.stopped else best
+        self.restraints = {}  # so few samples move single values far, and what has no roughness goes through them
+        return replace(best, fit=plain)
 
     def _judge_first(self, logarithms: Float, fit: SolverResult) -> Round:
         """Judge the fit with the factors at which the search begins.
