@@ -495,8 +495,9 @@ class FitRun:
             return values
         values = end.values
         for name in self.problem.free_names:
-            reset, moved = values.copy(), self._columns(faint, name)
-            self._columns(reset, name)[moved] = self._columns(start, name)[moved]
+            own = np.zeros_like(faint)
+            self._columns(own, name)[:] = True
+            reset = np.where(faint & own, start, values)
             if self.outputs.is_satisfied(reset):
                 values = reset
         return values
