@@ -103,6 +103,40 @@ def test_values_without_an_effect_are_a_failure_with_a_sentence():
     assert "The cost is the same at all of" in end.message
 
 
+def test_costs_that_differ_by_rounding_are_the_same():
+    costs = Function(lambda values: 1 + 1e-15 * np.sin(1e6 * values[0]))
+    end = global_search(costs, np.zeros(2), box((0, 1), (0, 1)), GlobalSettings(200))
+    assert end.status == "failed"
+    assert "The cost is the same at all of" in end.message
+
+
+def test_few_evaluations_do_not_say_that_values_have_no_effect():
+    end = global_search(Function(terraces), np.zeros(2), box((-5, 5), (-5, 5)), GlobalSettings(1))
+    assert end.status == "max_iterations"
+    assert "had not converged after 1 evaluation." in end.message
+
+
+def test_a_search_that_is_stopped_outside_output_limits_has_the_cost_of_its_values():
+    def stop(line):
+        raise Stop
+
+    x = np.arange(5.0)
+    start = {"k": kf.Scalar("k", 1.0, lower=0.0, upper=5.0)}
+    data = {"x": x, "y": 2 * x}
+    result = kf.calibrate("m = k * x", data, start, "y", limits={"x": (0, 3)}, options=GLOBAL, progress=stop)
+    assert result.status == "stopped"
+    assert result.cost_after == pytest.approx(np.sum((result.parameters["k"].value * x - 2 * x) ** 2))
+
+
+def test_limits_that_no_value_changes_are_infeasible():
+    x = np.arange(5.0)
+    start = {"k": kf.Scalar("k", 1.0, lower=0.0, upper=5.0)}
+    options = kf.Options(method="global", max_evaluations=100)
+    result = kf.calibrate("m = round(k * x)", {"x": x, "y": 2 * x}, start, "y", limits={"x": (0, 3)}, options=options)
+    assert result.status == "infeasible"
+    assert "x <= 3 is exceeded at 1 samples, most by 1 at sample 5" in result.message
+
+
 def test_a_cost_of_zero_is_the_lowest():
     end = global_search(Function(lambda values: 0.0), np.zeros(2), box((0, 1), (0, 1)), GlobalSettings(200))
     assert (end.status, end.cost) == ("converged", 0.0)

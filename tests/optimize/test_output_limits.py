@@ -168,3 +168,20 @@ def test_samples_of_output_limits_are_numbered_from_1():
     )
     assert "sample 0" not in failed.message
     assert "at sample 1 of" in failed.message or "at sample 3 of" in failed.message
+
+
+@pytest.mark.parametrize("method", ["gauss-newton", "global"])
+def test_values_that_limits_alone_determine_do_not_return_to_their_start(method):
+    x = np.arange(6.0)
+    start = {
+        "a": kf.Scalar("a", 0.5, lower=0.0, upper=5.0),
+        "k": kf.Scalar("k", 9.0, lower=0.0, upper=15.0),
+    }
+    options = kf.Options(method=method, max_evaluations=300)
+    formula = "m = a * x\nz = k * x"
+    result = kf.calibrate(
+        formula, {"x": x, "y": 2 * x + 0.1}, start, "y", node="m", limits={"z": (0, 20)}, options=options
+    )
+    assert result.status != "infeasible"
+    assert result.parameters["k"].value * 5 <= 20 + 1e-6
+    assert "of k" not in result.message  # k was moved, so that it is not at its start

@@ -474,7 +474,7 @@ class FitRun:
         faint = self.objective.faint(end.values) & (end.values != start)
         if not faint.any():
             return end
-        values = np.where(faint, start, end.values)
+        values = self._reset_within_outputs(faint, start, end)
         cost = self.objective.cost(values)
         rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
         allowed = max(limits.violation(end.values), FEASIBLE)
@@ -487,6 +487,20 @@ class FitRun:
         if end.status != "converged" or not faint.any() or not limits.violation(values) <= allowed:
             return end
         return self._descend_without(faint, end, values, limits)
+
+    def _reset_within_outputs(self, faint: Bool, start: Float, end: SolverResult) -> Float:
+        """Return the end with faint values at their start, unless limits of outputs keep a parameter from there."""
+        values = np.where(faint, start, end.values)
+        if self.outputs is None or self.outputs.is_satisfied(values) or not self.outputs.is_satisfied(end.values):
+            return values
+        values = end.values
+        for name in self.problem.free_names:
+            own = np.zeros_like(faint)
+            self._columns(own, name)[:] = True
+            reset = np.where(faint & own, start, values)
+            if self.outputs.is_satisfied(reset):
+                values = reset
+        return values
 
     def _with_lost_values(self, end: SolverResult, lost: Bool) -> SolverResult:
         """Mark an end as failed if values with an effect at their start have lost it, and were set back for that."""

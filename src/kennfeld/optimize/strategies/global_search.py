@@ -50,6 +50,7 @@ RUNS_SHARE = 0.95  # of the evaluations; the rest compares the end with its neig
 NEIGHBOURS = (1e-2, 1e-3, 1e-4)  # distances, as shares of the bounds' distance, at which an end must be the lowest
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
 CONVERGED = 1e-6  # relative differences of the cost at which a run ends
+ROUNDING = 1e-12  # relative difference of costs that says nothing about the values
 MIN_GAIN = 1e-4  # relative difference of two costs that counts
 PATIENCE = 2  # runs in a row that end the search if they end at the lowest cost of those before
 PAUSE = 1.0  # s after which the best so far is reported within a generation
@@ -164,22 +165,22 @@ class _Search:
 
     @property
     def _is_flat(self) -> bool:
-        """True if all costs so far are equal; one of 0 cannot be lower anywhere."""
-        return self.cost == self.highest != 0
+        """True if all costs so far are equal but for rounding; one of 0 cannot be lower anywhere."""
+        return np.isfinite(self.cost) and 0 < self.cost >= (1 - ROUNDING) * self.highest
 
     def _judged(self, runs: int, agreed: bool) -> SolverResult:
         """Return the end of so many converged runs; `agreed` if the last ones ended at the lowest cost."""
         if not np.isfinite(self.cost):
             return self._end("failed", f"The cost is not a finite number at any of {self.evaluations} points.")
+        more = "Increase max_evaluations, or narrow the bounds."
+        if runs == 0:
+            spent = count_noun(self.evaluations, "evaluation")
+            return self._end("max_iterations", f"The search had not converged after {spent}. {more}")
         if self._is_flat:
             message = (
                 f"The cost is the same at all of {self.evaluations} points: no value has an effect within its bounds."
             )
             return self._end("failed", message)
-        more = "Increase max_evaluations, or narrow the bounds."
-        if runs == 0:
-            message = f"The search had not converged after {self.evaluations} evaluations. {more}"
-            return self._end("max_iterations", message)
         if not self._descend_to_neighbours():
             message = f"After {self.evaluations} evaluations, values beside the best ones still lower the cost. {more}"
             return self._end("max_iterations", message)
@@ -296,7 +297,10 @@ class FeasibilityFirstCost:
             report(replace(line, cost=self._objective.cost(values)), values)
 
         end = global_search(self, start, limits, settings, report_cost)
-        return replace(end, cost=self._objective.cost(end.values)) if end.cost >= ABOVE else end
+        if not np.isfinite(end.cost) or self._outputs.is_satisfied(end.values):
+            return end
+        status: Status = end.status if end.status == "stopped" else "infeasible"
+        return replace(end, cost=self._objective.cost(end.values), status=status)
 
     def polish(
         self, searched: SolverResult, limits: LinearLimits, settings: SolverSettings, report: StageReport
