@@ -117,12 +117,12 @@ def hinged():
 
 
 def test_hinges_stay_through_changes_and_files(tmp_path):
-    made = kf.RBF("F", hinged(), ["a", "b"])
-    assert made.with_values(2 * made.values).expansion.hinges == made.hinges == hinged().hinges
+    bent = kf.RBF("F", hinged(), ["a", "b"])
+    assert bent.with_values(2 * bent.values).expansion.hinges == bent.hinges == hinged().hinges
     path = tmp_path / "p.json"
-    kf.ParameterSet([made]).save(path)
+    kf.ParameterSet([bent]).save(path)
     assert kf.read_parameters(path)["F"].expansion == hinged()
-    [difference] = compare(kf.ParameterSet([made]), kf.ParameterSet([rbf()])).differences
+    [difference] = compare(kf.ParameterSet([bent]), kf.ParameterSet([rbf()])).differences
     assert (difference.aspect, difference.left, difference.right) == ("hinges", "a 0.2 3; b -0.1 -1.5", "none")
 
 

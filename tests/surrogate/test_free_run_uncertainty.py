@@ -155,9 +155,9 @@ def test_the_deviation_grows_from_the_first_free_sample_as_far_as_outputs_are_me
 def test_points_of_runs_side_by_side_may_be_repeated():
     model = dynamic_surrogate(uncertainty=FreeRunUncertainty(0.1, 0.2, 0.05, 1.0))
     points = np.random.default_rng(0).normal(size=(1, 3, 5))
-    held = model.deviation_along(points, measured=False, repeats=6)
-    np.testing.assert_array_equal(held, model.deviation_along(np.repeat(points, 6, axis=0), measured=False))
-    assert np.all(held[0] > model.deviation_along(points, repeats=6)[0])
+    repeated = model.deviation_along(points, measured=False, repeats=6)
+    np.testing.assert_array_equal(repeated, model.deviation_along(np.repeat(points, 6, axis=0), measured=False))
+    assert np.all(repeated[0] > model.deviation_along(points, repeats=6)[0])
 
 
 def test_deviations_that_do_not_fit_are_refused():

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.surrogate.hinge_selection import evaluate_hinges, select_hinges
+from kennfeld.domain.rbf import evaluate_hinges
+from kennfeld.surrogate.hinge_selection import select_hinges
 from kennfeld.surrogate.training_points import TrainingPoints
 
 

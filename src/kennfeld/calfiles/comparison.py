@@ -201,8 +201,8 @@ def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance)
 
 def _hinges_text(expansion: RBF) -> str:
     """Return input, position and height of each hinge."""
-    names = [name or f"input {d + 1}" for d, name in enumerate(expansion.inputs)]
-    return "; ".join(f"{names[d]} {position:g} {height:g}" for d, position, height in expansion.hinges) or "none"
+    labels = expansion.input_labels
+    return "; ".join(f"{labels[d]} {position:g} {height:g}" for d, position, height in expansion.hinges) or "none"
 
 
 def _axis_differences(name: str, prefix: str, first: Axis, second: Axis, allowed: Tolerance) -> Iterator[Difference]:

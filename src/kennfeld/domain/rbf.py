@@ -127,8 +127,8 @@ class Expansion:
             value[part] = kernel_of_square(square, self.kernel)[0] @ self.weights
         with np.errstate(invalid="ignore", over="ignore"):
             value += self.offset + points @ self.slopes
-            for along, position, height in self.hinges:
-                value += height * np.maximum(points[:, along] - position, 0.0)
+            if self.hinges:
+                value += evaluate_hinges(self.hinges, points)
         return value.reshape(shape)
 
     def gradient(self, x: Float) -> Float:
@@ -188,6 +188,14 @@ def check_kernel(kernel: str) -> None:
     """Raise `ArgumentError` if there is no such kernel."""
     if kernel not in get_args(Kernel):
         raise ArgumentError(f"kernel={kernel!r} of an expansion must be {' or '.join(get_args(Kernel))}")
+
+
+def evaluate_hinges(hinges: Sequence[Hinge], x: Float) -> Float:
+    """Return the sum of hinges at points: Float[points, inputs] -> Float[points]."""
+    value = np.zeros(len(x))
+    for along, position, height in hinges:
+        value += height * np.maximum(x[:, along] - position, 0.0)
+    return value
 
 
 def _checked_hinges(hinges: Sequence[Sequence[float]], inputs: int) -> tuple[Hinge, ...]:
@@ -326,6 +334,11 @@ class RBF(Parameter):
         packed[widths] = 1 / packed[widths]
         return packed
 
+    @property
+    def input_labels(self) -> list[str]:
+        """The inputs by name, or by number from 1 on if they have none."""
+        return [name or f"input {d + 1}" for d, name in enumerate(self.inputs)]
+
     def value_name(self, number: int) -> str:
         """Return the name of a value, counted from 1: `width 2 in Speed`.
 
@@ -334,7 +347,7 @@ class RBF(Parameter):
         ['offset', 'slope in Speed', 'weight 1', 'centre 1 in Speed', 'width 1 in Speed']
         """
         at = parts(self.coordinates, self.centres)
-        labels = [name or f"input {d + 1}" for d, name in enumerate(self.inputs)]
+        labels = self.input_labels
         if number < at.slopes.start:
             return "offset"
         if number < at.slopes.stop:

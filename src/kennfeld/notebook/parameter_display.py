@@ -36,7 +36,7 @@ def parameter_html(parameter: Parameter) -> Html:
 def _grid_parts(parameter: Parameter) -> list[Html]:
     if isinstance(parameter, RBF):
         rows = [(parameter.value_name(i), full_decimal(value)) for i, value in enumerate(parameter.values.tolist())]
-        labels = [name or f"input {d + 1}" for d, name in enumerate(parameter.inputs)]
+        labels = parameter.input_labels
         rows += [
             (f"change of the slope in {labels[d]} at {full_decimal(position)}", full_decimal(height))
             for d, position, height in parameter.hinges

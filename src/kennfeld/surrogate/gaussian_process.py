@@ -13,10 +13,10 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.rbf import Expansion, Hinge, Kernel
+from kennfeld.domain.rbf import Expansion, Hinge, Kernel, evaluate_hinges
 from kennfeld.surrogate.exact_gp import Exact
 from kennfeld.surrogate.gp_kernel import JITTER, Plane, greedy_centres
-from kennfeld.surrogate.hinge_selection import evaluate_hinges, select_hinges
+from kennfeld.surrogate.hinge_selection import select_hinges
 from kennfeld.surrogate.hyperparameters import Hyperparameters, exact_hyperparameters, sparse_hyperparameters
 from kennfeld.surrogate.outliers import far_inputs, gross_errors
 from kennfeld.surrogate.sparse_gp import Sparse
@@ -117,14 +117,7 @@ def gaussian_process(
     True
     """
     rows, values = check_points(x, y, names)
-    if method not in ("auto", "exact", "sparse"):
-        raise ArgumentError(f"method={method!r} of a Gaussian process must be auto, exact or sparse")
-    if kernel not in get_args(KernelChoice):
-        raise ArgumentError(f"kernel={kernel!r} of a Gaussian process must be {' or '.join(get_args(KernelChoice))}")
-    if noise not in get_args(NoiseChoice):
-        raise ArgumentError(f"noise={noise!r} of a Gaussian process must be {' or '.join(get_args(NoiseChoice))}")
-    if centres is not None and centres < 1:
-        raise ArgumentError(f"centres={centres} of a Gaussian process must be at least 1")
+    _check_choices(method, kernel, noise, centres)
     far = far_inputs(rows)
     outliers = far | _suspects(rows, values, ~far)
     if outliers.any():
@@ -143,6 +136,17 @@ def gaussian_process(
     if noise == "gaussian" or (noise == "auto" and blocks is not None) or stopped():
         return process
     return training.with_student_noise(process, blocks, starts, forced=noise == "student", stopped=stopped)
+
+
+def _check_choices(method: str, kernel: str, noise: str, centres: int | None) -> None:
+    if method not in ("auto", "exact", "sparse"):
+        raise ArgumentError(f"method={method!r} of a Gaussian process must be auto, exact or sparse")
+    if kernel not in get_args(KernelChoice):
+        raise ArgumentError(f"kernel={kernel!r} of a Gaussian process must be {' or '.join(get_args(KernelChoice))}")
+    if noise not in get_args(NoiseChoice):
+        raise ArgumentError(f"noise={noise!r} of a Gaussian process must be {' or '.join(get_args(NoiseChoice))}")
+    if centres is not None and centres < 1:
+        raise ArgumentError(f"centres={centres} of a Gaussian process must be at least 1")
 
 
 def _suspects(x: Float, y: Float, among: Bool) -> Bool:

@@ -50,11 +50,6 @@ def select_hinges(points: TrainingPoints, groups: Sequence[Int]) -> HingeChoice:
     return HingeChoice(tuple(chosen), residuals[len(hinges)])
 
 
-def evaluate_hinges(hinges: Sequence[Hinge], x: Float) -> Float:
-    """Return the sum of hinges at points: Float[points, inputs] -> Float[points]."""
-    return np.asarray(_columns(hinges, x) @ np.array([hinge.height for hinge in hinges]), dtype=np.float64)
-
-
 def _paths(points: TrainingPoints, most: int = MOST) -> list[list[Hinge]]:
     """Return the first 0, 1, ... of at most so many hinges, in the order of their selection."""
     roots = np.sqrt(points.weights)
@@ -66,12 +61,13 @@ def _paths(points: TrainingPoints, most: int = MOST) -> list[list[Hinge]]:
     rest = plane.without(points.y * roots)
     paths: list[list[Hinge]] = [[]]
     for _ in range(most if candidates else 0):
-        left = np.einsum("ij,ij->j", columns, columns)
-        gain = np.where(left > COLLINEAR * size, (columns.T @ rest) ** 2 / np.maximum(left, 1e-300), 0.0)
+        unexplained = np.einsum("ij,ij->j", columns, columns)
+        explains = (columns.T @ rest) ** 2 / np.maximum(unexplained, 1e-300)
+        gain = np.where(unexplained > COLLINEAR * size, explains, 0.0)
         best = int(np.argmax(gain))
         if not gain[best] > 0:
             break
-        direction = columns[:, best] / np.sqrt(left[best])
+        direction = columns[:, best] / np.sqrt(unexplained[best])
         rest = rest - direction * (direction @ rest)
         columns = columns - np.outer(direction, direction @ columns)
         paths.append([*paths[-1], candidates[best]])

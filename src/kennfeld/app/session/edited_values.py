@@ -47,12 +47,7 @@ def has_same_form(first: Parameter, second: Parameter) -> bool:
 
 def on_same_breakpoints(first: Parameter, second: Parameter) -> bool:
     """Return whether the values of two tables have the same shape and stand at the same breakpoints."""
-    if first.values.shape != second.values.shape or len(first.axes) != len(second.axes):
-        return False
-    if not has_same_form(first, second):
-        return False
-    pairs = zip(first.axes, second.axes, strict=True)
-    return all(np.array_equal(one.breakpoints, other.breakpoints) for one, other in pairs)
+    return first.has_grid_of(second) and has_same_form(first, second)
 
 
 def moved_breakpoints(parameters: ParameterSet) -> dict[str, Float]:
