@@ -13,7 +13,7 @@ import kennfeld as kf
 from kennfeld.app.questions.additions import kinds_of
 from kennfeld.base.errors import InputWarning
 from kennfeld.files import identify
-from kennfeld.files.plugins import formats_of_plugins
+from kennfeld.files.plugins import forget_plugins, formats_of_plugins
 from kennfeld.terminal.file_info import describe_file
 
 PAGE = Path(__file__).parents[2] / "docs" / "adding-a-format.md"
@@ -48,9 +48,9 @@ def packages(tmp_path, monkeypatch):
     folder = tmp_path / "packages"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
-    formats_of_plugins.cache_clear()
+    forget_plugins()
     yield folder
-    formats_of_plugins.cache_clear()
+    forget_plugins()
 
 
 @pytest.fixture
@@ -135,8 +135,8 @@ def test_a_package_in_the_present_folder_is_not_loaded(tmp_path, monkeypatch, pl
     install(tmp_path, "stranger", "raise SystemExit('code of a stranger')", "stranger = stranger:FORMAT")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [place and str(tmp_path), *sys.path])
-    formats_of_plugins.cache_clear()
+    forget_plugins()
     try:
         assert formats_of_plugins() == ()
     finally:
-        formats_of_plugins.cache_clear()
+        forget_plugins()

@@ -14,7 +14,8 @@ from kennfeld.base.output_paths import below, is_below
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
-from kennfeld.project.schema import ProjectFile, is_esdl_file, read_project
+from kennfeld.models.importers import importer_of
+from kennfeld.project.schema import ProjectFile, read_project
 
 if TYPE_CHECKING:
     from kennfeld.base.dask_runner import ClusterAddress
@@ -110,7 +111,7 @@ class Project:
         An initial file with the ending takes precedence.
         """
         function, initial = self.file.model.file, self.file.calibration.files
-        own = is_esdl_file(ending) and function.lower().endswith(ending)
+        own = importer_of(function) is not None and function.lower().endswith(ending)
         if not own or any(name.lower().endswith(ending) for name in initial) or self._assembly.problem is None:
             return parameters
         return parameters.from_origin(self._assembly.problem.model.values.origin)

@@ -13,7 +13,7 @@ from kennfeld.base.errors import Finding, Location
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
 from kennfeld.graph import Graph
-from kennfeld.models.function_files import kind_of
+from kennfeld.models.function_files import importer_of_function
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
@@ -131,7 +131,7 @@ SCREENS = {
 
 def _screen_of(location: Location) -> str:
     """Return the screen on which a problem is solved."""
-    if location.file.lower().endswith(FUNCTIONS) or kind_of(location.file) is not None:
+    if location.file.lower().endswith(FUNCTIONS) or importer_of_function(location.file) is not None:
         return "function"
     if location.file.lower().endswith(RECORDINGS) and not location.path:
         return "data"

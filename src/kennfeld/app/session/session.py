@@ -391,7 +391,7 @@ class Session:
             return self.view.model.problem.model
         file = self.formula_file
         try:
-            return read_function(self.text_of(file), read_called(self.settings, self.path.parent)) if file else None
+            return read_function(self.text_of(file), read_called(self.settings, self.path)) if file else None
         except InputError:
             return None
 

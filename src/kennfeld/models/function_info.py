@@ -4,17 +4,20 @@ from pathlib import Path
 
 from kennfeld.base.formatting import count_noun, number_text, size_text
 from kennfeld.domain.parameters import Parameter
+from kennfeld.files.file_info import DescribedFile, FileInfo, Table
 from kennfeld.models.function_files import list_functions, read_function_file
-from kennfeld.terminal.describers import PARAMETER_KINDS, DescribedFile, FileInfo, Table
+from kennfeld.models.quantities import PARAMETER_KINDS
 
 
 def describe_functions(file: DescribedFile) -> FileInfo:
-    """Describe the functions of a file: their arguments and results as the file declares them.
+    """Describe the functions of a file, their arguments and results as the file declares them, or the chosen one.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: the file cannot be read, or has no such function.
     """
     path = file.path
+    if file.choice:
+        return _describe_function(f"{path}:{file.choice}")
     functions = list_functions(path)
     rows = [(f.name, ", ".join(f.arguments), ", ".join(f.results), f.problem) for f in functions]
     as_json = {
@@ -30,12 +33,8 @@ def describe_functions(file: DescribedFile) -> FileInfo:
     return FileInfo(f"{path}: {count_noun(len(functions), 'function')}", tables, notes, as_json)
 
 
-def describe_function(reference: str) -> FileInfo:
-    """Describe a function: its arguments with their defaults, results, parameters, states, and what runs differently.
-
-    Raises:
-        InputError: the file cannot be read, or has no such function.
-    """
+def _describe_function(reference: str) -> FileInfo:
+    """Describe a function: arguments with their defaults, results, parameters, states, and what runs differently."""
     function = read_function_file(reference, Path())
     defaults = ["" if item.default is None else f"{item.default:g}" for item in function.inputs]
     inputs = [(item.name, item.unit, default) for item, default in zip(function.inputs, defaults, strict=True)]
