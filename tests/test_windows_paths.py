@@ -9,7 +9,7 @@ from kennfeld.app.folders import plain_name
 from kennfeld.base.errors import Findings
 from kennfeld.domain import file_spans
 from kennfeld.importers.c.preprocessing import preprocess
-from kennfeld.models import function_files, importers
+from kennfeld.models import function_files, importer_registry
 from kennfeld.preprocessing import recording_sources, recordings
 
 
@@ -18,7 +18,7 @@ def windows(monkeypatch):
     """Paths are split as on Windows."""
     monkeypatch.setattr(file_spans, "PurePath", PureWindowsPath)
     monkeypatch.setattr(function_files, "Path", PureWindowsPath)
-    monkeypatch.setattr(importers, "Path", PureWindowsPath)
+    monkeypatch.setattr(importer_registry, "Path", PureWindowsPath)
     monkeypatch.setattr(recording_sources, "PurePath", PureWindowsPath)
     monkeypatch.setattr(recordings, "Path", PureWindowsPath)
 

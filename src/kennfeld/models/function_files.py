@@ -8,7 +8,7 @@ from typing import Any
 from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.files.file_format import call, resolve
 from kennfeld.models.importer import Importer
-from kennfeld.models.importers import importer_of, importers
+from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
 

@@ -4,8 +4,10 @@ from pathlib import Path
 
 from kennfeld.base.formatting import count_noun, number_text, size_text
 from kennfeld.domain.parameters import Parameter
-from kennfeld.files.file_info import DescribedFile, FileInfo, Table
+from kennfeld.files.file_info import DescribedFile, FileInfo, Table, json_entry
 from kennfeld.models.function_files import list_functions, read_function_file
+from kennfeld.models.import_report import describe_import
+from kennfeld.models.importer import NO_OPTIONS, Importer, ImportRequest
 from kennfeld.models.quantities import PARAMETER_KINDS
 
 
@@ -17,7 +19,7 @@ def describe_functions(file: DescribedFile) -> FileInfo:
     """
     path = file.path
     if file.choice:
-        return _describe_function(f"{path}:{file.choice}")
+        return _describe_reference(f"{path}:{file.choice}")
     functions = list_functions(path)
     rows = [(f.name, ", ".join(f.arguments), ", ".join(f.results), f.problem) for f in functions]
     as_json = {
@@ -33,7 +35,15 @@ def describe_functions(file: DescribedFile) -> FileInfo:
     return FileInfo(f"{path}: {count_noun(len(functions), 'function')}", tables, notes, as_json)
 
 
-def _describe_function(reference: str) -> FileInfo:
+def describe_function(importer: Importer, file: DescribedFile) -> FileInfo:
+    """Describe the function of a file by the report on its import, for importers that describe nothing else."""
+    request = ImportRequest(file.path, file.options or NO_OPTIONS, file.choice)
+    outline = FileInfo(f"{file.path.name}: {importer.name}", [], [], json_entry("function", file.path))
+    chosen = bool(file.choice) or request.options.chosen(importer.keys)
+    return describe_import(outline, lambda: importer.import_(request).report, chosen=chosen)
+
+
+def _describe_reference(reference: str) -> FileInfo:
     """Describe a function: arguments with their defaults, results, parameters, states, and what runs differently."""
     function = read_function_file(reference, Path())
     defaults = ["" if item.default is None else f"{item.default:g}" for item in function.inputs]

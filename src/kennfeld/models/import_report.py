@@ -1,4 +1,4 @@
-"""What became of a file that was imported: the part of a report that all importers share."""
+"""Reports on imports: the part that all importers share."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -53,7 +53,7 @@ class ImportReport(ABC):
     @property
     @abstractmethod
     def findings(self) -> tuple[Finding, ...]:
-        """What is not supported."""
+        """The parts that are not supported."""
 
     @property
     def whole(self) -> bool:

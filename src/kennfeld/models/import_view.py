@@ -1,4 +1,4 @@
-"""What the app shows of a function that is imported, as JSON-compatible containers."""
+"""Contents of the app's screens of imported functions, as JSON-compatible containers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

@@ -20,7 +20,7 @@ from kennfeld.models.model_function import ModelFunction, as_model
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What to import of a file: the keys of `[model]` that importers may take, under their names in Python.
+    """Choices for an import: the keys of `[model]` that importers may take, under their names in Python.
 
     Attributes:
         step: time step in s that replaces the one of the file.
@@ -80,7 +80,7 @@ class ImportResult:
 
     @property
     def problems(self) -> tuple[Finding, ...]:
-        """What is not supported, with the file in which it is."""
+        """The parts that are not supported, with their file."""
         return self.report.findings
 
     def require_model(self) -> Model:
@@ -106,7 +106,7 @@ class FormulaLine:
 
 
 class FileFacts(NamedTuple):
-    """What a file says of itself, for a page.
+    """Facts that a file states of itself, for a page.
 
     Attributes:
         rows: names and texts.
@@ -120,7 +120,7 @@ class FileFacts(NamedTuple):
 
 
 class DroppedFiles(NamedTuple):
-    """What becomes of files in the folder of a project of which several make up a function.
+    """The treatment of files in the folder of a project of which several make up a function.
 
     Attributes:
         place: `place(folder, request, names)`, which moves files to where the import searches them, beside those of the
@@ -136,7 +136,7 @@ class DroppedFiles(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Importer:
-    """How functions in the files of one tool are imported.
+    """The record of one tool: how functions in its files are imported.
 
     Either `reads` or `imports` is needed. What else is left empty is not offered to the user, or is the same for all.
 

@@ -21,7 +21,7 @@ from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.function_files import read_function_file, split_reference
 from kennfeld.models.importer import ImportRequest
-from kennfeld.models.importers import importer_of
+from kennfeld.models.importer_registry import importer_of
 from kennfeld.models.model_function import ModelFunction
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.value_forms import DIRECTIONS

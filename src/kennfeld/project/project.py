@@ -14,7 +14,7 @@ from kennfeld.base.output_paths import below, is_below
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
-from kennfeld.models.importers import importer_of
+from kennfeld.models.importer_registry import importer_of
 from kennfeld.project.schema import ProjectFile, read_project
 
 if TYPE_CHECKING:

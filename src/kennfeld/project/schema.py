@@ -22,7 +22,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
 from kennfeld.models.function_files import split_reference
 from kennfeld.models.importer import ImportOptions, ImportRequest
-from kennfeld.models.importers import importer_of, importers
+from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project.forms import (
     EitherForm,

@@ -87,7 +87,7 @@ def convert(
     from kennfeld.files import identify
     from kennfeld.models.function_files import split_reference
     from kennfeld.models.importer import ImportRequest
-    from kennfeld.models.importers import importer_of_format
+    from kennfeld.models.importer_registry import importer_of_format
     from kennfeld.models.model_export import write_formula
 
     _require_known_ending(target, [".kf"])

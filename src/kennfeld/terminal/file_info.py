@@ -8,8 +8,9 @@ from kennfeld.files.file_format import Role, call
 from kennfeld.files.file_info import DescribedFile, FileInfo
 from kennfeld.files.identification import identify
 from kennfeld.models.function_files import split_reference
+from kennfeld.models.function_info import describe_function
 from kennfeld.models.importer import NO_OPTIONS, ImportOptions
-from kennfeld.models.importers import importer_of
+from kennfeld.models.importer_registry import importer_of, importer_of_format
 from kennfeld.terminal.describers import describe_recording
 from kennfeld.terminal.output import align, separate
 
@@ -36,6 +37,8 @@ def describe_file(
     if identity.format.describe:
         info: FileInfo = call(identity.format.describe, described)
         return info
+    if (reader := importer_of_format(identity.format)) is not None:
+        return describe_function(reader, described)
     return describe_calibration(described) if identity.role is Role.CALIBRATION else describe_recording(described)
 
 

@@ -14,7 +14,7 @@ from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role, call
 from kennfeld.files.identification import identify
 from kennfeld.models.importer import DroppedFiles, Importer
-from kennfeld.models.importers import importer_of
+from kennfeld.models.importer_registry import importer_of
 
 
 def add_files(session: Session, given: Given) -> Answer:

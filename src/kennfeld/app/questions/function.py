@@ -21,7 +21,7 @@ from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
 from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
 from kennfeld.models.function_files import split_reference
-from kennfeld.models.importers import importer_of, importers
+from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.project.forms import keys_of
 from kennfeld.project.schema import ModelEntry
 

@@ -12,7 +12,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.models.function_files import importer_of_function, list_functions, read_function_file, split_reference
 from kennfeld.models.importer import Importer, ImportRequest
-from kennfeld.models.importers import importer_of
+from kennfeld.models.importer_registry import importer_of
 from kennfeld.models.model_function import ModelFunction, as_model
 from kennfeld.project.schema import ProjectFile, read_partly
 

@@ -72,7 +72,7 @@ class EsdlReport(ImportReport):
 
     @property
     def notes(self) -> list[str]:
-        """What a step calls, whether it can be calibrated, and what behaves differently than in ASCET."""
+        """Sentences on what a step calls, whether it can be calibrated, and what behaves differently than in ASCET."""
         step = f"every {number_text(self.step)} s" if self.step is not None else "in each step of the data"
         startup = [f"calls once before: {', '.join(self.startup)}"] if self.startup else []
         problems = count_noun(len(self.findings), "finding")

@@ -1,4 +1,4 @@
-"""What the app shows of an ASCET model: its source text, what can be chosen of it, and what stops its import."""
+"""Contents of the app's screen of an ASCET model: its source text, choices, and what stops its import."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict

@@ -116,7 +116,7 @@ class SimulinkReport(ImportReport):
 
     @property
     def notes(self) -> list[str]:
-        """How much of the model can be calibrated, and what behaves differently than in Simulink."""
+        """Sentences on how much of the model can be calibrated, and what behaves differently than in Simulink."""
         coverage = "all outputs can be calibrated" if self.whole else "not all outputs can be calibrated"
         step = "the step of the data" if self.step is None else f"a step of {number_text(self.step)} s"
         unreached = f", {len(self.unreached)} not reached behind others" if self.unreached else ""

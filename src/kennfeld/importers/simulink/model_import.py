@@ -63,7 +63,7 @@ class SimulinkImport(ImportResult):
 
     @property
     def problems(self) -> tuple[Finding, ...]:
-        """What is not supported, with the file and the path of the block."""
+        """The parts that are not supported, with the file and the path of the block."""
         return tuple(replace(each, location=_within(self.file, each.location)) for each in self.report.findings)
 
 

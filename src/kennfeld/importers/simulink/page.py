@@ -1,4 +1,4 @@
-"""What the app shows of a Simulink model: its blocks, its formula text, and what stops its import."""
+"""Contents of the app's screen of a Simulink model: its blocks, its formula text, and what stops its import."""
 
 from dataclasses import asdict
 from pathlib import Path

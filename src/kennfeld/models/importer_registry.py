@@ -1,4 +1,4 @@
-"""All importers: those of this package, and those that other packages add."""
+"""All importers: the guests of this package, and those that other packages add."""
 
 from collections.abc import Iterator
 from functools import cache
