@@ -68,7 +68,7 @@ def test_a_project_is_calibrated_with_the_importer_of_the_documentation(project)
 
 def test_formula_text_calls_its_functions(project):
     (project.parent / "gross.kf").write_text(
-        "gross = sum(load, speed) + 1\ninput load\ninput speed\n", encoding="utf-8"
+        "input load\ninput speed\ngross = sum(load, speed)", encoding="utf-8"
     )
     text = PROJECT.replace("torque.sum", "gross.kf").replace('"torque"', '"gross"')
     project.write_text(f'{text}\n[functions]\nsum = "torque.sum"\n', encoding="utf-8")
