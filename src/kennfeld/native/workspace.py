@@ -46,6 +46,7 @@ class Workspace:
         self._jacobian: Float | None = None
         self._entries = (*_entry_addresses(self.index, self.slope, self.count), entries)
         self._sums = (*strided(self.matrix, dense), address(self.gradient))
+        # sums with carried states are those of sweeps
         self._batch = BatchMemory(0 if n else entries, columns, m)
         self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
         self._ends = tuple(address(array) for array in (self.q, self.l, self.q_next, self.l_next))
@@ -88,6 +89,7 @@ class Workspace:
         following = np.zeros(1, dtype=np.int64)
         sweeps = self.kernel.sweeps
         normal = sweeps.full_normal if storage.full else sweeps.block_normal
+        # ends early if a batch needs blocks that are not reserved, and goes on at the sample of which it begins
         while following[0] < chunk.length:
             storage.reserve(batch.width**2)
             resumed = (storage.capacity, address(following, kind=INT64))
@@ -153,6 +155,7 @@ class Workspace:
         """
         length = chunk.length
         used = (self.slope[:length] != 0).any(axis=2) & (owners >= 0)[:, None]
+        # entries behind the count are those of earlier samples
         used &= np.arange(self.index.shape[1]) < self.count[:length, None]
         numbers = owners[:, None] * self.kernel.values.free + self.index[:length]
         return np.unique(numbers[used])
@@ -168,10 +171,13 @@ class Workspace:
         count, n = int(counted[0]), self.kernel.pattern.carried
         columns = index[:count].astype(np.int64)
         first = np.zeros((n, self.width))
+        # several entries may have one column
         np.add.at(first.T, columns, slope[:count])
+        # all cells of a delay begin with the first value, and so with its slopes
         self.sensitivities[: sum(self.latencies)] = np.repeat(first, self.latencies, axis=0)
         if add_start:
             used = np.unique(columns)
+            # G += 1/2 S' Q S and g += S' L at the first sample, over the few columns that reach a first value
             part = first[:, used]
             self.matrix[np.ix_(used, used)] += 0.5 * part.T @ self.q @ part
             self.gradient[used] += part.T @ self.l
@@ -200,6 +206,7 @@ def _round_to_vectors(columns: int) -> int:
 
 def _aligned_zeros(rows: int, columns: int, stride: int) -> Float:
     """Return a matrix of zeros whose rows start on vectors if `stride` does, padded by one vector."""
+    # vectors at the end of the last row reach beyond it
     return aligned_zeros(rows * stride + VECTOR)[: rows * stride].reshape(rows, stride)[:, :columns]
 
 
