@@ -95,8 +95,10 @@ class GaussNewtonModel:
         full = np.zeros(values.size)
         full[movable] = diagonal
         mean = objective.mean_curvature(full)[movable]
+        # D; without the floor, a value that the data hardly see would hardly be damped
         self.column_scale = np.maximum(diagonal, SCALE_FLOOR * mean)
         self.column_scale[self.column_scale <= 0] = 1.0
+        # for the least damping of limits, which tie such values to others of their table
         self.curvature = np.maximum(self.column_scale, mean)
         if least_scale is not None:
             self.column_scale = np.maximum(self.column_scale, least_scale)
@@ -138,12 +140,15 @@ class GaussNewtonModel:
                 factor = Cholesky(self.movable.size).factor(as_array(matrix) + secant.matrix, damped)
             return None if factor is None else DampedModel(factor, factor.solve(-self.gradient), damped)
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
+        # the held directions are damped only if the damping itself is too small to hold them
         stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped)), *([self._held] if damping < HOLD else [])])
+        # the damping rows have a target of 0
         below = np.zeros(len(stacked) - self.q_residual.size)
         upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, below]))
         diagonal = np.abs(np.diag(upper))
         if diagonal.min(initial=1.0) <= 0:
             return None
+        # QR leaves the signs of rows open; a Cholesky factor has a diagonal > 0
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
         step = np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
@@ -168,6 +173,8 @@ class GaussNewtonModel:
         """
         trial = self.values.copy()
         trial[self.movable] += PROBE * step
+        # r'' along d from one more evaluation: r(p + h d) = r + h J d + h^2 / 2 r'', so that
+        # r'' = 2 / h ((r(p + h d) - r) / h - J d)
         ahead = self.objective.residual(trial)
         if not np.all(np.isfinite(ahead)):
             return np.full(step.size, np.inf)
@@ -180,6 +187,7 @@ class GaussNewtonModel:
 
     def predicted_reduction(self, step: Float) -> float:
         """Return the decrease of the cost -2 g'd - d'J'J d."""
+        # d'J'J d as the square of R d, which keeps the digits that R'R loses
         curvature = np.sum((self.r_factor @ step) ** 2) if self.hessian is None else step @ (self.hessian @ step)
         return float(-2 * (self.gradient @ step) - curvature)
 
@@ -230,23 +238,25 @@ class SecantCorrection:
         """
         along = float(change @ step)
         remainder = change - explained
+        # y'd > 0 keeps the update bounded; steps against it teach nothing
         if not (np.isfinite(along) and along > 0 and np.all(np.isfinite(remainder))):
             return
         known = self.curvature(step)
+        # so that d'S d is at most what is left to explain, |d'(y - J'J d)|
         share = min(1.0, abs(float(step @ remainder)) / abs(known)) if known else 1.0
         missing = remainder - share * (self.matrix @ step)
         with np.errstate(over="ignore", invalid="ignore"):
             # w = remainder - S d, v = y / y'd: S + w v' + v w' - (d'w) v v'
             direction = change / along
-            crossed = np.outer(missing, direction)
-            matrix = share * self.matrix + crossed + crossed.T
+            outer = np.outer(missing, direction)
+            matrix = share * self.matrix + outer + outer.T
             matrix -= float(step @ missing) * np.outer(direction, direction)
         if np.all(np.isfinite(matrix)):
             self.matrix = matrix
 
 
 def _triangle(jacobian: Float, residual: Float) -> tuple[Float, Float]:
-    """Return R and Q'r of a QR factorisation; rows of zeros are added if there are fewer than columns."""
+    """Compute R, Float[columns, columns], and Q'r of a QR factorisation; zeros fill up rows if these are too few."""
     missing = max(jacobian.shape[1] - jacobian.shape[0], 0)
     if missing:
         jacobian = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])

@@ -100,6 +100,7 @@ class Continuation:
             damping = float(np.clip(stages[-1].damping, *schedule.damping))
             if stages[-1].cut_short:
                 return self._better(start, stages[-1]).with_effort_of(stages), costs
+            # the other schedule was as good on the same smoothed cost
             if earlier and not costs[width] < earlier.get(width, np.inf):
                 return replace(stages[-1], cost=np.inf).with_effort_of(stages), costs
         sharp = replace(settings, damping=damping)
