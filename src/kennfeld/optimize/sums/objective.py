@@ -122,6 +122,7 @@ class LeastSquaresObjective:
         Single values of a table also lose their effect when samples move to other cells.
         """
         before = self._curvature(self._values(start)).copy()
+        # curvatures are squares of derivatives
         faded = self._curvature(self._values(values)) <= FADED**2 * before
         return np.where(self._sensitivity.all_of_parameter(faded), start, values)
 
@@ -192,6 +193,7 @@ class _Sensitivity:
         """Return `LeastSquaresObjective.mean_curvature`."""
         if not self._starts.size:
             return np.zeros(diagonal.size)
+        # sums over each parameter, whose values follow each other from its start
         mean = np.where(self._sizes > 1, np.add.reduceat(diagonal, self._starts) / self._sizes, 0.0)
         least = np.where(self._moving, 0.0, self.everywhere(values)[self._starts])
         return np.repeat(np.maximum(mean, least), self._sizes)
@@ -231,6 +233,7 @@ class _Sensitivity:
             if sums.stateful:
                 unscored = [each for each in self._compiled.each(_unscored_curvature, values) if each is not None]
                 if unscored:
+                    # unscored samples as if they were scored, and those that are
                     diagonal = sum(unscored) + sums.normal(values).matrix.diagonal()
                     self._everywhere = self._largest(np.nan_to_num(diagonal, posinf=0.0))
         return self._everywhere
@@ -252,6 +255,7 @@ class _Sensitivity:
         size = self._largest(np.abs(values[: curvature.size]))
         size[size == 0] = 1.0
         with np.errstate(over="ignore"):
+            # squares of the change of all outputs, if the value changes by its size, against those of the targets
             return np.asarray((curvature > 0) & (curvature * size**2 <= SUSPECT**2 * self.target_squares))
 
     @cached_property
@@ -286,9 +290,11 @@ def _unscored(samples: Samples) -> Samples | None:
     for piece in samples.pieces:
         scored = np.hstack([np.isfinite(block) for block in _target_blocks(samples, piece)] or [np.zeros((1, 0), bool)])
         reached = np.flatnonzero(scored.any(axis=0))
+        # up to the last scored sample, behind which nothing is simulated
         missing = np.flatnonzero(~scored[:, : reached[-1] + 1].all(axis=0)) if reached.size else reached
         if missing.size:
             end = int(missing[-1]) + 1
+            # the other way round: a target of 0 where there was none, none where there was one
             targets[:, piece.first : piece.first + end][scored[:, :end]] = np.nan
             pieces.append(replace(piece, last=piece.first + end))
     return Samples(samples.inputs.parts, list(targets), pieces, samples.order) if pieces else None

@@ -56,6 +56,7 @@ def pack(normal: NormalEquations) -> PackedNormal:
         storage, count = matrix.storage, matrix.storage.count
         blocks = PackedBlocks(storage.places[:count].copy(), storage.blocks[:count].copy())
         return PackedNormal(normal.gradient.copy(), blocks)
+    # half of a symmetric matrix is sent
     rows = [row[at:] for at, row in enumerate(matrix)]
     return PackedNormal(normal.gradient.copy(), np.concatenate(rows) if rows else np.zeros(0))
 
@@ -93,6 +94,7 @@ def _add_triangles(first: PackedNormal) -> Addition:
     size, total = first.gradient.size, np.array(first.matrix)
 
     def add(part: PackedNormal) -> None:
+        # in the order of the partitions, so that the sum is the same bit for bit whoever computes it
         np.add(total, part.matrix, out=total)
 
     def result() -> Float:
@@ -113,6 +115,7 @@ def _add_blocks(first: PackedNormal) -> Addition:
         storage.add_blocks(*part.matrix)
 
     def result() -> BlockMatrix:
+        # as `Accumulator.normal` does
         if storage.mostly_used:
             storage.fill()
         return BlockMatrix(storage, np.arange(first.gradient.size))
@@ -173,6 +176,7 @@ class PartitionedSums:
 
 def _at_widths(compiled: _Compiled, widths: Float) -> Sums:
     sums = compiled.sums
+    # in place: the array is shared with what reads it
     sums.widths[:] = widths
     return sums
 
