@@ -56,6 +56,7 @@ def misleading_values(
         return places[:0]
     own = objective.rows(values)[1][:, places]
     wide = DifferenceObjective(compiled, limits, COMPARED).jacobian(values, places)
+    # relative to the larger of both columns, as one may be 0
     sizes = np.maximum(np.linalg.norm(own, axis=0), np.linalg.norm(wide, axis=0))
     differ = np.linalg.norm(own - wide, axis=0) > DISAGREEMENT * sizes
     return np.asarray(places[differ], dtype=np.int64)
@@ -97,6 +98,7 @@ def descend_by_differences(
         ends.append(
             levenberg_marquardt(DifferenceObjective(compiled, limits, step), best.values, limits, settings, report)
         )
+        # each width begins at the best values so far
         best = ends[-1] if ends[-1].cost < best.cost else best
         if ends[-1].status == "stopped":
             break
@@ -129,6 +131,7 @@ class DifferenceObjective(LeastSquaresObjective):
                 changed = values.copy()
                 changed[place] += sign * self._step * _size(values, place)
                 ends.append(self._limits.clip(changed))
+            # clipped at a bound, the step is shorter, or one-sided
             distance = ends[0][place] - ends[1][place]
             columns.append((self.residual(ends[0]) - self.residual(ends[1])) / distance)
         return np.stack(columns, axis=1)

@@ -176,7 +176,7 @@ class Prediction:
         return Point(float(samples * value), samples * slope, samples * curvature)
 
     def freedom(self, logarithms: Float) -> float:
-        """Compute the effective number of values that the data determine, at logarithms of the factors, Float[blocks]."""
+        """Compute the effective number of values that the data determine, at logarithms of factors, Float[blocks]."""
         solve = self._inverse(self._add_penalty(np.exp(logarithms)))
         return float("nan") if solve is None else self._freedom(np.exp(logarithms), solve)[0]
 
