@@ -35,7 +35,7 @@ def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Floa
 
 
 def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float:
-    """Compute the slope of `position` with respect to x: 1 / width of the cell, 0 if x is clipped."""
+    """Compute the slope of `position` by x, Float[samples]: 1 / width of the cell, 0 if x is clipped."""
     last = breakpoints.size - 1
     if last == 0:
         return np.zeros_like(x)
@@ -61,7 +61,7 @@ def cell_weights(place: Float, count: int) -> tuple[Float, Float]:
 
 
 def regrid(values: Float, axes: Sequence[Axis], onto: Sequence[Axis], extrapolation: Extrapolation) -> Float:
-    """Interpolate the values of a table over `axes`, one dimension each, at the grid points of as many other axes."""
+    """Interpolate the values of a table, Float[points of each axis], at the grid points of as many other axes."""
     for i, (before, after) in enumerate(zip(axes, onto, strict=True)):
         if not np.array_equal(before.breakpoints, after.breakpoints):
             place = position(after.breakpoints, before.breakpoints, extrapolation)

@@ -73,7 +73,7 @@ class Interpreter:
         starts: Sequence[int] = (0,),
         firsts: Sequence[int] | None = None,
     ) -> Evaluation:
-        """Compute the values of all nodes. `firsts` are the nodes of the states' first values, if known.
+        """Compute the values of all nodes over columns, Float[samples]. `firsts` are nodes of first values, if known.
 
         Pieces of the data that begin at different `starts` do not depend on each other and are computed side by side.
         """

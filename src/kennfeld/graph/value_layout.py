@@ -45,7 +45,7 @@ class ValueLayout:
         return parameters[table].axes[which].breakpoints
 
     def unpack(self, flat: Float, parameters: ParameterSet) -> ParameterSet:
-        """Return the parameters with free values and free breakpoints replaced by those of the vector p."""
+        """Return the parameters with the free values and breakpoints of the vector p, Float[total]."""
         changed = [
             parameters[name].with_values(flat[at : at + parameters[name].size])
             for name, at in self.offsets.items()
@@ -55,7 +55,7 @@ class ValueLayout:
         return with_breakpoints(parameters.with_parameters(*changed), moved)
 
     def breakpoints(self, flat: Float, parameters: ParameterSet) -> dict[AxisKey, Float]:
-        """Return the free breakpoints of each axis."""
+        """Select the free breakpoints of each axis, Float[breakpoints], from the vector p, Float[total]."""
         free = {key: at for key, at in self.moving.items() if at < self.free}
         return {key: flat[at : at + self._points(key, parameters).size] for key, at in free.items()}
 

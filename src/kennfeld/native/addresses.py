@@ -42,7 +42,7 @@ def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
 
 
 def strided(matrix: Float, size: int = 0) -> tuple[int, int]:
-    """Check a matrix of doubles, and return its address and the number of doubles from one row to the next.
+    """Check a matrix of doubles, [rows, columns], and return its address and the doubles from one row to the next.
 
     Args:
         matrix: doubles whose rows may lie apart, each contiguous; see `is_strided`.

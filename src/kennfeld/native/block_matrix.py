@@ -184,18 +184,18 @@ class BlockMatrix:
         return BlockMatrix(self.storage, self.rows[which])
 
     def add_entries(self, rows: Int, columns: Int, entries: Float) -> None:
-        """Add entries of a symmetric matrix, of which those above the diagonal are ignored; any may be repeated."""
+        """Add entries of a symmetric matrix, Int[entries] and Float[entries]; those above the diagonal are ignored."""
         self.storage.add_entries(self.rows[rows], self.rows[columns], entries)
 
     def zero(self, which: Bool) -> None:
-        """Set rows and columns to zero."""
+        """Set rows and columns, Bool[rows], to zero."""
         marked = np.zeros(self.storage.size, dtype=bool)
         marked[self.rows] = which
         self.storage.zero(marked)
 
     @property
     def places(self) -> Int:
-        """The row of each row of the storage, -1 if it is left out; padded to whole blocks."""
+        """The row of each row of the storage, Int[whole blocks], -1 if it is left out."""
         places = np.full(self.storage.across * BLOCK, -1, dtype=np.int64)
         places[self.rows] = np.arange(self.rows.size)
         return places

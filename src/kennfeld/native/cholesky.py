@@ -49,7 +49,7 @@ class Factor:
 
     @classmethod
     def of(cls, lower: Float) -> "Factor":
-        """Return a lower triangular matrix as a factor.
+        """Take a lower triangular matrix, Float[size, size], as a factor.
 
         >>> Factor.of(np.array([[2.0, 0.0], [1.0, 1.0]])).solve(np.array([4.0, 4.0]))
         array([0., 2.])
@@ -91,7 +91,7 @@ class Factor:
         return bool(counts[0] == counts[1])
 
     def load_blocks(self, matrix: BlockMatrix, diagonal: Float) -> bool:
-        """Load matrix + diag(diagonal); return True if all non-zeros of the matrix lie in the envelope."""
+        """Load matrix + diag(diagonal), Float[size]; return True if all non-zeros of the matrix lie in the envelope."""
         outside, size = np.zeros(1, dtype=np.int64), self.envelope.size
         ordered = np.empty(size)
         ordered[:] = np.require(diagonal, np.float64, ["C"])[self.envelope.order]

@@ -84,7 +84,7 @@ class ColumnTable:
         return _take(self.parts[number], samples)
 
     def headed(self, order: Order | None) -> Addresses:
-        """Return the addresses with the row of the visiting order at the head, as compiled code expects the inputs."""
+        """Add the row of the visiting order, uint32[visits], at the head, as compiled code expects the inputs."""
         head = np.zeros((HEAD, self.addresses.shape[1]), dtype=np.uintp)
         head[0, 0] = 0 if order is None else address(order, kind=UINT32)
         return np.concatenate([head, self.addresses])

@@ -77,7 +77,7 @@ class MemoryLayout:
 
     @property
     def breakpoints(self) -> Float:
-        """All axes one after the other, padded so that whole vectors can be read at the end."""
+        """All axes one after the other, Float[breakpoints + LANES], so that whole vectors can be read at the end."""
         return np.concatenate([*self.axes, np.zeros(LANES)])
 
     @property

@@ -80,12 +80,12 @@ class Envelope:
 
     @cached_property
     def place(self) -> Int:
-        """The row of each original row in the order."""
+        """The row of each original row in the order, Int[size]."""
         return places_of(self.order)
 
     @cached_property
     def start(self) -> Int:
-        """Offset of each block row minus its first column; the last element is the total length."""
+        """Offset of each block row minus its first column, Int[blocks + 1]; the last element is the total length."""
         lengths = BLOCK * BLOCK * (np.arange(1, self.blocks + 1) - self.first)
         ends = np.cumsum(lengths)
         # so that column k is at start + BLOCK k although the columns before the first one are not stored
@@ -116,7 +116,7 @@ def first_blocks(place: Int, rows: Int, columns: Int, block: int) -> Int:
 
 
 def sparse_orders(pattern: Sparse) -> Iterator[Int]:
-    """Yield orders of many rows with a small envelope, given a symmetric matrix with the same non-zeros."""
+    """Yield orders, Int[size], of many rows with a small envelope, given a symmetric matrix with the same non-zeros."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     for rest, last in split_busy(np.diff(pattern.indptr)):

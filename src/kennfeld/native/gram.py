@@ -71,7 +71,7 @@ class Gram:
 
     @property
     def products(self) -> Float:
-        """A H^-1 A', rows and columns in the order in which they were added."""
+        """A H^-1 A', Float[rows, rows], in the order in which the rows were added."""
         return self._memory.products[1 : self._rows + 1, 1 : self._rows + 1]
 
     def displacement(self, multipliers: Float) -> Float:

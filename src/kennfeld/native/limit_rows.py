@@ -55,7 +55,7 @@ class ChosenLimits:
         self._lists = _Lists(self.equalities + LANES, max(columns.shape[1], 1))
 
     def restart(self, at: Float, free_step: Float) -> None:
-        """Choose none, for a step from the values `at`."""
+        """Choose none, for a step from the values `at`, given the step without limits; Float[values] each."""
         self._point = at, free_step
         self._at, self._free_step = address(at, self._values), address(free_step, self._values)
         self._step, self._stepped = free_step, self._free_step
@@ -63,12 +63,12 @@ class ChosenLimits:
         self.count = 0
 
     def violated(self, step: Float) -> int:
-        """Mark the limits that a step violates by more than rounding and that are not chosen; return their number."""
+        """Mark limits not chosen that a step, Float[values], violates by more than rounding; return their number."""
         _functions()["violated"](*self._limits, *self._place(step), *self._marked, self._counted)
         return int(self._counts[0])
 
     def mark(self, signs: Int) -> int:
-        """Mark the limits with `signs` != 0; return their number."""
+        """Mark the limits with `signs` != 0, Int[limits]; return their number."""
         self._marks[:] = signs
         return int(np.count_nonzero(signs))
 
@@ -90,17 +90,17 @@ class ChosenLimits:
 
     @property
     def excess(self) -> Float:
-        """Violation of each chosen limit by the free step."""
+        """Violation of each chosen limit by the free step, Float[chosen]."""
         return self._lists.excess[: self.count]
 
     def active(self, pressing: Bool) -> Int:
-        """Return for each limit the sign of its side if it is among the chosen ones that press, else 0."""
+        """Return for each limit the sign of its side, Int[limits], if it is a chosen one that presses, else 0."""
         signs = np.zeros(self.total, dtype=np.int64)
         signs[self._lists.numbers[: self.count][pressing]] = self._lists.signs[: self.count][pressing]
         return signs
 
     def product(self, multipliers: Float, step: Float) -> float:
-        """Return m'A d for multipliers of the chosen limits."""
+        """Compute m'A d for multipliers m of the chosen limits, Float[chosen], and a step d, Float[values]."""
         columns, coefficients = self._lists.columns[: self.count], self._lists.coefficients[: self.count]
         return float(multipliers @ np.einsum("ij,ij->i", coefficients, step[columns]))
 

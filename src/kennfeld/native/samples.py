@@ -80,7 +80,7 @@ class Samples:
         return self.wanted.count if self.order is None else self.order.size
 
     def numbers(self, visits: Int) -> Int | Order:
-        """Return the numbers of the samples at some visits."""
+        """Return the numbers of the samples at some visits, shape (visits,)."""
         return visits if self.order is None else self.order[visits]
 
     def targets_of(self, visits: Int) -> Float:
@@ -138,7 +138,7 @@ class Samples:
         return Samples([self.inputs.parts[row] for row in rows], self.wanted.parts, self.pieces, self.order)
 
     def with_rows(self, rows: Mapping[int, Float]) -> "Samples":
-        """Return the samples with other arrays as some rows of the inputs; the targets remain shared."""
+        """Replace some rows of the inputs by other arrays, Float[samples]; the targets remain shared."""
         result = copy(self)
         parts = [rows.get(number, own) for number, own in enumerate(self.inputs.parts)]
         result.inputs = ColumnTable(parts, self.wanted.count)

@@ -69,7 +69,7 @@ class Workspace:
             self.kernel.start(*self._model, *_entry_addresses(*self._start), sample)
 
     def cost(self, chunk: Chunk, sums: Float) -> None:
-        """Add the losses of each output over a chunk, without weights."""
+        """Add the losses of each output over a chunk, without weights, to Float[outputs]."""
         into = address(sums, len(self.kernel.outputs))
         self.kernel.cost(*self._model, self._targets, into, chunk.first, chunk.last)
 
@@ -114,7 +114,7 @@ class Workspace:
             self.storage.fill()
 
     def fold(self) -> Float | BlockMatrix:
-        """Return the Gauss-Newton matrix, computed from the sums."""
+        """Compute the Gauss-Newton matrix, [free, free], from the sums."""
         columns = self.kernel.values.free
         if self.storage is not None:
             return BlockMatrix(self.storage, np.arange(columns))
@@ -130,7 +130,10 @@ class Workspace:
         self.kernel.sweeps.forward(chunk.length, *self._steps, *self._swept, *self._entries, *self._sums)
 
     def rows(self, chunk: Chunk) -> tuple[Float, Float]:
-        """Compute residuals and Jacobian of the tape, times the square root of the weights; carries S over it."""
+        """Compute residuals and Jacobian of the tape, times the root of the weights; carries S over it.
+
+        Shapes (samples * outputs,) and (samples * outputs, free).
+        """
         columns, m = self.kernel.values.free, len(self.kernel.outputs)
         if self._jacobian is None:
             self._jacobian = _aligned_zeros(len(self.count) * m, columns, columns)
@@ -143,13 +146,13 @@ class Workspace:
         return residual.ravel(), self._jacobian[: chunk.length * m]
 
     def touched(self, chunk: Chunk, latest: Int, counts: Int) -> None:
-        """Count for each column the scored samples of the tape that have a slope in it; see `sweeps`."""
+        """Count for each column, Int[free], the scored samples of the tape that have a slope in it; see `sweeps`."""
         columns = self.kernel.values.free
         numbers = (chunk.first, address(latest, columns, INT64), address(counts, columns, INT64))
         self.kernel.sweeps.touched(chunk.length, self._steps[1], *self._entries, *numbers)
 
     def met(self, chunk: Chunk, owners: Int) -> Int:
-        """Return owner * columns + column for each column in which a sample of an owner >= 0 has a slope.
+        """Return owner * columns + column for each column in which a sample has a slope, given owners, Int[samples].
 
         Sorted, without duplicates.
         """

@@ -60,7 +60,7 @@ def find_runaways(
 
 
 def run_away(compiled: CompiledProblem, objective: LeastSquaresObjective, start: Float, end: Float) -> list[Bool]:
-    """Return marks of the values of each parameter that may have run away, that which has grown most first."""
+    """Mark the values of each parameter that may have run away, Bool[values], that which has grown most first."""
     far, farther = _grown(objective, start, end)
     if not (far | farther).any() or end.size > MOST:
         return []
@@ -108,7 +108,7 @@ class Effects:
 
     @classmethod
     def at(cls, objective: LeastSquaresObjective, values: Float) -> "Effects":
-        """Return the effects of values, as if all differed if they are not finite; from J itself if it is small."""
+        """Compute the effects of values, Float[values]; as if all differed if they are not finite."""
         with ignore_floating_errors():
             if objective.uses_qr:
                 matrix: Float = np.asarray(np.linalg.qr(objective.rows(values)[1], mode="r"))
@@ -125,7 +125,7 @@ class Effects:
         return cls(*(_spectrum_of_triangle if objective.uses_qr else _spectrum)(scaled), used, units)
 
     def replaceable(self, same: float) -> Bool:
-        """Mark the values whose effect is none, or that of a combination of others but for eigenvalues up to `same`."""
+        """Mark values without an effect, or with that of others but for eigenvalues up to `same`, Bool[values]."""
         replaceable = ~self.used
         # changes along these have no effect: a value with a part in one can be replaced by the others
         alike = self.directions[:, self.sizes <= same * self.sizes.max(initial=0.0)]

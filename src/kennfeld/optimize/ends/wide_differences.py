@@ -29,7 +29,7 @@ CHANGED = "The search went on along differences of whole simulations, because th
 
 
 def called_values(compiled: CompiledProblem, limits: LinearLimits) -> Int:
-    """Return the places of the movable values on which called functions depend."""
+    """Find the places of the movable values on which called functions depend, Int[values]."""
     graph, problem = compiled.problem.graph, compiled.problem
     functions = [at for at, node in enumerate(graph.nodes) if node.op == "external"]
     if not functions:
@@ -46,7 +46,7 @@ def called_values(compiled: CompiledProblem, limits: LinearLimits) -> Int:
 def misleading_values(
     objective: LeastSquaresObjective, compiled: CompiledProblem, values: Float, limits: LinearLimits
 ) -> Int:
-    """Return the places of the values on which called functions depend and whose slopes are not those of wide steps.
+    """Find the places, Int[values], of values of called functions whose slopes are not those of wide steps.
 
     With a robust loss, differences of weighted residuals contain those of the weights, which slopes leave out.
     """
@@ -116,7 +116,7 @@ class DifferenceObjective(LeastSquaresObjective):
         self._limits, self._step = limits, step
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian, with those of the roughness below."""
+        """Compute residuals and Jacobian, Float[residuals, free], with those of the roughness below."""
         residual, movable = self.residual(values), np.flatnonzero(self._limits.movable)
         jacobian = np.zeros((residual.size, values.size))
         jacobian[:, movable] = self.jacobian(values, movable)

@@ -20,7 +20,7 @@ TOUCHING = 1e-6  # of the mean distance: tolerance within which breakpoints are 
 
 
 def breakpoint_bounds(axis: FreeAxis, parameters: ParameterSet, fixed: Sequence[Place] = ()) -> tuple[Float, Float]:
-    """Return lower and upper bounds of the breakpoints of an axis, equal for those that are fixed.
+    """Return lower and upper bounds of the breakpoints of an axis, Float[breakpoints] each, equal if fixed.
 
     The ends are fixed unless the axis has a range. So are breakpoints whose grid points are all locked, and those
     around places `fixed` by a pin, which is linear only if they do not move.
@@ -68,7 +68,7 @@ def _even_rows(
 
 
 def is_ordered(order: LinearRows, values: Float) -> bool:
-    """Return True if breakpoints are in order; rounding of their distance is allowed."""
+    """Return True if the breakpoints among values, Float[values], are in order; rounding is allowed."""
     return order.count == 0 or bool(np.all(order.times(values) >= 0.5 * order.lower))
 
 

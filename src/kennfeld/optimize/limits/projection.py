@@ -21,7 +21,7 @@ FEASIBLE = 1e-9  # of the limits' scale
 
 @ignore_floating_errors()  # a scale that overflows is checked as any other
 def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
-    """Move values to the nearest ones that keep the limits; distances are relative to the size of each value.
+    """Move values, Float[values], to the nearest that keep the limits; distances are relative to the size of each.
 
     Returns:
         The values, None if the limits cannot be satisfied; and a remark, empty if nothing was moved.
@@ -120,7 +120,7 @@ def _rivals(limits: LinearLimits, nearest: Float, row: int) -> list[int]:
 
 
 def missed_limits(values: Float, limits: LinearLimits) -> str:
-    """Name the bounds and rows that values violate by more than rounding; empty if none."""
+    """Name the bounds and rows that values, Float[values], violate by more than rounding; empty if none."""
     rows = ~(limits.violations(values, limits.sizes(values)) <= FEASIBLE)
     names = [limits.rows.names[row] for row in np.flatnonzero(rows)[:MAX_LISTED]]
     beyond = int(np.count_nonzero((values < limits.lower) | (values > limits.upper)))

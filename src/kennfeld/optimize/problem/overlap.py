@@ -52,7 +52,7 @@ def _describe_overlap(problem: Problem, test: Dataset) -> str:
 
 
 def contained(keys: Keys, ordered: Keys) -> Bool:
-    """Mark the keys that are among sorted ones, as `numpy.isin`, which takes twenty times as long for millions."""
+    """Mark the keys, Bool[keys], that are among sorted ones; `numpy.isin` takes twenty times as long for millions."""
     at = np.searchsorted(ordered, keys)
     inside = at < ordered.size
     # only places within the array can be compared
@@ -70,7 +70,7 @@ def shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[st
 
 
 def sample_keys(dataset: Dataset, names: Sequence[str]) -> Keys:
-    """Return a hash for each scored sample at which all channels are finite."""
+    """Compute a hash, uint64[samples], for each scored sample at which all channels are finite."""
     kept = dataset.counting.copy()
     for name in names:
         kept &= np.isfinite(dataset[name].values)

@@ -83,7 +83,7 @@ class Roughness:
         return float(differences @ differences)
 
     def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
-        """Add half the gradient and the matrix of the penalty, in place."""
+        """Add half the gradient, Float[values], and the matrix [values, values] of the penalty, in place."""
         gradient += self.slope(values)
         rows, columns, entries = self.nonzeros
         add_entries(matrix, rows, columns, entries)
@@ -95,7 +95,7 @@ class Roughness:
 
     @cached_property
     def nonzeros(self) -> tuple[Int, Int, Float]:
-        """Rows, columns and values of the non-zero entries of the matrix of the penalty."""
+        """Rows, columns and values of the entries of the matrix of the penalty, shape (entries,) each."""
         places = self.columns[:, :, None] * self.size + self.columns[:, None, :]
         products = self.coefficients[:, :, None] * self.coefficients[:, None, :]
         # sums over rows that share a pair of values
@@ -105,7 +105,7 @@ class Roughness:
         return rows, columns, entries
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian rows whose squares are the penalty."""
+        """Compute residuals and Jacobian, Float[rows, values], whose squares are the penalty."""
         jacobian: Float = np.zeros((len(self.columns), self.size))
         np.add.at(jacobian, (np.arange(len(self.columns))[:, None], self.columns), self.coefficients)
         return self._differences(values), jacobian
@@ -188,7 +188,7 @@ class MovingRoughness:
         return self.fixed.cost(values) + float(row @ row)
 
     def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
-        """Add half the gradient and the Gauss-Newton matrix of the penalty, in place."""
+        """Add half the gradient, Float[values], and the Gauss-Newton matrix of the penalty, in place."""
         self.fixed.add(values, gradient, matrix)
         row, slopes = self._linear(values)
         np.add.at(gradient, self.columns, slopes * row[:, None])
@@ -198,7 +198,7 @@ class MovingRoughness:
         add_entries(matrix, rows.ravel(), columns.ravel(), products.ravel())
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian rows whose squares are the penalty."""
+        """Compute residuals and Jacobian, Float[rows, values], whose squares are the penalty."""
         residual, above = self.fixed.rows(values)
         row, slopes = self._linear(values)
         jacobian = np.zeros((row.size, values.size))
@@ -293,7 +293,7 @@ class Restrained:
         return self.roughness.cost(values) + self.steps.cost(values) + pull
 
     def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
-        """Add half the gradient and the matrix of the penalty, in place."""
+        """Add half the gradient, Float[values], and the matrix [values, values] of the penalty, in place."""
         self.roughness.add(values, gradient, matrix)
         self.steps.add(values, gradient, matrix)
         gradient += self.weights * (values - self.toward)
@@ -301,7 +301,7 @@ class Restrained:
         add_entries(matrix, at, at, self.weights)
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian rows whose squares are the penalty."""
+        """Compute residuals and Jacobian, Float[rows, values], whose squares are the penalty."""
         pulled = np.flatnonzero(self.weights)
         roots = self.weights[pulled] ** 0.5
         jacobian = np.zeros((pulled.size, values.size))

@@ -50,7 +50,7 @@ class Coverage:
         self._computed = {at: _hidden_name(at) for at in places if at not in self._inputs}
 
     def blocks(self, bound: BoundDataset, known: Mapping[int, Float] | None = None) -> Iterator[LookupBlock]:
-        """Yield the coordinates of every lookup, block by block; `known` are values of all nodes to be computed."""
+        """Yield the coordinates of every lookup by blocks; `known` are values of all computed nodes, Float[samples]."""
         columns = bound.columns
         for here, computed in self._computed_blocks(bound, known):
             coordinates = computed | {at: columns[name][here] for at, name in self._inputs.items()}
@@ -122,20 +122,20 @@ class Lookup:
 
     @cached_property
     def corners(self) -> tuple[tuple[Int, Float], ...]:
-        """For each corner of the cell the flat grid point number and its weight, of each sample."""
+        """For each corner of the cell the flat grid point number and its weight, Int[samples] and Float[samples]."""
         first = self.first_corner
         return tuple((first + distance, weight) for distance, weight in self.weights())
 
     @property
     def first_corner(self) -> Int:
-        """Flat grid point number of the corner at the beginning of the cell along all axes, of each sample."""
+        """Flat grid point number of the corner at the beginning of the cell along all axes, Int[samples]."""
         first = self.cells[0]
         for cell, count in zip(self.cells[1:], self.table.values.shape[1:], strict=True):
             first = first * count + cell
         return first
 
     def weights(self) -> Iterator[tuple[int, Float]]:
-        """Yield for each corner how far behind the first one its grid point is, and its weight for each sample."""
+        """Yield for each corner how far behind the first one its grid point is, and its weight, Float[samples]."""
         # distances in the flat table from the corner at the beginning of the cell; 0 along an axis of one breakpoint
         whole, strides = bool(self.known.all()), np.cumprod([1, *self.table.values.shape[:0:-1]])[::-1].tolist()
         sides = [
@@ -202,7 +202,7 @@ class Lookups:
         return self._kept[bound.dataset.name]
 
     def over(self, bound: BoundDataset, computed: Float) -> list[Lookup]:
-        """Return every lookup over a part of a dataset; `computed` are the values of `coordinates` there."""
+        """Locate every lookup over a part of a dataset, given `coordinates` there, Float[coordinates, samples]."""
         known = dict(zip(self._names, computed, strict=True))
         return list(self._located(self._coverage.blocks(bound, known)))
 

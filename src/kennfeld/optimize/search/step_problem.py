@@ -182,7 +182,7 @@ class _StepCheck:
 
 
 def kept_breakpoints(count: int, factor: int) -> Int:
-    """Return the breakpoints kept if every nth is: the ends, and others spread evenly between them.
+    """Choose the breakpoints, Int[kept], if every nth is kept: the ends, and others spread evenly between them.
 
     >>> kept_breakpoints(10, 2), kept_breakpoints(6, 2), kept_breakpoints(9, 2), kept_breakpoints(3, 5)
     (array([0, 2, 4, 7, 9]), array([0, 2, 5]), array([0, 2, 4, 6, 8]), array([0, 2]))
@@ -193,7 +193,7 @@ def kept_breakpoints(count: int, factor: int) -> Int:
 
 
 def reduce_table(parameter: Parameter, factors: Sequence[int], points: Sequence[Int] = ()) -> Parameter:
-    """Return a table at the kept breakpoints, with the bounds and locks of these grid points.
+    """Reduce a table to the kept breakpoints, with the bounds and locks of these grid points.
 
     Those of the grid `points`, given as flat indices, are always kept. Axes leave their group, whose other tables keep
     all breakpoints.

@@ -42,16 +42,16 @@ class Objective(Protocol):
         """Return the cost; not finite if the model fails."""
 
     def normal(self, values: Float) -> tuple[Float, SymmetricMatrix]:
-        """Return half the gradient, and the Gauss-Newton matrix; valid until the next call."""
+        """Return half the gradient, Float[values], and the Gauss-Newton matrix; valid until the next call."""
 
     def residual(self, values: Float) -> Float:
-        """Return the weighted residuals."""
+        """Return the weighted residuals, Float[residuals]."""
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return the weighted residuals and their Jacobian."""
+        """Return the weighted residuals, Float[residuals], and their Jacobian, Float[residuals, values]."""
 
     def mean_curvature(self, diagonal: Float) -> Float:
-        """Return for each value the mean over its table of the Gauss-Newton diagonal; 0 for scalars."""
+        """Return for each value, Float[values], the mean over its table of the Gauss-Newton diagonal; 0 for scalars."""
 
     def cholesky(self, size: int) -> Cholesky:
         """Return the factorisation for the matrix of `size` values, which knows the zeros of earlier ones."""
@@ -108,7 +108,7 @@ class GaussNewtonModel:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.column_scale)))
 
     def remembered_scale(self, earlier: Float | None) -> Float:
-        """Return the column scale, at least half the one remembered before."""
+        """Return the column scale, Float[movable], at least half the one remembered before."""
         scale: Float = np.maximum(self.column_scale, 0.0 if earlier is None else SCALE_MEMORY * earlier)
         return scale
 
@@ -167,7 +167,7 @@ class GaussNewtonModel:
         return np.asarray(np.sqrt(HOLD) * directions[singular <= NULL * singular.max(initial=0.0)] * units)
 
     def geodesic_acceleration(self, factor: Factor, step: Float) -> Float:
-        """Return the correction of a step for the curvature of the residuals along it; for objectives that use QR.
+        """Compute the correction of a step, Float[movable], for the curvature along it; for objectives that use QR.
 
         M. Transtrum, J. Sethna: Improvements to the Levenberg-Marquardt algorithm, 2012.
         """
@@ -182,11 +182,11 @@ class GaussNewtonModel:
         return factor.solve(-(self.jacobian.T @ second_derivative))
 
     def hessian_product(self, step: Float) -> Float:
-        """Return J'J d, the change of the gradient that the model predicts."""
+        """Compute J'J d, Float[movable], the change of the gradient that the model predicts over a step d."""
         return self.r_factor.T @ (self.r_factor @ step) if self.hessian is None else self.hessian @ step
 
     def predicted_reduction(self, step: Float) -> float:
-        """Return the decrease of the cost -2 g'd - d'J'J d."""
+        """Compute the decrease of the cost -2 g'd - d'J'J d over a step d, Float[movable]."""
         # d'J'J d as the square of R d, which keeps the digits that R'R loses
         curvature = np.sum((self.r_factor @ step) ** 2) if self.hessian is None else step @ (self.hessian @ step)
         return float(-2 * (self.gradient @ step) - curvature)
@@ -206,7 +206,7 @@ class GaussNewtonModel:
         return float(damped.damping @ np.square(step) - self.gradient @ step) + push
 
     def scaled_norm(self, step: Float) -> float:
-        """Return sqrt(d'D d), the length of a step in the values' own scales."""
+        """Compute sqrt(d'D d), the length of a step d, Float[movable], in the values' own scales."""
         with np.errstate(over="ignore"):
             return float(np.sqrt(np.sum(self.column_scale * step * step)))
 
@@ -222,7 +222,7 @@ class SecantCorrection:
         self.matrix = np.zeros((size, size))
 
     def curvature(self, step: Float) -> float:
-        """Return d'S d, by which S lowers the predicted reduction of a step."""
+        """Compute d'S d, by which S lowers the predicted reduction of a step d, Float[movable]."""
         return float(step @ self.matrix @ step)
 
     def learn(self, step: Float, change: Float, explained: Float) -> None:

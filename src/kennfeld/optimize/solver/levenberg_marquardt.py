@@ -151,7 +151,7 @@ def levenberg_marquardt(
 
 
 def certificate_at(objective: Objective, values: Float, limits: LinearLimits) -> Certificate | None:
-    """Return how far values are from a minimum within the limits; None if the model has no finite derivatives there."""
+    """Measure how far values, Float[values], are from a minimum within the limits; None without finite derivatives."""
     return _LevenbergMarquardt(objective, values, limits, SolverSettings(), lambda line, values: None).certify()
 
 

@@ -81,7 +81,7 @@ class LinearRows:
         return full
 
     def restricted_to(self, movable: Int, values: Float) -> "LinearRows":
-        """Return the rows over the movable values with the others fixed; rows without movable values are dropped."""
+        """Restrict the rows to movable values, Int[movable], with the others fixed; rows without any are dropped."""
         place = np.full(values.size, -1)
         place[movable] = np.arange(movable.size)
         columns = place[self.columns]
@@ -119,7 +119,7 @@ class LinearLimits:
         return self.lower < self.upper
 
     def clip(self, values: Float) -> Float:
-        """Clip values to their bounds."""
+        """Clip values, Float[values], to their bounds."""
         return np.asarray(np.clip(values, self.lower, self.upper))
 
     def violations(self, values: Float, size: Float) -> Float:
@@ -132,11 +132,11 @@ class LinearLimits:
         return np.asarray(np.maximum(np.maximum(rows.lower - product, product - rows.upper), 0.0) / scale)
 
     def violation(self, values: Float) -> float:
-        """Return the largest of the `violations`, for values of the size of their tables."""
+        """Find the largest of the `violations`, for values, Float[values], of the size of their tables."""
         return float(np.max(self.violations(values, self.sizes(values)), initial=0.0))
 
     def keeps(self, values: Float) -> bool:
-        """Return True if all rows hold exactly."""
+        """Return True if all rows hold exactly for values, Float[values]."""
         product = self.rows.times(values)
         return bool(np.all((product >= self.rows.lower) & (product <= self.rows.upper)))
 
@@ -149,7 +149,7 @@ class LinearLimits:
         return np.asarray(largest[self.tables])
 
     def restricted_to(self, movable: Int, values: Float) -> "LinearLimits":
-        """Return the limits on the movable values with the others fixed."""
+        """Restrict the limits to the movable values, Int[movable], with the others fixed, Float[values]."""
         tables = self.tables[movable] if self.tables.size else self.tables
         rows = self.rows.restricted_to(movable, values)
         return LinearLimits(self.lower[movable], self.upper[movable], rows, tables)

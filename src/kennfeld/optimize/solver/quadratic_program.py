@@ -33,7 +33,7 @@ class QpSolution:
     push: float = 0.0  # m'A d, by which the limits raise the cost of the quadratic model over the step
 
     def apply_to(self, at: Float, limits: LinearLimits) -> Float:
-        """Return the values after the step from `at`: within all bounds, and exactly at the active ones.
+        """Return the values after the step from `at`, Float[values]: within all bounds, exactly at the active ones.
 
         A value next to its bound by rounding would be free in the next step, and see another derivative there if it is
         a breakpoint at the end of the data.
@@ -141,7 +141,7 @@ class _DualProgram:
 
 
 def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Int | None = None) -> Float:
-    """Find the multipliers m, of which the first `equalities` are unbounded; `guess` marks those likely to be > 0.
+    """Find the multipliers m, Float[rows]; the first `equalities` are unbounded, and `guess` marks those likely > 0.
 
     Block principal pivoting ends after a few exchanges, or not at all if many rows depend on each other; then rows are
     exchanged one at a time. A row without values, with 0 on the diagonal of S, has no multiplier.

@@ -60,7 +60,7 @@ def axis_groups(problem: Problem) -> list[tuple[AxisKey, ...]]:
 
 
 def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey, Int]:
-    """Return the number of parts of each cell of some axes that keeps the dense problem moderate.
+    """Choose the number of parts of each cell, Int[cells], of some axes that keeps the dense problem moderate.
 
     Empty if no cell can be divided.
     """
@@ -82,7 +82,7 @@ def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey,
 
 
 def subdivide(points: Float, parts: Int) -> Float:
-    """Divide each cell into even parts; the given breakpoints are kept bit for bit.
+    """Divide each cell into even parts, Int[cells]; the breakpoints, Float[points], are kept bit for bit.
 
     >>> subdivide(np.array([0.0, 1.0, 3.0]), np.array([1, 2])).tolist()
     [0.0, 1.0, 2.0, 3.0]
@@ -92,7 +92,7 @@ def subdivide(points: Float, parts: Int) -> Float:
 
 
 def with_dense_axes(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
-    """Return the problem on denser, fixed axes, with the same surfaces and the same roughness penalty."""
+    """Return the problem on denser, fixed axes with Int[cells] parts, the same surfaces and roughness penalty."""
     tables: dict[str, Parameter] = {}
     scaled: dict[str, tuple[float, ...]] = {}
     for key, axis in problem.free_axes.items():
@@ -149,7 +149,7 @@ class BreakpointPlacement:
     def descend(
         self, start: Float, limits: LinearLimits, settings: SolverSettings, report: ProblemReport
     ) -> SolverResult:
-        """Place breakpoints in several rounds, then fit the values with fixed breakpoints."""
+        """Place breakpoints in several rounds from a start, Float[values], then fit values with fixed breakpoints."""
         best = self._rounds(start, limits, coarsen(settings), report)
         if best.status == "stopped":
             return best

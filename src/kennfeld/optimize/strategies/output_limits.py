@@ -72,7 +72,7 @@ class AugmentedLagrangian:
     results: list[SolverResult] = field(default_factory=list, init=False)
 
     def descend(self, start: Float) -> SolverResult:
-        """Return the best values; status `infeasible` if none were found that keep the output limits."""
+        """Minimise from a start, Float[values]; status `infeasible` if no values keep the output limits at the end."""
         before = self.outputs.measure(start)
         penalty = first_penalty = self._first_penalty(start, before)
         rounds: tuple[LimitRound, ...] = ()

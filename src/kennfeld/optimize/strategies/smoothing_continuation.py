@@ -110,7 +110,7 @@ class Continuation:
     def descend_directly(
         self, start: Float, limits: LinearLimits, settings: SolverSettings, report: StageReport
     ) -> SolverResult:
-        """Descend on the exact model alone; arguments as for `descend`."""
+        """Descend on the exact model alone; arguments as for `descend`, with a start Float[values]."""
         return levenberg_marquardt(self._exact, start, limits, settings, partial(report, "plain"))
 
     def _better(self, start: Float, end: SolverResult) -> SolverResult:

@@ -359,7 +359,7 @@ class CompiledProblem:
         return counts
 
     def reweight(self, factors: Float) -> "CompiledProblem":
-        """Multiply the weight of each criterion by a factor; nothing is compiled again."""
+        """Multiply the weight of each criterion by a factor, Float[criteria]; nothing is compiled again."""
         other = copy(self)
         other.samples = self.samples.reweighted(factors)
         other.sums = self.sums_over(other.samples)

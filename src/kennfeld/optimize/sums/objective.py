@@ -62,7 +62,7 @@ class LeastSquaresObjective:
 
     @property
     def start(self) -> Float:
-        """The free values at the start."""
+        """The free values at the start, Float[free]."""
         return self._compiled.start[: self._free].copy()
 
     def _values(self, free: Float) -> Float:
@@ -70,7 +70,7 @@ class LeastSquaresObjective:
         return self._full
 
     def cost(self, values: Float) -> float:
-        """Return the sum of losses plus roughness; infinite if breakpoints are out of order."""
+        """Compute losses plus roughness at free values, Float[free]; infinite if breakpoints are out of order."""
         if not is_ordered(self._order, values):
             return np.inf
         cost = self._sums.cost(self._values(values)) + self._compiled.roughness.cost(values)
@@ -79,11 +79,11 @@ class LeastSquaresObjective:
         return cost
 
     def data_cost(self, values: Float) -> float:
-        """Return the cost without roughness."""
+        """Compute the cost without roughness at free values, Float[free]."""
         return self.cost(values) - self._compiled.roughness.cost(values)
 
     def normal(self, values: Float) -> tuple[Float, SymmetricMatrix]:
-        """Return half the gradient and the Gauss-Newton matrix."""
+        """Compute half the gradient, Float[free], and the Gauss-Newton matrix [free, free]."""
         data = self._sums.normal(self._values(values))
         diagonal = data.matrix.diagonal().copy()
         faint = self._faint(diagonal) & (diagonal > 0)
@@ -95,13 +95,13 @@ class LeastSquaresObjective:
         return data.gradient, data.matrix
 
     def residual(self, values: Float) -> Float:
-        """Return residuals, with those of the roughness below."""
+        """Compute residuals, Float[residuals], with those of the roughness below."""
         residual = self._sums.residual(self._values(values))
         self._check(residual, values)
         return np.concatenate([residual, self._compiled.roughness.rows(values)[0]])
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian, with those of the roughness below."""
+        """Compute residuals and Jacobian, Float[residuals, free], with those of the roughness below."""
         residual, jacobian = self._sums.rows(self._values(values))
         self._check(residual, values)
         jacobian[:, self._faint(_squares(jacobian))] = 0.0
@@ -113,11 +113,11 @@ class LeastSquaresObjective:
             self._compiled.rejected.add(values)
 
     def faint(self, values: Float) -> Bool:
-        """Mark the values that move the scored outputs by rounding errors only."""
+        """Mark the values, Bool[free], that move the scored outputs by rounding errors only."""
         return self._faint(self._curvature(self._values(values)))
 
     def with_effect(self, values: Float, start: Float) -> Float:
-        """Return the values, with parameters at their start whose whole effect has faded since by the share `FADED`.
+        """Set parameters to their start if their whole effect has faded since by the share `FADED`; Float[free] each.
 
         Single values of a table also lose their effect when samples move to other cells.
         """
@@ -127,7 +127,7 @@ class LeastSquaresObjective:
         return np.where(self._sensitivity.all_of_parameter(faded), start, values)
 
     def sloped(self, values: Float) -> Bool | None:
-        """Mark the values with a derivative at a scored sample, without roughness; None if one is not finite."""
+        """Mark values, Bool[free], with a derivative at a scored sample, roughness aside; None if one is not finite."""
         full = self._values(values)
         if self.uses_qr:
             jacobian = self._sums.rows(full)[1]
@@ -136,7 +136,7 @@ class LeastSquaresObjective:
         return curvature > 0 if np.isfinite(curvature).all() else None
 
     def informed(self, values: Float) -> Bool:
-        """Mark the values on which the cost depends."""
+        """Mark the values on which the cost depends, Bool[free]."""
         informed = (self.rows(values)[1] != 0).any(axis=0) if self.uses_qr else self.normal(values)[1].diagonal() > 0
         return np.asarray(informed)
 
@@ -166,7 +166,7 @@ class LeastSquaresObjective:
         return self._sensitivity.target_squares
 
     def mean_curvature(self, diagonal: Float) -> Float:
-        """Return for each value the mean of the diagonal over its table; 0 for scalars.
+        """Return for each value, Float[free], the mean of the diagonal over its table; 0 for scalars.
 
         If some simulated samples are not scored, it is at least the largest curvature on all of them.
         """

@@ -141,19 +141,19 @@ class PartitionedSums:
         """Do nothing: every process compiles what it calls."""
 
     def cost(self, values: Float) -> float:
-        """Return the sum of weighted losses; not finite if the model's output is not."""
+        """Compute the sum of weighted losses at all values, Float[values]; not finite if an output is not."""
         return float(sum(self._each(partial_cost, self.widths, values)))
 
     def normal(self, values: Float) -> NormalSum:
-        """Return half the gradient and the Gauss-Newton matrix."""
+        """Compute half the gradient, Float[free], and the Gauss-Newton matrix [free, free]."""
         return add_packed(self._each(partial_normal, self.widths, values))
 
     def residual(self, values: Float) -> Float:
-        """Return residuals, one partition after the other."""
+        """Compute residuals, Float[visits * outputs], one partition after the other."""
         return np.concatenate([*self._each(partial_residual, self.widths, values)])
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian, one partition after the other."""
+        """Compute residuals and Jacobian, Float[visits * outputs, free], one partition after the other."""
         residuals, jacobians = zip(*self._each(partial_rows, self.widths, values), strict=True)
         return np.concatenate(residuals), np.concatenate(jacobians)
 

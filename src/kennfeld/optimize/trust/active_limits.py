@@ -236,7 +236,7 @@ def _held_parameters(rows: Float, columns: Mapping[str, Int], sizes: Float) -> t
 def describe_distances(
     axes: Mapping[AxisKey, FreeAxis], values: ValueLayout, full: Float, names: Mapping[AxisKey, str]
 ) -> Iterator[ActiveLimit]:
-    """Describe neighbouring breakpoints that are at their minimum distance."""
+    """Describe neighbouring breakpoints at their minimum distance, given free and fixed values, Float[values]."""
     for key, axis in axes.items():
         at = values.moving.get(key, values.free)
         points = full[at : at + len(axis.axis)]

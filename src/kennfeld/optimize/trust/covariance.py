@@ -99,7 +99,7 @@ class Estimate:
         return self.spectrum.inverse.trace(self.data)
 
     def expand(self, changes: Float) -> Float:
-        """Expand changes of the values that the matrices are over, in the last dimension, to changes of all values."""
+        """Expand changes of the values that the matrices are over, Float[..., seen], to those of all values."""
         independent = np.zeros((*changes.shape[:-1], self.seen.size))
         independent[..., self.seen] = changes
         return self.reduction.expand(independent)
@@ -110,7 +110,7 @@ class Estimate:
 
     @cached_property
     def undetermined(self) -> Bool:
-        """True for values that nothing determines, alone or in combination with others."""
+        """Mask of the values that nothing determines, alone or in combination with others, Bool[values]."""
         # from the units of the spectrum to those of the values
         basis = self.spectrum.null / self.spectrum.scale[:, None]
         loose = ~self.seen
@@ -185,7 +185,7 @@ class Estimate:
         return np.asarray(rows @ self._claimed @ rows.T)
 
     def leverage(self) -> Float:
-        """Compute the share of each value in the degrees of freedom: 1 if the data alone determine it, 0 if they don't.
+        """Compute the share of each value in the degrees of freedom, Float[values]: 1 if the data alone determine it.
 
         It is the diagonal of R H^-1 R, where R is the symmetric root of H_data in units of its diagonal. It lies
         between 0 and 1, and its sum is trace(H^-1 H_data).

@@ -48,7 +48,7 @@ class ConstraintElimination:
 
     @classmethod
     def of(cls, fixed: Bool, rows: Float) -> "ConstraintElimination":
-        """Eliminate one value per row, that of the largest coefficient; redundant rows are dropped."""
+        """Eliminate one value per row, Float[rows, values], that of the largest coefficient; drop redundant rows."""
         moving = np.flatnonzero(~fixed)
         work = np.array(rows[:, moving], dtype=np.float64)
         # of the rows as they were: what elimination leaves is compared with it
@@ -72,7 +72,7 @@ class ConstraintElimination:
 
     @property
     def fixed(self) -> Bool:
-        """True for values that never change."""
+        """Mask of the values that never change, Bool[values]."""
         fixed = np.ones(self.size, dtype=bool)
         fixed[self.independent] = False
         fixed[self.dependent] = ~self.follow.any(axis=1)
@@ -86,7 +86,7 @@ class ConstraintElimination:
         return full
 
     def matrix(self, matrix: Matrix) -> Matrix:
-        """Reduce M to Z'MZ, where Z expands changes of the independent values; M itself if all are independent."""
+        """Reduce M, [values, values], to Z'MZ with the Z of `expand`; M itself if all values are independent."""
         own = part(matrix, self.independent)
         if not self.dependent.size:
             return own
@@ -146,7 +146,7 @@ def echelon(basis: Float, pivots: Int, most: int | None = None) -> Float:
 
 
 def nullity(matrix: Matrix) -> int:
-    """Count the directions in which a positive semidefinite matrix is zero, relative to its diagonal; that is > 0.
+    """Count the directions in which a positive semidefinite matrix is zero, relative to its diagonal, which is > 0.
 
     >>> nullity(np.array([[1.0, 2.0], [2.0, 4.0]]))
     1
@@ -183,7 +183,7 @@ class Spectrum:
 
     @classmethod
     def of_matrix(cls, matrix: Float) -> "Spectrum":
-        """Analyse H; by its eigenvalues only if it is nearly singular, since these cost five times an inverse."""
+        """Analyse H, Float[values, values]; if nearly singular by its eigenvalues, which cost five times an inverse."""
         scale = np.sqrt(np.diag(matrix))
         units = rescale(matrix, 1 / scale)
         inverse = _sound_inverse(units)
@@ -197,7 +197,7 @@ class Spectrum:
 
     @classmethod
     def of_sparse(cls, matrix: Sparse, pattern: Sparse) -> "Spectrum":
-        """Analyse a sparse H by its factor.
+        """Analyse a sparse H, [values, values], by its factor.
 
         `pattern` has the non-zeros of H and of all matrices that will be multiplied with the inverse.
         """
@@ -227,7 +227,7 @@ class Spectrum:
 
     @classmethod
     def of_rows(cls, rows: Float, nothing: float = NOTHING) -> "Spectrum":
-        """Analyse H = J'J from J, which avoids the loss of digits in the product.
+        """Analyse H = J'J from J, Float[rows, values], which avoids the loss of digits in the product.
 
         `nothing` is the singular value, relative to the largest, up to which a direction counts as undetermined.
         """
@@ -250,7 +250,7 @@ class Spectrum:
 
     @property
     def loose(self) -> Bool:
-        """True for values that take part in an undetermined direction."""
+        """Mask of the values that take part in an undetermined direction, Bool[values]."""
         shares: Float = np.sum(self.null**2, axis=1)
         return shares > PART
 

@@ -26,7 +26,7 @@ class Inverse(Protocol):
         """Return rows @ H^-1, for a vector, Float[values], or rows, Float[rows, values]."""
 
     def trace(self, matrix: Matrix) -> float:
-        """Return the trace of H^-1 M; M is 0 along what H leaves undetermined."""
+        """Return the trace of H^-1 M, with M [values, values]; M is 0 along what H leaves undetermined."""
 
     def sandwich(self, matrix: Matrix) -> Float:
         """Return the diagonal of H^-1 M H^-1, Float[values]; M is 0 along what H leaves undetermined."""

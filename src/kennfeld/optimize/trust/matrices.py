@@ -16,7 +16,7 @@ def should_be_sparse(matrix: SymmetricMatrix, *others: SymmetricMatrix) -> bool:
 
 
 def whole(matrix: Matrix) -> Float:
-    """Return the matrix as an array."""
+    """Return the matrix as an array, Float[size, size]."""
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 

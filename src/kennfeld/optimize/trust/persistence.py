@@ -50,7 +50,7 @@ def persistence(residual: Float, starts: Sequence[int] | Int = (0,)) -> tuple[fl
 
 
 def persistence_lags(starts: Sequence[int] | Int, samples: int) -> int:
-    """Limit the lags over which persistence is estimated by the longest piece, given the first sample of each."""
+    """Limit the lags over which persistence is estimated by the longest piece, given its starts, Int[pieces]."""
     edges = [*(int(start) for start in starts), samples]
     return min(max(b - a for a, b in pairwise(edges)) - 1, MAX_LAGS)
 

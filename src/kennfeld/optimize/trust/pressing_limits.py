@@ -39,7 +39,7 @@ class TouchedLimits:
 
     @classmethod
     def of(cls, limits: LinearLimits, values: Float, curvature: Float) -> "TouchedLimits":
-        """Return the limits that are touched, given the curvature of the cost along each value."""
+        """Find the limits that values touch, given the curvature of the cost along each value; Float[values] each."""
         movable = limits.movable
         at_bound = np.where(values >= limits.upper, 1.0, np.where(values <= limits.lower, -1.0, 0.0))
         rows = limits.rows
@@ -56,7 +56,7 @@ class TouchedLimits:
 
     @property
     def fixed(self) -> Bool:
-        """True for values that are locked or at a bound."""
+        """Mask of the values that are locked or at a bound, Bool[values]."""
         return np.asarray(self.locked | (self.sign != 0))
 
     @property

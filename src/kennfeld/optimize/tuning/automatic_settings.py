@@ -68,7 +68,7 @@ def resolve_automatic(
 def choose_smoothness(
     run: FitRun, start: Float, limits: LinearLimits, known: SmoothnessChoice | None = None
 ) -> SmoothnessChoice:
-    """Choose the automatic factors of the problem of a run, from a start within the limits."""
+    """Choose the automatic factors of the problem of a run, from a start within the limits, Float[values]."""
 
     def independent(values: Float) -> float:
         return independent_samples(run.problem, run.parameters(values))

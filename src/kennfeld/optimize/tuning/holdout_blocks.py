@@ -97,7 +97,7 @@ class HoldoutBlocks:
         return _number_samples(self.compiled, self.divisions)
 
     def linearise(self, full: Float) -> Iterator[HoldoutBlock]:
-        """Return the contribution of each block at the values `full`, fixed ones included."""
+        """Yield the contribution of each block at free and fixed values, Float[values]."""
         misfits = np.zeros(self.sizes.size)
         totals: dict[int, NormalAddition] = {}
         for part in self.compiled.each(_sum_blocks, self.divisions, full):

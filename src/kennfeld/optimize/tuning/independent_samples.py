@@ -53,7 +53,9 @@ class CorrelationSums:
 
 
 def correlation_time(pieces: Sequence[Float]) -> float:
-    """Return 1 + 2 sum of the autocorrelation in samples, up to the lag where it is largest; NaN is ignored.
+    """Estimate 1 + 2 sum of the autocorrelation over pieces, Float[samples] each, up to the lag where it is largest.
+
+    The result is in samples; NaN is ignored.
 
     The variance of a mean of n correlated samples is that of n / (this number) independent ones.
 

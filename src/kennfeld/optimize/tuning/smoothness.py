@@ -74,7 +74,7 @@ class Round:
         return self.prediction is not None and not np.isfinite(self.value)
 
     def propose(self, radius: float) -> tuple[Float, float]:
-        """Return the best factors of the linearised problem within a radius, and their predicted gain."""
+        """Find the best logarithms of the factors, Float[factors], within a radius, and their predicted gain."""
         if self.prediction is None:
             return self.logarithms, 0.0
         here, spread = self.logarithms[self.live], np.log(RANGE)
@@ -174,7 +174,7 @@ class SmoothnessSelection:
         self.rounds = self.iterations = self.evaluations = 0
 
     def run(self, start: Float, known: SmoothnessChoice | None) -> SmoothnessChoice:
-        """Choose the factors, from free values within the limits, and from an earlier choice if there is one."""
+        """Choose the factors, from free values within the limits, Float[values], and from an earlier choice if any."""
         if known is None:
             best = self._search(start)
         else:
