@@ -80,6 +80,7 @@ def _following_layers(graph: Graph) -> dict[DenseLayer, set[tuple[int, str, int]
                 if (source := neurons[at]) is not None:
                     following.setdefault(source[0], set()).add((source[1], node.payload.name, row))
         else:
+            # functions of one neuron stand for it, those of several for none
             neurons.append(sources.pop() if len(sources) == 1 else None)
     return following
 
@@ -93,6 +94,7 @@ def _count_equal(neurons: Float, *, odd: bool) -> int:
     # equal rows are neighbours in the order of their products with a random vector
     product = neurons @ np.random.default_rng(0).standard_normal(neurons.shape[1])
     if odd:
+        # of a neuron and its negative, both get the sign with which the product is positive
         neurons, product = neurons * np.where(product < 0, -1.0, 1.0)[:, None], np.abs(product)
     ordered = neurons[np.argsort(product, kind="stable")]
     same = np.abs(np.diff(ordered, axis=0)).max(axis=1, initial=0.0) <= TOLERANCE * np.abs(neurons).max(initial=0.0)
