@@ -180,6 +180,7 @@ class RecordingReader:
         """Read the channels of a file, without optional ones that it lacks."""
         request = self.channels.recorded or None, self.entry.raster
         try:
+            # the header of a text file says without reading its rows whether a channel is missing
             columns = list_columns(path)
             if columns is not None and any(name not in columns for name in self.channels.recorded):
                 attempt = self._attempt_available(path, columns, cache)
@@ -251,11 +252,13 @@ class _Attempt:
 def find_recordings(folder: Path, pattern: str) -> list[str]:
     """Return the files that a pattern matches, sorted; a sheet behind a `#` stays with each."""
     whole, mark, sheet = pattern.rpartition("#")
+    # a file may have a # in its own name, so that the sheet is split off only if nothing matches
     for part, rest in ((pattern, ""), (whole, f"#{sheet}")):
         if not part or (rest and not mark):
             continue
         if (folder / part).is_file():
             return [f"{folder / part}{rest}"]
+        # a pattern such as **/*.csv must not match the contents of the cache
         files = sorted(p for p in _glob(folder, part) if p.is_file() and p.parts[-3:-1] != CACHE.parts)
         if files:
             return [f"{path}{rest}" for path in files]

@@ -55,6 +55,7 @@ class SampleWeights:
         weighted = [
             i for i, c in enumerate(criteria) if not c.internal and (everywhere or c.weight_channel or c.regions)
         ]
+        # names that no formula text can have
         return cls(criteria, {i: f"\0weight {i}" for i in weighted})
 
     def extend(self, graph: Graph) -> Graph:
@@ -93,6 +94,7 @@ def weight_findings(
             location = dataset_location(data).within("weight_channel")
             findings += _channel_findings(data.weight_channel, data, location, offered)
     for i, criterion in enumerate(criteria):
+        # a dataset without the target channel is not compared, so that it needs no weights either
         scored = [data for data in datasets if criterion.target.kind != "channel" or criterion.target.name in data]
         for data in scored if criterion.weight_channel else ():
             location = criterion_location(i).within("weight_channel")
