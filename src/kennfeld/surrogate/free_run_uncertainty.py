@@ -123,6 +123,7 @@ class LinearisedRun:
         """
         steps, runs = self.free.shape
         back = max(self.lags)
+        # rows[back + k, :, j] = cov(e_k, e_{k-j}), as the code of `covariance_code` reads and writes them
         rows = np.zeros((back + steps, runs, back + 1))  # covariances with the error so many steps before
         if unknown is not None:
             for age in range(back):  # what is not measured has one common error
@@ -132,6 +133,7 @@ class LinearisedRun:
         arrays = [np.ascontiguousarray(number, dtype=np.float64) for number in numbers]
         covariance_code(self.lags)(steps * runs, runs, *(array.ctypes.data for array in arrays), rows.ctypes.data)
         variance = rows[back:, :, 0]
+        # the code cuts covariances off at LARGEST, which stands for infinity
         deviation = np.sqrt(np.where(variance < LARGEST, variance, np.inf) + uncertainty.noise**2)
         return np.where(np.isnan(self.free), np.nan, deviation)
 

@@ -70,6 +70,7 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Ker
     scaled = x / lengths
     square = 0.5 * np.einsum("id,id->i", scaled, scaled)
     variance = np.ones(len(x))
+    # all variances are 1 at first: begin in the middle, whatever the order of the points
     pivot = int(np.argmin(np.sum((scaled - scaled.mean(0)) ** 2, axis=1)))
     rows = np.empty((min(count, len(x)), len(x)))
     chosen: list[int] = []
@@ -77,9 +78,11 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Ker
         if variance[pivot] <= left:
             break
         near = kernel_of_square(np.maximum(2 * (square + square[pivot] - scaled @ scaled[pivot]), 0.0), kernel)[0]
+        # pivoted Cholesky: row_k = (K[pivot] - sum over j < k of row_j[pivot] row_j) / sqrt(variance[pivot])
         near -= rows[:k, pivot] @ rows[:k]
         rows[k] = near / np.sqrt(variance[pivot])
         variance -= rows[k] ** 2
+        # exactly, so that rounding cannot choose it twice
         variance[pivot] = 0.0
         chosen.append(pivot)
         pivot = int(np.argmax(variance))
@@ -108,6 +111,7 @@ def _scatter(x: Float, count: int, rng: "np.random.Generator") -> Float:
     centres = [x[rng.integers(len(x))]]
     distance = np.sum((x - centres[0]) ** 2, axis=1)
     while len(centres) < count and distance.max() > 0:
+        # k-means++: the next one with a probability proportional to the squared distance from those before
         centres.append(x[rng.choice(len(x), p=distance / distance.sum())])
         distance = np.minimum(distance, np.sum((x - centres[-1]) ** 2, axis=1))
     return np.array(centres)
@@ -116,9 +120,11 @@ def _scatter(x: Float, count: int, rng: "np.random.Generator") -> Float:
 def bells(x: Float, z: Float, lengths: Float) -> Float:
     """Return exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) of points and centres: Float[points, centres]."""
     a, b = x / lengths, z / lengths
+    # |a - b|^2 = a'a - 2 a'b + b'b, one matrix product instead of an array [points, centres, inputs]
     exponent = a @ b.T
     exponent -= 0.5 * np.einsum("id,id->i", a, a)[:, None]
     exponent -= 0.5 * np.einsum("id,id->i", b, b)
+    # of equal points, rounding may leave a small positive number
     np.minimum(exponent, 0.0, out=exponent)
     return np.exp(exponent, out=exponent)
 
@@ -144,6 +150,7 @@ def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) ->
     With `weighted` = dF/dK times the decline of K, this is the derivative of F by the logarithms of the lengths.
     """
     a, b = x / lengths, z / lengths
+    # the square is expanded here, too, so that no array [points, centres, inputs] is needed
     across = np.einsum("id,id->d", a, weighted @ b)
     moment: Float = weighted.sum(1) @ (a * a) + weighted.sum(0) @ (b * b) - 2 * across
     return moment

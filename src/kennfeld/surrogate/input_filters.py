@@ -33,6 +33,7 @@ def filtered_points(u: Float, delay: int, step: float, time_constants: Sequence[
 
 def _low_passed(u: Float, share: float) -> Float:
     """Return x_k = (1 - share) x_{k-1} + share u_k, which begins at the first u: Float[samples, inputs]."""
+    # the state before the first sample is the first u, which the first step then returns unchanged
     rows = np.concatenate([u[:1], share * u])[:, None, :]
     run_through(rows, np.full((len(u), 1, 1), 1.0 - share), (1,))
     return rows[1:, 0]

@@ -76,10 +76,12 @@ class TrainedValues:
         self.spread[self.spread <= 0] = 1.0
         self.lengths = start.widths[0] if start.size else np.ones(start.inputs)
         self.root = factor(bells(start.centres, start.centres, self.lengths)) if start.size else np.empty((0, 0))
+        # values: offset and slopes of the scaled inputs, whitened weights L'w, then moves and growths of the centres
         plane = [start.offset + float(start.slopes @ self.centre), *(start.slopes * self.spread)]
         moves = np.zeros(2 * start.size * start.inputs if self.moves_centres else 0)
         self.first = np.concatenate([np.array(plane) / self.height, self.root.T @ start.weights / self.height, moves])
         self.hold = settings.hold * np.ones(self.first.size)
+        # the plane is nearly free; a little hold keeps the matrix regular if inputs are collinear
         self.hold[: start.inputs + 1] *= PLANE
         self.goal = self.first.copy()
         if settings.toward_plane:
@@ -89,6 +91,7 @@ class TrainedValues:
         from scipy.linalg import solve_triangular
 
         start, d = self.start, self.start.inputs
+        # back from units of spread to those of the channels
         slopes = self.height * values[1 : d + 1] / self.spread
         weights = self.height * solve_triangular(self.root, values[d + 1 : d + 1 + start.size], lower=True, trans="T")
         centres, widths = start.centres, start.widths
@@ -109,6 +112,7 @@ class TrainedValues:
         distance = (x[:, None, :] - expansion.centres) / expansion.widths
         near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         columns = [*plane, solve_triangular(self.root, near.T, lower=True).T]
+        # df/dz_md = w_m k_m (x_d - z_md) / s_md^2; a move is in widths of the start, a growth is d log s
         steep = (near * (expansion.weights / self.height))[:, :, None] * distance
         columns.append((steep * (self.start.widths / expansion.widths)).reshape(len(x), -1))
         columns.append((steep * distance).reshape(len(x), -1))
@@ -140,6 +144,7 @@ def train_free_run(
         matrix, gradient = _normal(values, expansion, run, runs)
         matrix.flat[:: at.size + 1] += values.hold
         gradient += values.hold * (at - values.goal)
+        # Marquardt's scaling; the floor damps values that no sample depends on
         scale = np.diag(matrix) + 1e-9 * np.diag(matrix).max()
         before, growth = cost, 4.0
         while damping < MOST_DAMPING:
@@ -190,6 +195,7 @@ def _normal(values: TrainedValues, expansion: Expansion, run: FreeRun, runs: Run
         part = slice(first, min(first + block, steps))
         direct, slopes = values.direct(expansion, visited[part].reshape(-1, expansion.inputs), len(lags))
         rows = np.concatenate([rows[-back:], direct.reshape(-1, pieces, size)])
+        # an output at a limit does not change with any value, nor with the outputs before
         rows[back:][run.held[part]] = 0.0
         run_through(rows, np.where(run.held[part][:, :, None], 0.0, slopes.reshape(-1, pieces, len(lags))), lags)
         counted = rows[back:][runs.scored[part]]
@@ -213,8 +219,10 @@ def cut_recordings(pieces: Sequence[Recording], lags: Lags, horizon: int) -> lis
 
 def horizon_ranges(first: int, end: int, lags: Lags, horizon: int) -> Iterator[tuple[int, int]]:
     """Return first and end of each stretch."""
+    # a stretch is about five times what it repeats of the one before, or longer
     parts = max(round((end - first) / max(horizon, 5 * lags.longest)), 1)
     edges = np.linspace(first, end, parts + 1).astype(int).tolist()
+    # each begins earlier by the longest lag: the samples at a cut are predicted as well
     yield from ((max(a - lags.longest, first), b) for a, b in pairwise(edges))
 
 

@@ -118,6 +118,7 @@ class Runs:
         target = np.full((steps, len(usable)), np.nan)
         for i, (piece, part) in enumerate(zip(usable, parts, strict=True)):
             inputs[: len(part), i] = part
+            # padding: any finite input keeps the run going, and no target scores it
             inputs[len(part) :, i] = part[-1]
             target[: len(part), i] = np.where(piece.scored, piece.y, np.nan)[first:]
         history = np.stack([piece.y[first - back : first] for piece in usable], axis=1)
@@ -165,11 +166,14 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
     past = np.empty((back + steps, pieces))
     past[:back] = runs.history
     free = np.empty((steps, pieces))
+    # results are numbered step by step, the pieces of a step side by side: y_{k-l} of result n is number
+    # n + pieces * (back - l) of `past`
     offsets = pieces * (back - np.array(runs.lags.output, dtype=np.int64))
     padding = [(0, -expansion.size % LANES), (0, 0)]
     sides = [np.pad(part[:, :own], padding).T for part in (expansion.centres, 1 / expansion.widths)]
     weights = np.pad(expansion.weights, padding[0])
     model = np.concatenate([expansion.slopes[:own], limits, weights, *(side.ravel() for side in sides)])
+    # what the inputs give to the plane, for all steps at once: only the outputs need the recursion
     flat = np.ascontiguousarray(expansion.offset + runs.inputs @ expansion.slopes[own:])
     code = free_run_code(own)
     for first, ahead in _ahead(expansion, runs.inputs, own):
@@ -208,6 +212,7 @@ class _Exponents:
 
     def at(self, x: Float) -> Float:
         """Return the exponents at points Float[points, inputs] -> Float[points, size]."""
+        # -1/2 (x - z)^2 / s^2 = x z / s^2 - 1/2 x^2 / s^2 - 1/2 z^2 / s^2
         shifted = x - self._middle
         exponent: Float = np.concatenate([shifted, shifted**2], axis=-1) @ self._table
         exponent -= self._constant
@@ -222,6 +227,7 @@ def bells_of(expansion: Expansion, x: Float) -> Float:
 
 def input_slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
     """Return df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+    # sum_m w_m k_m (z_md - x_d) / s_md^2, as two matrix products
     steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
     pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
     return expansion.slopes[:own] + pulled

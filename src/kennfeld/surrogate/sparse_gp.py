@@ -38,6 +38,7 @@ def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, 
     inner, inner_declines = kernel_matrix(z, z, lengths, kernel)
     columns, declines = (part * roots[:, None] for part in kernel_matrix(x, z, lengths, kernel))
     root = factor(inner)
+    # C~ and y~
     flat, target = plane.without(columns), plane.without(points.y * roots)
     across = columns.T @ columns
     # Whitened before they are squared: the other way round, digits of M below eta are lost.
@@ -57,6 +58,7 @@ def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, 
     logarithm = 2 * np.sum(np.log(np.diag(outer))) + (count - len(z)) * np.log(noise)
     bound = -0.5 * (count * np.log(variance) + logarithm + unexplained / noise)
 
+    # dF/dC, then dF/dKzz; the declines of the kernel turn them into derivatives by the lengths
     by_columns = np.outer(rest, weights / (noise * variance)) - flat @ inverse + columns @ (inside / noise)
     spent = inside @ across @ inside / noise
     by_inner = -0.5 * (noise * inverse - inside + np.outer(weights, weights / variance) + spent)
@@ -96,6 +98,7 @@ def _sum_data(points: TrainingPoints, z: Float, lengths: Float, plane: Plane, ke
     target = plane.without(y)
     for part, features in _features(points, z, lengths, root, kernel):
         explained += float(np.sum(features**2))
+        # a second pass, as the projection on the plane needs the whole columns first
         features -= crossed.T @ plane.basis[part].T
         whitened += features @ features.T
         aimed += features @ target[part]
@@ -123,6 +126,7 @@ def best_noise(sums: _DataSums, free: float, total: float, start: float) -> floa
     """
     from scipy.optimize import minimize_scalar
 
+    # in the eigenvectors of L^-1 C~'C~ L^-T the bound is a sum over numbers for any eta
     roots, directions = np.linalg.eigh(sums.whitened)
     roots, aimed = np.maximum(roots, 0.0), (directions.T @ sums.aimed) ** 2
 
@@ -204,6 +208,7 @@ class Sparse:
                 moment -= rows.T @ rows
                 aimed += rows.T @ rest
             # Woodbury: (I - R R')^-1 r = r + R (I - R'R)^-1 R'r
+            # a block that alone determines a direction would make it singular
             moment.flat[:: len(moment) + 1] += 1e-12
             change = np.linalg.solve(moment, aimed)
             for part, rows, rest in self._projections(points):

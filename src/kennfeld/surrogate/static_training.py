@@ -110,6 +110,7 @@ def recording_blocks(training: Sequence[_UsableSamples], seed: int) -> Int | Non
         if part.dataset.time is None:
             blocks.append(rng.integers(BLOCKS, size=len(part.y)))
         else:
+            # blocks of equal size along all recordings one after another, whatever the lengths of these
             blocks.append((first + np.arange(len(part.y))) * min(BLOCKS, count) // count)
             first += len(part.y)
     return np.concatenate(blocks).astype(np.int64)

@@ -21,6 +21,7 @@ def student_scale(residual: Float) -> float:
     square = residual**2
     variance = float(np.median(square)) or float(np.mean(square))
     for _ in range(ITERATIONS if variance > 0 else 0):
+        # the weight of each residual, (nu + 1) / (nu + (r / sigma)^2), then the weighted mean of the squares
         variance = float(np.mean((FREEDOM + 1) / (FREEDOM + square / variance) * square))
     return float(np.sqrt(variance))
 
@@ -35,6 +36,7 @@ def student_gain(normal: Float, student: Float) -> float:
         return 0.0
     ordinary = -0.5 * np.log(2 * np.pi) - np.log(deviation) - 0.5 * (normal / deviation) ** 2
     wide = LOG_CONSTANT - np.log(scale) - 0.5 * (FREEDOM + 1) * np.log1p((student / scale) ** 2 / FREEDOM)
+    # trimmed: a single wild value gains so much that it would decide alone
     gain = np.sort(wide - ordinary)
     cut = int(TRIMMED * gain.size)
     return float(gain[cut : gain.size - cut].mean())

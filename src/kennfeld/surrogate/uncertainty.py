@@ -107,11 +107,13 @@ class Deviation:
         `bells` Float[points, centres] are those of the centres, if they are known.
         """
         e = self.expansion
+        # clipped, since squares of huge inputs overflow; NaN is marked by the caller
         scaled = np.nan_to_num(np.clip(self._scale(x), -1e6, 1e6))
         if bells is None:
             bells = kernel_matrix(scaled, self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
         explained = bells @ self._inverse.T
         basis = np.column_stack([np.ones(len(x)), scaled]) @ self._plane.back
+        # u in coordinates in which U'K^-1 U is the identity
         tilted = (explained @ self._half - basis) @ self._plane_inverse.T
         squares = np.einsum("ij,ij->i", tilted, tilted) - np.einsum("ij,ij->i", explained, explained)
         share: Float = np.sqrt(np.maximum(1 + squares, 0.0))
@@ -141,5 +143,6 @@ def calibrated(uncertainty: Uncertainty, expansion: Expansion, x: Float, residua
     if not np.any(residual) or not np.all(deviation > 0):
         return uncertainty
     count = len(residual)
+    # the conformal quantile for a new measurement beside `count` known ones
     share = min(TWO_DEVIATIONS * (count + 1) / count, 1.0)
     return uncertainty.scaled(float(np.quantile(np.abs(residual) / deviation, share)) / 2)

@@ -74,6 +74,7 @@ class Validity:
         measure = np.empty(len(points))
         for first in range(0, len(points), BLOCK):
             part = slice(first, first + BLOCK)
+            # a missing input counts as far away
             near = bells(np.nan_to_num(np.clip(points[part], -1e6, 1e6), nan=1e6), centres, ones)
             explained = solve_triangular(self._root, near.T, lower=True)
             measure[part] = np.sqrt(np.maximum(1 - np.sum(explained**2, axis=0), 0.0))
@@ -82,6 +83,7 @@ class Validity:
     def _distance_without_itself(self) -> Float:
         """Return the measure at each centre, by the others."""
         inverse = np.linalg.inv(self._root @ self._root.T)
+        # leave-one-out variance of a Gaussian process: 1 / (K^-1)_ii (Rasmussen and Williams, equation 5.12)
         share: Float = np.sqrt(np.clip(1 / np.diag(inverse) - NUGGET, 0.0, 1.0))
         return share
 
