@@ -253,9 +253,9 @@ def _error_without(sums: Sequence[BlockSums], number: int) -> float:
     # the offset is not shrunk
     ridge[0] = 0.0
     weights = np.linalg.solve(matrix + np.diag(ridge), right)
-    inner, aimed, square, _ = sums[number]
+    own_matrix, own_right, square, _ = sums[number]
     # |A w - y|^2 = w'A'A w - 2 y'A w + y'y, by the sums alone; rounding may make it negative
-    return max(float(weights @ inner @ weights - 2 * aimed @ weights + square), 0.0)
+    return max(float(weights @ own_matrix @ weights - 2 * own_right @ weights + square), 0.0)
 
 
 def _polynomial(x: Float, inputs: int) -> Float:

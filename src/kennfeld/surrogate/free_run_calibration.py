@@ -32,7 +32,7 @@ FEW_ITERATIONS = 3  # of these models, if there are more samples than the regula
 LONGEST = 4000  # steps of a block that errors are compared over
 LEFT_OUT = 0.632  # weight of errors over blocks that are left out; errors of the training have the others
 RATIOS = ((0.0, 1.0), (0.05, 1.0), (0.2, 1.0), (1.0, 0.05))  # process noise and noise > 0, in units of the error
-SIGNALS = (0.3, 1.0, 3.0, 10.0)  # in units of the spread of the bells
+SIGNALS = (0.3, 1.0, 3.0, 10.0)  # in units of the spread of the model about its plane
 ROUNDS = 6  # in which deviations are scaled: limits bound them, so that one round need not suffice
 CLOSE = 0.01  # relative change of the scale with which the rounds end
 
@@ -128,7 +128,7 @@ def calibrated_uncertainty(
     unmeasured = float(np.sqrt(np.mean(np.concatenate([(piece.y - start)[piece.scored] for piece in pieces]) ** 2)))
     if unit == 0:
         return FreeRunUncertainty(0.0, 0.0, 0.0, unmeasured)
-    signals = [signal * _spread_of_bells(model, Runs.of(pieces, lags).points) for signal in SIGNALS]
+    signals = [signal * _nonlinear_spread(model, Runs.of(pieces, lags).points) for signal in SIGNALS]
     trials = [
         _scaled(FreeRunUncertainty(signal, unit * noise, unit * process_noise, unmeasured), runs)
         for (process_noise, noise), signal in product(RATIOS, signals if any(signals) else (0.0,))
@@ -136,7 +136,7 @@ def calibrated_uncertainty(
     return min(trials, key=lambda trial: _WeightedErrors.of(runs, trial).score)
 
 
-def _spread_of_bells(model: Expansion, points: Float) -> float:
+def _nonlinear_spread(model: Expansion, points: Float) -> float:
     if not model.size or not has_equal_widths(model):
         return 0.0
     return float(np.std(model(points) - points @ model.slopes))

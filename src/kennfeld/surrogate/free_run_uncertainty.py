@@ -19,11 +19,11 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import JITTER
-from kennfeld.surrogate.recursion import bells_of, input_slopes
+from kennfeld.surrogate.recursion import basis_values, input_slopes
 from kennfeld.surrogate.recursion_code import LARGEST, covariance_code
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty, has_equal_widths
 
-BLOCK = 1024  # points whose bells stay in the cache
+BLOCK = 1024  # points whose basis functions stay in the cache
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,11 @@ class LinearisedRun:
         for first in range(0, len(flat), BLOCK):
             part = slice(first, first + BLOCK)
             x = flat[part]
-            bells = bells_of(expansion, x)
-            free[part] = expansion.offset + x @ expansion.slopes + bells @ expansion.weights
-            slopes[part] = input_slopes(expansion, x, bells, own)
+            near = basis_values(expansion, x)
+            free[part] = expansion.offset + x @ expansion.slopes + near @ expansion.weights
+            slopes[part] = input_slopes(expansion, x, near, own)
             if process is not None:
-                open_shares[part] = process.open_share(x, bells)
+                open_shares[part] = process.open_share(x, near)
         return cls(tuple(lags), limits, free.reshape(shape), slopes.reshape(*shape, own), open_shares.reshape(shape))
 
     def repeated(self, times: int) -> "LinearisedRun":

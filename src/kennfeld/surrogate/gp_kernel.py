@@ -117,7 +117,7 @@ def _scatter(x: Float, count: int, rng: "np.random.Generator") -> Float:
     return np.array(centres)
 
 
-def bells(x: Float, z: Float, lengths: Float) -> Float:
+def gaussian_kernel(x: Float, z: Float, lengths: Float) -> Float:
     """Return exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) of points and centres: Float[points, centres]."""
     a, b = x / lengths, z / lengths
     # |a - b|^2 = a'a - 2 a'b + b'b, one matrix product instead of an array [points, centres, inputs]
@@ -135,7 +135,7 @@ def kernel_matrix(x: Float, z: Float, lengths: Float, kernel: Kernel) -> tuple[F
     dK_ij / d log lengths_d = G_ij ((x_id - z_jd) / lengths_d)^2; see `kernel_of_square`.
     """
     if kernel == "gaussian":
-        near = bells(x, z, lengths)
+        near = gaussian_kernel(x, z, lengths)
         return near, near
     a, b = x / lengths, z / lengths
     square = -2 * (a @ b.T)

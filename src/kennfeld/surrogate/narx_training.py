@@ -25,7 +25,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.rbf import Expansion
-from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
+from kennfeld.surrogate.gp_kernel import factor, gaussian_kernel, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, input_slopes, run_through, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
@@ -75,7 +75,9 @@ class TrainedValues:
         self.centre, self.spread = runs.points.mean(0), runs.points.std(0)
         self.spread[self.spread <= 0] = 1.0
         self.lengths = start.widths[0] if start.size else np.ones(start.inputs)
-        self.root = factor(bells(start.centres, start.centres, self.lengths)) if start.size else np.empty((0, 0))
+        self.root = (
+            factor(gaussian_kernel(start.centres, start.centres, self.lengths)) if start.size else np.empty((0, 0))
+        )
         # values: offset and slopes of the scaled inputs, whitened weights L'w, then moves and growths of the centres
         plane = [start.offset + float(start.slopes @ self.centre), *(start.slopes * self.spread)]
         moves = np.zeros(2 * start.size * start.inputs if self.moves_centres else 0)
@@ -106,7 +108,7 @@ class TrainedValues:
 
         plane = [np.ones((len(x), 1)), (x - self.centre) / self.spread]
         if not self.moves_centres:
-            near = bells(x, expansion.centres, self.lengths)
+            near = gaussian_kernel(x, expansion.centres, self.lengths)
             whitened = solve_triangular(self.root, near.T, lower=True).T
             return np.concatenate([*plane, whitened], axis=1), input_slopes(expansion, x, near, own)
         distance = (x[:, None, :] - expansion.centres) / expansion.widths

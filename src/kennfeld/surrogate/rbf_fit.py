@@ -105,18 +105,20 @@ class _RidgeFit:
         basis = np.linalg.qr(self.plane)[0]
         u, self.s, self.v = np.linalg.svd(self.near - basis @ (basis.T @ self.near), full_matrices=False)
         target = y - basis @ (basis.T @ y)
-        self.aimed = u.T @ target
-        self.rest = max(float(target @ target - self.aimed @ self.aimed), 0.0)
+        self.coordinates = u.T @ target
+        self.rest = max(float(target @ target - self.coordinates @ self.coordinates), 0.0)
         self.free = y.size - basis.shape[1]
         self.score, self.ridge = min((self._score(ridge), float(ridge)) for ridge in RIDGES)
 
     def _score(self, ridge: float) -> float:
         # filter factors of the ridge; their sum is the trace of the smoother
         shares = self.s**2 / (self.s**2 + ridge)
-        return float((self.rest + np.sum(((1 - shares) * self.aimed) ** 2)) / max(self.free - shares.sum(), 1e-9) ** 2)
+        return float(
+            (self.rest + np.sum(((1 - shares) * self.coordinates) ** 2)) / max(self.free - shares.sum(), 1e-9) ** 2
+        )
 
     def expansion(self, scaling: Scaling) -> Expansion:
-        weights = self.v.T @ (self.s / (self.s**2 + self.ridge) * self.aimed)
+        weights = self.v.T @ (self.s / (self.s**2 + self.ridge) * self.coordinates)
         # the weights are of functions without their plane, which this fit puts back
         flat: Float = np.asarray(np.linalg.lstsq(self.plane, self.y - self.near @ weights, rcond=None)[0], np.float64)
         return scaling.expansion(float(flat[0]), flat[1:], weights, self.centres, self.widths)

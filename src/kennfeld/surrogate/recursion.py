@@ -14,7 +14,7 @@ from kennfeld.base.machine_code.ir import LANES
 from kennfeld.domain.rbf import Expansion
 
 UNLIMITED = (-np.inf, np.inf)
-BLOCK = 1 << 19  # bells whose input part is computed in advance: 4 MB
+BLOCK = 1 << 19  # basis functions whose input part is computed in advance: 4 MB
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
 
 
 def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int, Float]]:
-    """Yield, by block, the share of the inputs in the exponents of all bells: Float[steps, pieces, centres].
+    """Yield, by block, the share of the inputs in the exponents of all basis functions: Float[steps, pieces, centres].
 
     The last centres fill up a multiple of eight.
     """
@@ -219,14 +219,17 @@ class _Exponents:
         return np.minimum(exponent, 0.0, out=exponent)
 
 
-def bells_of(expansion: Expansion, x: Float) -> Float:
+def basis_values(expansion: Expansion, x: Float) -> Float:
     """Return the Gaussian bell of each centre at points Float[points, inputs] -> Float[points, centres]."""
     exponent = _Exponents(expansion.centres, expansion.widths, expansion.size).at(x)
     return np.exp(exponent, out=exponent)
 
 
 def input_slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
-    """Return df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+    """Differentiate the function by the first `own` inputs at points Float[points, inputs]: Float[points, own].
+
+    `near` Float[points, centres] are the values of the basis functions there.
+    """
     # sum_m w_m k_m (z_md - x_d) / s_md^2, as two matrix products
     steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
     pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, readonly
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.surrogate.gp_kernel import bells, greedy_centres
+from kennfeld.surrogate.gp_kernel import gaussian_kernel, greedy_centres
 
 THRESHOLD = 0.2  # share of the prior deviation
 MARGIN = 1.25
@@ -45,7 +45,7 @@ class Validity:
             raise ArgumentError(f"lengths of a validity range must be > 0, the smallest is {self.lengths.min():g}")
         if not 0 < self.threshold <= 1:
             raise ArgumentError(f"threshold={self.threshold} of a validity range must be > 0 and <= 1")
-        kernel = bells(self._scale(self.centres), self._scale(self.centres), np.ones(self.lengths.size))
+        kernel = gaussian_kernel(self._scale(self.centres), self._scale(self.centres), np.ones(self.lengths.size))
         object.__setattr__(self, "_root", np.linalg.cholesky(kernel + NUGGET * np.eye(len(kernel))))
 
     @classmethod
@@ -75,7 +75,7 @@ class Validity:
         for first in range(0, len(points), BLOCK):
             part = slice(first, first + BLOCK)
             # a missing input counts as far away
-            near = bells(np.nan_to_num(np.clip(points[part], -1e6, 1e6), nan=1e6), centres, ones)
+            near = gaussian_kernel(np.nan_to_num(np.clip(points[part], -1e6, 1e6), nan=1e6), centres, ones)
             explained = solve_triangular(self._root, near.T, lower=True)
             measure[part] = np.sqrt(np.maximum(1 - np.sum(explained**2, axis=0), 0.0))
         return measure.reshape(shape)
