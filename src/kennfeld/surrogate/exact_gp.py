@@ -62,7 +62,8 @@ def _free(points: TrainingPoints, plane: Plane) -> float:
 def exact_likelihood(values: Float, points: TrainingPoints, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
     """Return the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
 
-    The points are in units of their spread. Raises `LinAlgError` if the matrix is not positive definite.
+    `values` and the gradient are Float[inputs + 1]. The points are in units of their spread. Raises `LinAlgError` if
+    the matrix is not positive definite.
     """
     x, lengths, noise = points.x, np.exp(values[:-1]), float(np.exp(values[-1]))
     near, declines = kernel_matrix(x, x, lengths, kernel)

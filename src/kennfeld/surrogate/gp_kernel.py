@@ -145,9 +145,10 @@ def kernel_matrix(x: Float, z: Float, lengths: Float, kernel: Kernel) -> tuple[F
 
 
 def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
-    """Return sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d.
+    """Return sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d, Float[inputs].
 
-    With `weighted` = dF/dK times the decline of K, this is the derivative of F by the logarithms of the lengths.
+    With `weighted` Float[points, centres] = dF/dK times the decline of K, this is the derivative of F by the logarithms
+    of the lengths.
     """
     a, b = x / lengths, z / lengths
     # the square is expanded here, too, so that no array [points, centres, inputs] is needed
@@ -157,7 +158,7 @@ def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) ->
 
 
 def factor(matrix: Float) -> Float:
-    """Return the lower Cholesky factor of a kernel matrix, with the smallest sufficient jitter on its diagonal."""
+    """Factor a kernel matrix Float[n, n] by Cholesky, with the smallest sufficient jitter; return the lower factor."""
     jitter = JITTER
     while True:
         padded = matrix.copy()

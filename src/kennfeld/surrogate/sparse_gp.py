@@ -27,8 +27,8 @@ BLOCK = 4096
 def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
     """Return the bound F and its gradient, by the logarithms of the lengths and of eta, the last.
 
-    The points and the inducing inputs `z` Float[centres, inputs] are in units of spread; `plane` is weighted. Raises
-    `LinAlgError` if a matrix is not positive definite.
+    `values` and the gradient are Float[inputs + 1]. The points and the inducing inputs `z` Float[centres, inputs] are
+    in units of spread; `plane` is weighted. Raises `LinAlgError` if a matrix is not positive definite.
     """
     from scipy.linalg import cho_solve, solve_triangular
 
