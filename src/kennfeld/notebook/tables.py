@@ -24,6 +24,7 @@ def shown(count: int, most: int) -> list[int | None]:
     """
     if count <= most:
         return list(range(count))
+    # of an odd number, one more at the beginning
     first = -(-most // 2)
     return [*range(first), None, *range(count - (most - first), count)]
 

@@ -184,6 +184,7 @@ def _parameters(path: Path, problem: Problem) -> ParameterSet:
         elif stored[name].coordinates != count:
             message = f"{name} has {stored[name].coordinates} axes, but the function looks it up with {count}"
             findings.error(location, message, AGAIN)
+        # values on another grid: one pair of bounds that contains those of all values
         elif stored[name].values.shape != own.values.shape:
             spread = {"lower": own.lower.min(), "upper": own.upper.max(), "locked": own.locked.all()}
             parameters.append(stored[name].changed(extrapolation=own.extrapolation, **spread))
