@@ -82,6 +82,7 @@ class Project:
 
         shared = {part.name: getattr(self.file.optimizer, part.name) for part in fields(SearchSettings)}
         steps = self._assembly.steps if self.file.steps else ()
+        # with a loader of its own, such as that of the app, the data are in this process
         joins = bool(self.file.cluster.scheduler) and self.load is None
         return Options(**shared, steps=steps, cluster=self._runner if joins else None)
 
@@ -177,6 +178,7 @@ class Project:
         names = (cluster.tls_authority, cluster.tls_certificate, cluster.tls_key)
         certificates = tuple(str(folder / name) if name else "" for name in names)
         scheduler = cluster.scheduler
+        # a scheduler file of Dask, relative to the project as all files are
         if scheduler and "://" not in scheduler and (folder / scheduler).is_file():
             scheduler = str(folder / scheduler)
         return ClusterAddress(scheduler, cluster.workers or 1, certificates)  # type: ignore[arg-type]
@@ -188,6 +190,7 @@ class Project:
             return self
         project = replace(self)
         partitions = replace(assembly.problem.partitions, runner=runner)
+        # a cached property is set, so that files are not read again
         project.__dict__["_assembly"] = replace(assembly, problem=replace(assembly.problem, partitions=partitions))
         return project
 
@@ -326,6 +329,7 @@ class Project:
         beside = (str(Path(name).with_suffix(".a2l")) for name in calibration.files if name.endswith(IMAGE_ENDINGS))
         named = calibration.descriptions.values() or beside
         known = {self.file.folder / name for name in named if (self.file.folder / name).is_file()}
+        # of several A2L files it is not known which one describes the image
         return read(path, next(iter(known)) if len(known) == 1 else None)
 
     def simulate(

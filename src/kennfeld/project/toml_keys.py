@@ -53,6 +53,7 @@ class TomlKeys:
         self.spans: dict[KeyPath, KeySpan] = {}
         self.headings: list[tuple[int, KeyPath]] = []  # in the order of the text
         self._counts: dict[KeyPath, int] = {}
+        # offsets of line breaks, in which `line` searches: counting them anew for each key takes quadratic time
         self._newlines = [match.start() for match in re.finditer("\n", text)]
         self._scan()
 
@@ -130,6 +131,7 @@ class TomlKeys:
         names, at = self._names(start)
         value = self._skip(_SPACE, at + 1)
         path = (*prefix, *names)
+        # parts of a dotted key have a place, but no value: start = end
         for length in range(1, len(names)):
             self.spans.setdefault(path[: len(prefix) + length], KeySpan("key", start, start, start))
         end = self._value(path, value)
@@ -138,6 +140,7 @@ class TomlKeys:
 
     def _value(self, path: KeyPath, at: int) -> int:
         """Record the tables within a value; return the offset behind it."""
+        # lists of numbers, which are long, in one match
         for pattern in (_TEXT, _FLAT):
             if match := pattern.match(self.text, at):
                 return match.end()

@@ -58,6 +58,7 @@ def _record(name: str, samples: int, seed: int, use: Use) -> Dataset:
 
 def _lag(values: Float, constant: Float) -> Float:
     """Return a first-order lag with a variable time constant in s, from rest; exact for inputs held over a step."""
+    # x_k = x_{k-1} + (1 - exp(-step / T_k)) (u_k - x_{k-1})
     share = -np.expm1(-STEP / constant)
     y = float(values[0])
     lagged = [y := y + part * (x - y) for x, part in zip(values.tolist(), share.tolist(), strict=True)]

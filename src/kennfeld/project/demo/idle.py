@@ -130,11 +130,13 @@ def on_the_engine(kp: float, ki: float) -> tuple[Float, Float]:
     def governor(k: int, speed: float) -> float:
         nonlocal held
         miss = wanted[k] - speed
+        # the integrator acts with the value before this step, as in the formula text
         angle = min(max(kp * miss + held, THROTTLE[0]), THROTTLE[1])
         held = min(max(held + ki * miss, THROTTLE[0]), THROTTLE[1])
         return float(angle)
 
     miss = wanted - simulate_engine(governor, data["load"].values, STEP)
     changes = np.sign(np.diff(wanted, prepend=wanted[0]))
+    # sample of the latest change of the set value
     last = np.maximum.accumulate(np.where(changes != 0, np.arange(wanted.size), 0))
     return miss, -changes[last] * miss

@@ -82,6 +82,7 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
     for k, brake in enumerate(load.tolist()):
         speeds[k] = speed * RPM
         angle_of_plate = governor(k, speeds[k])
+        # flow through the throttle at critical pressure ratio in g/s, a polynomial in its angle in degrees
         opened = 2.821 - 0.05231 * angle_of_plate + 0.10299 * angle_of_plate**2 - 0.00063 * angle_of_plate**3
         for _ in range(inner):
             out = _pumped_flow(speed, pressure)
@@ -103,6 +104,7 @@ def _play_back(throttle: Float) -> Throttle:
 
 def _intake_flow(pressure: float) -> float:
     """Return the flow through the throttle relative to critical flow, at an inlet pressure of 1 bar."""
+    # below half of the inlet pressure the flow is choked
     if pressure <= 0.5:
         return 1.0
     return 2 * math.sqrt(max(pressure - pressure**2, 0.0))
