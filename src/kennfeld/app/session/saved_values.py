@@ -37,6 +37,7 @@ def naming_changes(settings: Mapping[str, Any], names: Iterable[str], moved: Col
     """
     files = _initial_files(settings)
     sections = settings.get("parameters", {})
+    # a section overrides the initial files, and with them the saved values
     changes: list[KeyChange] = [
         (("parameters", name, "initial"), None) for name in names if "initial" in sections.get(name, {})
     ]

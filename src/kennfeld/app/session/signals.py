@@ -93,6 +93,7 @@ class Signals:
 
     def follow(self, now: Evaluation) -> None:
         """Use other present values."""
+        # envelopes of channels and of the start stay
         self._now, self._moving, self._lit = now, {}, {}
 
     def envelope(
@@ -140,6 +141,7 @@ class Signals:
         """Return 1 for the selected samples of a dataset, 0 for the others."""
         key = recording.number, selection
         if key not in self._lit:
+            # of one selection at a time
             self._lit = {key: PixelEnvelope(self.selected(recording, selection).astype(np.float64))}
         return self._lit[key]
 
