@@ -46,7 +46,7 @@ def drawn_samples(errors: Float, shown: Bool | None = None, lit: Bool | None = N
 
 
 def common_bins(parts: Sequence[Float], bins: int = BINS) -> Float:
-    """Choose bin edges Float[bins + 1] for several sets of values, symmetric about 0; outliers count in the end bins."""
+    """Choose bin edges Float[bins + 1] for sets of values, symmetric about 0; outliers count in the end bins."""
     known = np.concatenate([part[np.isfinite(part)] for part in parts]) if parts else np.zeros(0)
     if not known.size:
         return np.linspace(-1.0, 1.0, bins + 1)
