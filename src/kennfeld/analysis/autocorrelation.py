@@ -73,4 +73,5 @@ def of_products(products: LaggedProducts, count: int, step: float | None) -> Aut
     values = covariance / covariance[0]
     unit = "samples" if step is None else "s"
     steps = np.arange(sums.size, dtype=np.float64) * (step or 1.0)
+    # r(k) of white noise is about normal with the deviation 1 / sqrt(n) (M. S. Bartlett, 1946)
     return Autocorrelation(steps, values, 1.96 / np.sqrt(count), count / inflation(sums, pairs), unit)

@@ -248,6 +248,7 @@ def _folds_on_cluster(
     """Yield the rows of all folds, which run as tasks of a cluster."""
 
     def receive(message: bytes) -> bool:
+        # `Stop` is raised in this process; the answer passes it on to the workers
         line: TraceLine = pickle.loads(message)
         try:
             if progress is not None:

@@ -79,6 +79,7 @@ def output_ranges(problem: Problem, parameters: ParameterSet) -> tuple[OutputRan
     if not problem.limits:
         return ()
     try:
+        # two passes: what counts as beyond a limit of 0 depends on the range of the output
         spans = _merged(problem.each(_spans, parameters))
         slack = [_slack(limit, span) for limit, span in zip(problem.limits, spans, strict=True)]
         counts = np.sum([*problem.each(_count_beyond, parameters, slack)], axis=0).tolist()

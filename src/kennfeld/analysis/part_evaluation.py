@@ -155,6 +155,7 @@ class PartEvaluator:
         """Yield named nodes of the function over a part after the calibration, Float[kept samples]; a few at a time."""
         for at in range(0, len(names), NODES_AT_ONCE):
             group = tuple(names[at : at + NODES_AT_ONCE])
+            # threads evaluate parts: one of them compiles, the others wait for it
             with self._compiling:
                 if group not in self._nodes:
                     self._nodes[group] = NodeSimulator(self.problem.model.graph, self.parameters, group)

@@ -82,6 +82,7 @@ class ErrorCounts:
     def step(self) -> float | None:
         """The time step in s if it is even."""
         step, low, high = self.steps
+        # NaN, of data without time, fails the comparison
         return step if max(high - step, step - low) <= EVEN * step else None
 
     def searches(self) -> "ErrorSearches":

@@ -72,6 +72,7 @@ def ticks(low: float, high: float, most: int = MAX_TICKS) -> list[float]:
     step = next((digit * power for digit in (1, 2, 5, 10) if width / (digit * power) <= most), 10 * power)
     # an end that is a tick stays one despite the rounding of the quotient
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
+    # 0.3 in place of 3 * 0.1 = 0.30000000000000004
     return [round(number * step, 12) if step > 1e-9 else number * step for number in range(first, last + 1)]
 
 
@@ -136,6 +137,7 @@ def heat_map(values: Float, x: Float, y: Float, x_title: str, y_title: str, labe
     for i, row in enumerate(values.tolist()):
         for j, value in enumerate(row):
             if np.isfinite(value):
+                # pixels count downwards, y grows upwards
                 left, top = rows[i], min(columns[j], columns[j + 1])
                 width, height = rows[i + 1] - left, abs(columns[j + 1] - columns[j])
                 # cells overlap a little, so that no line of the page shows between them

@@ -176,6 +176,7 @@ def _check_shifts(entry: DatasetEntry, channels: DatasetChannels) -> Iterator[Fi
             remedy = nearest(name, used) or "Name a channel of the files or a calculated one."
             yield Finding(location, f"channel {name} is not used", remedy)
     for name in entry.unknown_shifts:
+        # calculated channels are computed before the shift is estimated, by the channel where it was recorded
         dependent = [other for other, graph in channels.calculated.graphs.items() if name in graph.inputs]
         if dependent:
             message = f'the shift of {name} cannot be "auto" because [calculated] {dependent[0]} reads it'

@@ -241,6 +241,7 @@ class PreparedFiles:
         for path in self.folder.glob(f"*{ENDING}"):
             with suppress(OSError):  # another process may remove it
                 status = path.stat()
+                # `touch` sets the time of access; an entry that nobody has used again has that of its writing
                 entries.append((max(status.st_atime_ns, status.st_mtime_ns), status.st_size, path))
         total = 0
         for _, size, path in sorted(entries, reverse=True):

@@ -195,6 +195,7 @@ class RecordingReader:
             except InputError:  # the file cannot be read at all
                 return _Attempt(findings=error.findings)
             names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
+            # so that the next run does not read a large file again to learn that it lacks a channel
             if cache is not None:
                 cache.keep_failed(path, *request, names, self.databases or ())
         return self._attempt_available(path, names, cache)
@@ -221,6 +222,7 @@ class RecordingReader:
         for channel, files in self._missing.items():
             purpose = self.channels.required.get(channel) or self._calculated_purpose(channel)
             remedy = nearest(channel, self._candidates) or f"It has {join_names(self._candidates)}."
+            # an input that no file has and nobody mapped may be meant as a parameter
             if purpose.startswith("the input ") and channel not in self.settings.channels.values():
                 key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."

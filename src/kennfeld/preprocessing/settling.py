@@ -39,6 +39,7 @@ class HoldPlan:
 
     def columns(self, points: int) -> dict[str, Float]:
         """Return the clock and averaging inputs of a number of points, one after the other: Float[points * samples]."""
+        # keep is 0 at the first sample of the window, at which the sum begins
         number = np.arange(self.samples)
         inside = number >= self.samples - self.window
         point = {

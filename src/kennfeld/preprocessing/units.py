@@ -230,6 +230,7 @@ def _unit(meaning: str) -> _Unit:
 
 _WHOLE = {word: _unit(meaning) for word, meaning in _words(_WHOLE_WORDS).items()}
 _PARTS = _words(_PART_WORDS)
+# within products, too, nm is newton metre, not nanometre
 _JOINED: dict[str, _Unit] = {"nm": (("newton", 1), ("meter", 1)), "knm": (("kilonewton", 1), ("meter", 1))}
 
 

@@ -208,6 +208,7 @@ class ProjectDocument:
         else:
             before = [heading for heading in self._headings() if self._rank(heading) <= self._rank(path)]
         at = self._keys.block_end(before[-1]) if before else 0
+        # an empty line between sections
         lead = "" if at == 0 else "\n" if self._text[:at].endswith("\n") else "\n\n"
         follow = "\n" if at == 0 and self._text else ""
         self._replace(at, at, lead + text + follow)

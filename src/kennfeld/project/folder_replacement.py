@@ -132,6 +132,7 @@ def _list_unfinished(scratch: Path) -> list[str]:
         return []
     if not isinstance(names, list) or not all(isinstance(name, str) and is_plain_name(name) for name in names):
         return []
+    # a file that is not here any more was renamed before the process ended
     return [name for name in names if (scratch / name).is_file() and not is_link(scratch / name)]
 
 

@@ -332,6 +332,7 @@ class FilesForm(Form):
         if isinstance(item, dict):
             keys = (key, number) if isinstance(section.values[key], list) else (key,)
             entry = read_entry(self.entry, section.inner(item, key, *keys))
+            # without its file, an entry has been reported and is left out
             required = (part.name for part in keys_of(self.entry).values() if is_required(part))
             return entry if all(getattr(entry, name) for name in required) else None
         if isinstance(item, str) and item.strip():

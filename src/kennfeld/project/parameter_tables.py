@@ -306,6 +306,7 @@ def _free(
     for pattern in expand_lists(file.calibration.free, file.folder, parameters, known, place, findings):
         matches = {name for name in parameters if fnmatchcase(name, pattern) or name == pattern}
         chosen |= matches
+        # without any parameter the default `*` matches nothing, and other findings say why there is none
         if not matches and (parameters or pattern != "*"):
             remedy = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
             findings.error(place, f"{pattern} matches no parameter", remedy)

@@ -135,6 +135,7 @@ class ProblemBuilder:
         calculated = parse_calculated(file)
         self.surrogates = read_surrogates(file, findings)
         initial = self._with_surrogates(read_initial(file, findings))
+        # in formula text, a name that is neither a node nor one of these is an input
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, initial)
         if initial is not None and self.function is not None and self.function.model.values:
@@ -143,6 +144,7 @@ class ProblemBuilder:
             # the initial files override the values that the function itself has
             initial = merge_start_values(values, self._without_texts_of(values, initial)).from_origin(origin)
         self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
+        # after the data: an undefined name that is a channel of theirs is a missing declaration
         self._report_undefined()
         findings.add(*calculated.findings, *self.loaded.findings)
         # quantiles of a part of the data would be wrong breakpoints

@@ -81,6 +81,7 @@ class Project:
         from kennfeld.optimize.problem.options import Options
 
         shared = {part.name: getattr(self.file.optimizer, part.name) for part in fields(SearchSettings)}
+        # options alone must not read all files
         steps = self._assembly.steps if self.file.steps else ()
         # with a loader of its own, such as that of the app, the data are in this process
         joins = bool(self.file.cluster.scheduler) and self.load is None
@@ -222,6 +223,7 @@ class Project:
         """Return the same project without its scheduler, in processes of this machine if it asks for several."""
         cluster = self.file.cluster
         partition = cluster.partition_size
+        # the size is stated, as its default depends on the scheduler
         here = replace(cluster, scheduler="", partition=partition) if cluster.scheduler else cluster
         return replace(self, file=replace(self.file, cluster=here))
 

@@ -104,6 +104,7 @@ class _Writer:
     def _pins(self, remedy: Remedy) -> list[Change]:
         lists: dict[str, list[Any]] = {}
         for pin in remedy.pins:
+            # pins that the file has stay, and one at the same place is not written twice
             pins = lists.setdefault(pin.parameter, list(self._own(("parameters", pin.parameter, "pin")) or ()))
             entry = {"at": list(pin.at), "value": float(f"{pin.value:.{DIGITS}g}")}
             if not any(isinstance(other, Mapping) and other.get("at") == entry["at"] for other in pins):

@@ -10,6 +10,7 @@ from kennfeld.project.section import KeyPath
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")  # also comments
 _SPACE = re.compile(r"[ \t]*")
+# a multi-line text may end with up to two quotes of its own before the three that close it
 _TEXT = re.compile(
     r'"""(?:\\.|[^\\])*?"{3,5}(?!")|' + r"'''.*?'{3,5}(?!')|" + r'"(?:\\.|[^"\\\n])*"|' + r"'[^'\n]*'", re.DOTALL
 )
@@ -97,6 +98,7 @@ class TomlKeys:
         path = self._resolve(names[:-1])
         if is_list:
             count = self._counts[(*path, names[-1])] = self._counts.get((*path, names[-1]), 0) + 1
+            # the first heading of a list stands for the list
             self.spans.setdefault((*path, names[-1]), KeySpan("heading", at, end, end))
             path = (*path, names[-1], count)
         else:

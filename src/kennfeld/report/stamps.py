@@ -50,6 +50,7 @@ class Stamps:
         """
         drawn, owners = np.concatenate(self.drawn), np.concatenate(self.owners)
         firsts, seconds, lasts = np.concatenate(self.pieces, axis=1)
+        # minimum and maximum of a group are drawn at the time of its first sample
         twice = drawn if self.whole else np.repeat(drawn, 2)
         if not self.timed:
             return twice, "sample", "", firsts[1:]

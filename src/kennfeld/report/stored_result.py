@@ -140,6 +140,7 @@ def read_result(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, An
     with _refuse_damaged(paths["result.json"]):
         contents = json.loads(paths["result.json"].read_text(encoding="utf-8"))
         contents = {**contents, KEY: dict(contents.get(KEY, {}))}
+    # first, since files of two runs can be read without an error
     require_one_run(folder, contents, READ)
     parameters = _parameters(paths["parameters.json"], problem)
     trace = _trace(paths["trace.csv"])

@@ -141,6 +141,7 @@ class Evidence:
         table = self._parameters[parameter]
         # places that no value can move are kept with the model, the others with these values
         indexes = self._model.indexes if parameter in self._model.unmoved else self._indexes
+        # what the places depend on besides the data; values are not among it
         key = recording.number, table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes), parameter
         if key not in indexes:
             if len(indexes) >= MAX_INDEXES:

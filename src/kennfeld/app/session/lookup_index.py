@@ -21,6 +21,7 @@ class LookupIndex:
 
     def __init__(self, table: Parameter, lookups: Iterable[Lookup]) -> None:
         self._table, axes = table, len(table.index_axes)
+        # 32 bits each: number and shares of a lookup of a map take 12 bytes
         samples, cells = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
         shares = [np.zeros((axes, 0), np.float32)]
         for lookup in lookups:

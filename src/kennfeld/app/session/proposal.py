@@ -75,6 +75,7 @@ def propose(
         if name not in own:
             yield _table(function, name, count, mapped, channels)
     for name in function.graph.inputs:
+        # an input that no channel has may be a parameter, which a section of its name makes it
         channel = mapped.get(name, name)
         if channel not in channels and name not in own and name not in settings.get("calculated", {}):
             yield Proposal(f"scalar {name}", [(("parameters", name), {"initial": 1.0})])

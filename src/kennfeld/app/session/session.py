@@ -438,6 +438,7 @@ class Session:
             raise InputError(Finding(Location(each.file), message, "Compare both first.") for each in conflicts)
         values = self._changed_values()
         if values is not None:
+            # changes the text of the project file, which is written below
             self._name_values(self.state.values)
         folder = self.path.parent
         try:
@@ -445,6 +446,7 @@ class Session:
             targets = {within(folder, name): text for name, text in self._edited_texts().items()}
             target = within(folder, VALUES)
             for path, text in targets.items():
+                # as bytes, so that line ends stay as they are
                 write_whole(path, text.encode())
             if values is not None:
                 write_parameters(values, target)
@@ -481,6 +483,7 @@ class Session:
         folder = self.path.parent
         texts = {name: _text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
+        # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
             self.do(Restore("Read from disk", texts=texts))

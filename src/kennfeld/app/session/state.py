@@ -46,6 +46,7 @@ class SessionState:
         return self.texts == other.texts and same_values(self.values, other.values)
 
     def __hash__(self) -> int:
+        # arrays have no hash; equal states have equal texts
         return hash(tuple(sorted(self.texts.items())))
 
 

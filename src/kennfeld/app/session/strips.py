@@ -56,6 +56,7 @@ def strip(
     last = min(int(np.searchsorted(position, end, side="right")) + 1, position.size)
     envelopes = [signals.envelope(recording, signal, only) for signal in chosen]
     lights = [] if lit is None else [signals.lit(recording, lit)]
+    # extremes would be as many points as the samples themselves
     if last - first <= 2 * pixels:
         here = slice(first, last)
         lines = [envelope.values[here] for envelope in (*envelopes, *lights)]

@@ -39,6 +39,8 @@ def torque(speed: Float, air: Float, spark: Float) -> Float:
 
 def torque_of_charge(n: Number, charge: Number, spark: Number) -> Number:
     """Return the torque in Nm at `n` in rad/s and a `charge` of air in g."""
+    # T = -181.3 + 379.36 m + 21.91 AF - 0.85 AF^2 + 0.26 s - 0.0028 s^2 + 0.027 n - 0.000107 n^2 + 0.00048 n s
+    #     + 2.55 s m - 0.05 s^2 m, with the charge m, the air-fuel ratio AF, the spark advance s and the speed n
     mixture = 21.91 * AIR_FUEL_RATIO - 0.85 * AIR_FUEL_RATIO**2
     timing = spark * (0.26 + 0.00048 * n + 2.55 * charge) - spark**2 * (0.0028 + 0.05 * charge)
     return -181.3 + 379.36 * charge + mixture + timing + 0.027 * n - 0.000107 * n**2
@@ -47,6 +49,7 @@ def torque_of_charge(n: Number, charge: Number, spark: Number) -> Number:
 def best_spark(speed: Float, air: Float) -> Float:
     """Return the spark advance in degrees with maximum torque."""
     n, charge = speed * (np.pi / 30), air * (FULL_CHARGE / 100)
+    # dT/ds = 0
     result: Float = (0.26 + 0.00048 * n + 2.55 * charge) / (2 * (0.0028 + 0.05 * charge))
     return result
 
