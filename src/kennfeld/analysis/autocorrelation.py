@@ -55,7 +55,7 @@ def autocorrelation(
 
 
 def count_lags(starts: Sequence[int] | Int, samples: int, most: int = MAX_LAGS) -> int:
-    """Return the greatest lag that is used, in samples."""
+    """Choose the greatest lag, in samples."""
     edges = [*(int(start) for start in starts), samples]
     return min(most, max((b - a for a, b in pairwise(edges)), default=0) // 4)
 

@@ -33,7 +33,7 @@ class ErrorRange:
 
     @classmethod
     def of(cls, error: Float) -> "ErrorRange":
-        """Return the range of errors, Float[samples]."""
+        """Measure the range of errors, Float[samples]."""
         known = error[~np.isnan(error)]
         finite = _finite(known)
         low, high = finite.min(initial=np.inf), finite.max(initial=-np.inf)
@@ -158,7 +158,7 @@ class RareErrors:
     possible: list[tuple[Float, Float]] = field(default_factory=list)  # other errors, and their leverages
 
     def part(self, error: Float, leverage: Float) -> "RareErrors":
-        """Return the same count over a part of a dataset: Float[samples], NaN if not scored."""
+        """Count over a part of a dataset: Float[samples], NaN if not scored."""
         size, root = np.abs(error), np.sqrt(1.0 - leverage)
         # beyond 3 for every s up to the upper bound, or for some s from the lower one on
         low, high = BEYOND * np.array(self.bounds) * (1 - ROUNDING, 1 + ROUNDING)

@@ -99,7 +99,7 @@ class Span:
 
 
 def line_chart(x: Float, y: Float, x_title: str, y_title: str, *, dots: bool = False) -> Html:
-    """Return a line over an axis with ticks.
+    """Draw a line over an axis with ticks.
 
     Args:
         x: Float[points].
@@ -120,7 +120,7 @@ def line_chart(x: Float, y: Float, x_title: str, y_title: str, *, dots: bool = F
 
 
 def strip(x: Float, y: Float, label: str) -> Html:
-    """Return a small line without axes; x and y are Float[points]."""
+    """Draw a small line without axes; x and y are Float[points]."""
     across, up = Span.of(x, 1, WIDTH - 1), Span.of(y, STRIP_HEIGHT - 3, 3)
     return _picture(STRIP_HEIGHT, label, [*_lines(x, y, across, up)])
 

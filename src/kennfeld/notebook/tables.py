@@ -52,7 +52,7 @@ def text_table(heading: Sequence[str], rows: Sequence[Sequence[Child]], words: i
 
 
 def number_table(values: Float, rows: Sequence[str], columns: Sequence[str], corner: str) -> Html:
-    """Return numbers on colours of their height, abbreviated if there are many.
+    """Show numbers on colours of their height, abbreviated if there are many.
 
     Args:
         values: Float[rows, columns].

@@ -22,7 +22,7 @@ from kennfeld.preprocessing.time_shift import shift_channels
 
 
 def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
-    """Return the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN.
+    """Evaluate the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN.
 
     Graphs with memory are simulated; their states restart at each piece and after each gap.
     """
@@ -41,7 +41,7 @@ def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
 
 
 def holds(condition: Graph, dataset: Dataset) -> Bool:
-    """Return the samples at which a condition is true, Bool[samples]; NaN counts as false."""
+    """Mark the samples at which a condition is true, Bool[samples]; NaN counts as false."""
     values = evaluate_expression(condition, dataset)
     true: Bool = np.isfinite(values) & (values != 0)
     return true

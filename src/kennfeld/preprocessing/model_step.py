@@ -104,7 +104,7 @@ def _refined_files(files: FileSpans, recorded: Int, samples: int) -> FileSpans:
 
 
 def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:
-    """Return a simulation at a model's finer step at the samples of the data only.
+    """Reduce a simulation at a model's finer step to the samples of the data only.
 
     Args:
         simulated: channels over the model's steps.

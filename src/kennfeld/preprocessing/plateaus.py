@@ -45,7 +45,7 @@ def steady_points(dataset: Dataset, entry: DatasetEntry) -> tuple[Dataset, Findi
 
 
 def segment_starts(time: Float, starts: Int, counts: Bool, max_gap: float) -> Int:
-    """Return the first sample of each segment without a gap, numbered among the samples that count.
+    """Find the first sample of each segment without a gap, numbered among the samples that count.
 
     A gap is a run of samples that do not count and lasts longer than `max_gap` from the sample before it to that after
     it, or a time step longer than that and than `PAUSE` usual ones. A piece starts a segment too.
@@ -73,7 +73,7 @@ def segment_starts(time: Float, starts: Int, counts: Bool, max_gap: float) -> In
 
 
 def first_in_band(values: Float, tolerance: float, starts: Int) -> Int:
-    """Return for each sample the first one from which the values up to it stay within a band of +-tolerance.
+    """Find for each sample the first one from which the values up to it stay within a band of +-tolerance.
 
     `values` Float[samples] and `tolerance` have the same unit; values in a band are at most two tolerances apart.
     `starts` are the first samples of the segments, Int[segments]. Runs in linear time, whatever the length of the
@@ -136,7 +136,7 @@ def _first_of_band(values: list[float], width: float) -> list[int]:
 
 
 def find_plateaus(time: Float, first: Int, window: float) -> list[tuple[int, int]]:
-    """Return the stretches of at least `window` s as first and last sample, in the order of time, without overlap.
+    """Find the stretches of at least `window` s as first and last sample, in the order of time, without overlap.
 
     `time` is in s, Float[samples], and `first` the result of `first_in_band`. If stretches overlap, the longest is kept
     whole, and the remainders of the others if they are long enough.
@@ -178,7 +178,7 @@ def _uncovered(begin: int, end: int, begins: Sequence[int], ends: dict[int, int]
 
 
 def longest_stretch(time: Float, first: Int) -> tuple[float, float]:
-    """Return the length of the longest stretch and its first time stamp, in s; there must be samples.
+    """Find the length of the longest stretch and its first time stamp, in s; there must be samples.
 
     `time` is in s, Float[samples]; `first` is the result of `first_in_band`, Int[samples].
     """
@@ -188,7 +188,7 @@ def longest_stretch(time: Float, first: Int) -> tuple[float, float]:
 
 
 def least_tolerance(time: Float, values: Float, starts: Int, window: float) -> float:
-    """Return the smallest tolerance that gives a stretch of `window` s; infinite if no segment is that long.
+    """Find the smallest tolerance that gives a stretch of `window` s; infinite if no segment is that long.
 
     `time` is in s, Float[samples]; `values` Float[samples] are in the unit of the tolerance; `starts` as in
     `first_in_band`.

@@ -77,7 +77,7 @@ def _values(codes: Codes) -> Float:
 
 
 def quantiles(run: Pass, probabilities: Sequence[float] | Float) -> Float:
-    """Return the quantiles of all values, as `numpy.quantile` does; an empty array if there are none.
+    """Compute the quantiles of all values, as `numpy.quantile` does; an empty array if there are none.
 
     Args:
         run: counts the digits of all values, in any number of parts.

@@ -22,7 +22,7 @@ from kennfeld.preprocessing.calculated import holds
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
-    """Return the product of all weights of each sample, Float[samples]; None if there are none. NaN counts as 0.
+    """Multiply all weights of each sample, Float[samples]; None if there are none. NaN counts as 0.
 
     Weights whose channels a dataset does not have are 1: test data need not have them.
     """
@@ -36,7 +36,7 @@ def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
 
 
 def has_weight(criterion: Criterion, bound: BoundDataset) -> Bool:
-    """Return the kept samples with a weight above 0, Bool[kept samples]; samples of weight 0 count as no data."""
+    """Mark the kept samples with a weight above 0, Bool[kept samples]; samples of weight 0 count as no data."""
     weights = None if criterion.internal else sample_weights(criterion, bound.dataset)
     return np.ones(bound.count, dtype=bool) if weights is None else weights[bound.kept] > 0
 

@@ -42,7 +42,7 @@ class CellNumbering:
         self._interpreter = Interpreter(lowered, ParameterSet())
 
     def numbers(self, columns: Mapping[str, Float], first: int, last: int) -> Int:
-        """Return a number for each sample of a range that is the same within a cell, Int[last - first]."""
+        """Number the samples of a range by their cells, Int[last - first]."""
         numbers = np.zeros(last - first, dtype=np.int64)
         for begin in range(first, last, SAMPLES_PER_LOOKUP):
             part = slice(begin, min(begin + SAMPLES_PER_LOOKUP, last))
@@ -78,7 +78,7 @@ def _data_coordinates(lowered: LoweredGraph) -> dict[int, int]:
 
 
 def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cells: CellNumbering) -> Iterator[Int]:
-    """Return the samples that have a target, block by block, those of a block sorted by cell."""
+    """Sort the samples that have a target by cell, block by block."""
     count = targets[0].size
 
     def sort_block(first: int) -> Int:

@@ -51,7 +51,7 @@ class HoldPlan:
         return {name: np.tile(column, points) for name, column in point.items()}
 
     def mean(self, values: Float) -> Float:
-        """Return the mean of each point over its window: Float[..., points * samples] -> Float[..., points]."""
+        """Average each point over its window: Float[..., points * samples] -> Float[..., points]."""
         windows = values.reshape(*values.shape[:-1], -1, self.samples)[..., self.samples - self.window :]
         mean: Float = windows.mean(axis=-1)
         return mean

@@ -61,7 +61,7 @@ class SkippedSamples:
     def of(
         cls, bound: BoundDataset, channels: Mapping[str, str], *, restarts: bool, recorded: Bool | None = None
     ) -> "SkippedSamples | None":
-        """Return the samples of a bound dataset that are not kept, None if all are.
+        """Collect the samples of a bound dataset that are not kept, None if all are.
 
         Args:
             bound: the dataset.

@@ -51,7 +51,7 @@ def _visited(parts: Sequence[Float], samples: Samples) -> Float:
 
 
 def read_samples(path: Path, inputs: int, scores: Float) -> StoredSamples | None:
-    """Return samples that were written as `sample_columns`; None if there are none at this path.
+    """Read samples that were written as `sample_columns`; None if there are none at this path.
 
     Args:
         path: the file.

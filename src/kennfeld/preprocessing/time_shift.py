@@ -28,7 +28,7 @@ def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
 
 
 def shifted_values(dataset: Dataset, shift: Mapping[str, float], first: int, last: int) -> dict[str, Float]:
-    """Return the channels that move, over the samples from `first` to before `last`; see `shift_channels`.
+    """Move channels over the samples from `first` to before `last`; see `shift_channels`.
 
     Of samples beyond that range, only those from which values move into it are read.
     """

@@ -17,7 +17,7 @@ LEVEL = 1  # of compression: the bytes of noise cannot be compressed, and others
 
 
 def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any]:
-    """Return numbers as text, each within half a step; NaN stays NaN.
+    """Code numbers as text, each within half a step; NaN stays NaN.
 
     Args:
         values: Float[samples]; infinite values are stored as NaN.
@@ -68,7 +68,7 @@ def _packed(content: np.ndarray[Any, np.dtype[np.uint8]]) -> str:
 
 
 def decode_numbers(coded: Mapping[str, Any]) -> Float:
-    """Return the numbers that `code_numbers` stored, Float[samples]."""
+    """Decode the numbers that `code_numbers` stored, Float[samples]."""
     count, planes = coded["count"], coded["planes"]
     raw = np.frombuffer(zlib.decompress(base64.b64decode(coded["data"])), np.uint8).reshape(planes, count)
     zigzag = sum((raw[plane].astype(np.int64) << (8 * plane) for plane in range(planes)), np.zeros(count, np.int64))

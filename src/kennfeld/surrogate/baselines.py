@@ -25,7 +25,7 @@ class LinearRecursion:
 
 
 def plane(x: Float, y: Float) -> Expansion:
-    """Return the plane of least squares through points Float[points, inputs] and values Float[points].
+    """Fit the plane of least squares through points Float[points, inputs] and values Float[points].
 
     >>> flat = plane(np.array([[0.0], [1.0], [2.0]]), np.array([1.0, 3.0, 5.0]))
     >>> round(float(flat(np.array([4.0]))), 9)
@@ -81,7 +81,7 @@ def free_run_rmse(model: LinearRecursion, pieces: Sequence[Recording], limits: t
 
 
 def free_run_residual(model: LinearRecursion, pieces: Sequence[Recording], limits: tuple[float, float]) -> Float:
-    """Return the residual at the samples that count, Float[samples]."""
+    """Simulate the free run, and return its residual at the samples that count, Float[samples]."""
     runs = Runs.of(pieces, model.lags, max(model.lags.output))
     residual: Float = (simulate(model.expansion, runs, limits).y - runs.target).T[runs.scored.T]
     return residual

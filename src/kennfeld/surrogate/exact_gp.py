@@ -60,7 +60,7 @@ def _free(points: TrainingPoints, plane: Plane) -> float:
 
 
 def exact_likelihood(values: Float, points: TrainingPoints, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
-    """Return the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
+    """Compute the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
 
     `values` and the gradient are Float[inputs + 1]. The points are in units of their spread. Raises `LinAlgError` if
     the matrix is not positive definite.
@@ -105,7 +105,7 @@ class Exact:
         return float(flat[0]), flat[1:], weights, x
 
     def left_out(self, blocks: Sequence[Int] | None = None) -> Float:
-        """Return the residual at each point of the process trained without the points of its block, Float[points].
+        """Compute the residual at each point of the process trained without the points of its block, Float[points].
 
         `blocks` are the numbers of points that are left out together; by default each point is left out alone.
         """

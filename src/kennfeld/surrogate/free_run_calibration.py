@@ -102,7 +102,7 @@ def calibrated_uncertainty(
     trains: bool = True,
     stopped: Stopped = never,
 ) -> FreeRunUncertainty | None:
-    """Return the uncertainty of a model, calibrated on free runs over blocks that are left out.
+    """Calibrate the uncertainty of a model on free runs over blocks that are left out.
 
     For each block, a model with the same length scales and regularisation is trained without it.
 

@@ -112,7 +112,7 @@ class LinearisedRun:
         return replace(self, free=free, slopes=slopes, shares=shares)
 
     def deviation(self, uncertainty: FreeRunUncertainty, unknown: Bool | None = None) -> Float:
-        """Return the standard deviation of a new measurement from each step, Float[steps, runs].
+        """Propagate the standard deviation of a new measurement from each step, Float[steps, runs].
 
         It is infinite where errors grow beyond all bounds, and NaN where the output is not a number.
 

@@ -211,7 +211,7 @@ class _Training:
         return Sparse.at(self.points, z, at.lengths, at.noise, at.kernel)
 
     def is_certain(self, candidates: Sequence[Hyperparameters], blocks: Int | None) -> Bool:
-        """Return the rows whose value is far from the model that was trained without them, Bool[rows]."""
+        """Mark the rows whose value is far from the model that was trained without them, Bool[rows]."""
         if self.used.all():
             return np.zeros(len(self.y), dtype=bool)
         best = self.choose(candidates, blocks, ~self.used)
@@ -292,7 +292,7 @@ class _Training:
         return bool(is_worth and gain.sum() > SIGNIFICANT * scatter)
 
     def choose(self, candidates: Sequence[Hyperparameters], blocks: Int | None, outliers: Bool) -> GaussianProcess:
-        """Return the process, or the plane, with the smallest residuals of points or blocks left out."""
+        """Choose the process, or the plane, with the smallest residuals of points or blocks left out."""
         together = self._together(blocks)
         plane = _plane_left_out(self.points, together)
         processes = [self.process(at) for at in candidates]

@@ -45,7 +45,7 @@ class Plane:
         return int(self.basis.shape[1])
 
     def without(self, values: Float) -> Float:
-        """Return Float[points, ...] without its projection onto the plane."""
+        """Remove from Float[points, ...] its projection onto the plane."""
         rest: Float = values - self.basis @ (self.basis.T @ values)
         return rest
 
@@ -61,7 +61,7 @@ def greedy_centres(
 
 
 def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Kernel = "gaussian") -> Int:
-    """Return indices of points, each the one with the largest remaining variance given those before.
+    """Select points by index, each the one with the largest remaining variance given those before.
 
     `x` Float[points, inputs] in the units of `lengths`. It is the pivoted Cholesky factorisation of the kernel matrix
     (D. R. Burt, C. E. Rasmussen, M. van der Wilk: Convergence of Sparse Variational Inference in Gaussian Processes
@@ -90,7 +90,7 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Ker
 
 
 def k_means(x: Float, count: int, seed: int) -> Float:
-    """Return `count` cluster means: Float[points, inputs] -> Float[count, inputs]; fewer if points coincide.
+    """Compute `count` cluster means: Float[points, inputs] -> Float[count, inputs]; fewer if points coincide.
 
     Lloyd's algorithm, begun with k-means++ (D. Arthur, S. Vassilvitskii, 2007).
     """
@@ -118,7 +118,7 @@ def _scatter(x: Float, count: int, rng: "np.random.Generator") -> Float:
 
 
 def gaussian_kernel(x: Float, z: Float, lengths: Float) -> Float:
-    """Return exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) of points and centres: Float[points, centres]."""
+    """Compute exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) of points and centres: Float[points, centres]."""
     a, b = x / lengths, z / lengths
     # |a - b|^2 = a'a - 2 a'b + b'b, one matrix product instead of an array [points, centres, inputs]
     exponent = a @ b.T
@@ -130,7 +130,7 @@ def gaussian_kernel(x: Float, z: Float, lengths: Float) -> Float:
 
 
 def kernel_matrix(x: Float, z: Float, lengths: Float, kernel: Kernel) -> tuple[Float, Float]:
-    """Return the kernel K between points and centres, and its decline G: both Float[points, centres].
+    """Compute the kernel K between points and centres, and its decline G: both Float[points, centres].
 
     dK_ij / d log lengths_d = G_ij ((x_id - z_jd) / lengths_d)^2; see `kernel_of_square`.
     """
@@ -145,7 +145,7 @@ def kernel_matrix(x: Float, z: Float, lengths: Float, kernel: Kernel) -> tuple[F
 
 
 def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
-    """Return sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d, Float[inputs].
+    """Compute sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d, Float[inputs].
 
     With `weighted` Float[points, centres] = dF/dK times the decline of K, this is the derivative of F by the logarithms
     of the lengths.

@@ -36,7 +36,7 @@ class HingeChoice:
 
 
 def select_hinges(points: TrainingPoints, groups: Sequence[Int]) -> HingeChoice:
-    """Return the hinges of points in units of spread; `groups` are the numbers of points that are left out together."""
+    """Select the hinges of points in units of spread; `groups` are the numbers of points that are left out together."""
     residuals = np.empty((MOST + 1, len(points)))
     everything = np.arange(len(points))
     for group in groups:

@@ -22,7 +22,7 @@ def filter_share(step: float, time_constant: float) -> float:
 
 
 def filtered_points(u: Float, delay: int, step: float, time_constants: Sequence[float]) -> Float:
-    """Return the inputs, then the inputs filtered by each time constant: Float[samples, inputs * (1 + filters)].
+    """Filter inputs by each time constant; the inputs themselves come first: Float[samples, inputs * (1 + filters)].
 
     `u` Float[samples, inputs] is read `delay` samples late, and has its first value before the recording.
     """

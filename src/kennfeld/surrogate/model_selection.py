@@ -131,7 +131,7 @@ def choose_regularisation(
     report: Callable[[str], None] = lambda line: None,
     stopped: Stopped = never,
 ) -> ModelChoice:
-    """Return the length scales and `hold` with the least RMSE over the blocks left out.
+    """Choose the length scales and `hold` with the least RMSE over the blocks left out.
 
     `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses. Beside them,
     equal lengths are tried: what is likely one step ahead need not run freely, and others may be nearly as likely.

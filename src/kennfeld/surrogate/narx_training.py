@@ -103,7 +103,7 @@ class TrainedValues:
         return Expansion(self.height * values[0] - float(slopes @ self.centre), slopes, weights, centres, widths)
 
     def direct(self, expansion: Expansion, x: Float, own: int) -> tuple[Float, Float]:
-        """Return df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
+        """Compute df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
         from scipy.linalg import solve_triangular
 
         plane = [np.ones((len(x), 1)), (x - self.centre) / self.spread]
@@ -253,7 +253,7 @@ def train_over_horizons(
 def one_step_lengths(
     runs: Runs, centres: int, limits: tuple[float, float], starts: int, seed: int, stopped: Stopped = never
 ) -> Float:
-    """Return the length scale of each number of a point, in units of its spread, by the highest likelihood."""
+    """Search the length scale of each number of a point, in units of its spread, by the highest likelihood."""
     x, y = _within_limits(runs, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height

@@ -14,7 +14,7 @@ NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviati
 
 
 def far_inputs(x: Float) -> Bool:
-    """Return the rows of Float[rows, inputs] in which an input is far from all others, Bool[rows].
+    """Mark the rows of Float[rows, inputs] in which an input is far from all others, Bool[rows].
 
     >>> np.flatnonzero(far_inputs(np.append(np.arange(50.0), 1e6)[:, None]))
     array([50])
@@ -28,7 +28,7 @@ def far_inputs(x: Float) -> Bool:
 
 
 def gross_errors(x: Float, y: Float) -> Bool:
-    """Return the rows whose value differs from those of its neighbours by far more than these differ, Bool[rows].
+    """Mark the rows whose value differs from those of its neighbours by far more than these differ, Bool[rows].
 
     A value is compared with the median over the nearest points, in robust deviations of these or, if it is larger, of
     all such differences. `x` Float[rows, inputs] is in units of spread.

@@ -211,7 +211,7 @@ class _Exponents:
         self._constant[:used] = 0.5 * np.sum(distances**2 * steep, axis=1)
 
     def at(self, x: Float) -> Float:
-        """Return the exponents at points Float[points, inputs] -> Float[points, size]."""
+        """Compute the exponents at points Float[points, inputs] -> Float[points, size]."""
         # -1/2 (x - z)^2 / s^2 = x z / s^2 - 1/2 x^2 / s^2 - 1/2 z^2 / s^2
         shifted = x - self._middle
         exponent: Float = np.concatenate([shifted, shifted**2], axis=-1) @ self._table
@@ -220,7 +220,7 @@ class _Exponents:
 
 
 def basis_values(expansion: Expansion, x: Float) -> Float:
-    """Return the Gaussian bell of each centre at points Float[points, inputs] -> Float[points, centres]."""
+    """Evaluate the Gaussian basis function of each centre at points Float[points, inputs] -> Float[points, centres]."""
     exponent = _Exponents(expansion.centres, expansion.widths, expansion.size).at(x)
     return np.exp(exponent, out=exponent)
 

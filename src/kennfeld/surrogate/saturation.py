@@ -29,7 +29,7 @@ class Saturation:
 
 
 def find_saturation(outputs: Sequence[Float]) -> list[Saturation]:
-    """Return where the outputs of recordings, Float[samples] each, saturate: at most one minimum and one maximum.
+    """Find where the outputs of recordings, Float[samples] each, saturate: at most one minimum and one maximum.
 
     An output saturates where many more samples lie at the end of its range than just inside of it, which also holds for
     a level with noise. An output that jumps between levels has gaps beside all of them, not only at the ends, and does

@@ -25,7 +25,7 @@ BLOCK = 4096
 
 
 def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
-    """Return the bound F and its gradient, by the logarithms of the lengths and of eta, the last.
+    """Compute the bound F and its gradient, by the logarithms of the lengths and of eta, the last.
 
     `values` and the gradient are Float[inputs + 1]. The points and the inducing inputs `z` Float[centres, inputs] are
     in units of spread; `plane` is weighted. Raises `LinAlgError` if a matrix is not positive definite.
@@ -192,7 +192,7 @@ class Sparse:
         return float(flat[0]), flat[1:], weights, self.z
 
     def left_out(self, blocks: Sequence[Int] | None = None) -> Float:
-        """Return the residual at each point of the process without its block, with fixed lengths and inducing inputs.
+        """Compute the residual at each point of the process without its block, with fixed lengths and inducing inputs.
 
         `blocks` are the numbers of points that are left out together; by default each point is left out alone. With
         H = rows rows' of the rows of `_projections`, the residual is (I - H_BB)^-1 (y - mean)_B.

@@ -97,7 +97,7 @@ def train_static(
 
 
 def recording_blocks(training: Sequence[_UsableSamples], seed: int) -> Int | None:
-    """Return the number of the block of each row; None for steady-state points, each of which is left out alone.
+    """Number the block of each row; None for steady-state points, each of which is left out alone.
 
     Neighbouring samples of a recording are nearly the same, so that leaving out one of them says nothing. Rows of
     steady-state points beside a recording are distributed over the blocks by chance.

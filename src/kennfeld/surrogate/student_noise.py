@@ -11,7 +11,7 @@ TRIMMED = 0.1  # share of the rows at either end that do not count
 
 
 def student_scale(residual: Float) -> float:
-    """Return the scale of highest likelihood of residuals Float[rows] about 0, by expectation and maximisation.
+    """Estimate the scale of highest likelihood of residuals Float[rows] about 0, by expectation and maximisation.
 
     K. L. Lange, R. J. A. Little, J. M. G. Taylor: Robust statistical modeling using the t distribution, 1989.
 
@@ -27,7 +27,7 @@ def student_scale(residual: Float) -> float:
 
 
 def student_gain(normal: Float, student: Float) -> float:
-    """Return the log-likelihood per row that Student noise gains over normal noise, a trimmed mean.
+    """Compute the log-likelihood per row that Student noise gains over normal noise, a trimmed mean.
 
     Each has the scale that is likeliest for its own residuals Float[rows]; a few rows at either end do not count.
     """

@@ -46,7 +46,7 @@ class SurrogateQuality:
 
 
 def quality_of(dataset: str, use: Use, mode: Mode, residual: Float, target: Float) -> SurrogateQuality:
-    """Return the quality for residuals and targets, each Float[samples]; R2 is NaN if the target is constant."""
+    """Score residuals against targets, each Float[samples]; R2 is NaN if the target is constant."""
     with np.errstate(over="ignore", invalid="ignore"):
         square = float(np.sum(residual**2))
         varying = target - target[:1]  # exactly 0 if the target is constant

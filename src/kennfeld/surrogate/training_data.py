@@ -33,7 +33,7 @@ def _location(dataset: Dataset) -> Location:
 
 
 def extract_points(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float, Int]:
-    """Return points Float[points, inputs], values Float[points] and sample numbers Int[points], the first being 0.
+    """Extract points Float[points, inputs], values Float[points] and sample numbers Int[points], the first being 0.
 
     They are the scored samples without missing values.
     """
@@ -151,7 +151,7 @@ class Scaling:
 
     @classmethod
     def of(cls, x: Float, y: Float) -> "Scaling":
-        """Return the scaling of points Float[points, inputs] and values Float[points]; 1 for a constant output."""
+        """Measure the scaling of points Float[points, inputs] and values Float[points]; 1 for a constant output."""
         height = float(y.std())
         return cls(x.mean(0), x.std(0), float(y.mean()), height if height > 0 else 1.0)
 
@@ -189,7 +189,7 @@ class Scaling:
 
 
 def check_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float, Float]:
-    """Return points and values as arrays, after the checks that every training needs.
+    """Check points and values as every training needs, and return them as arrays.
 
     Args:
         x: Float[points, inputs].

@@ -102,7 +102,7 @@ class Deviation:
         return deviation.reshape(shape)
 
     def open_share(self, x: Float, near: Float | None = None) -> Float:
-        """Return the share of `signal` that the centres leave open at points Float[points, inputs] -> Float[points].
+        """Compute the share of `signal` that the centres leave open at points Float[points, inputs] -> Float[points].
 
         `near` Float[points, centres] is the kernel between points and centres, if it is known.
         """
@@ -135,7 +135,7 @@ def _inverse(root: Float) -> Float:
 
 
 def calibrated(uncertainty: Uncertainty, expansion: Expansion, x: Float, residual: Float) -> Uncertainty:
-    """Return the uncertainty scaled so that two deviations cover 95.45 % of left-out residuals Float[points] at x.
+    """Scale the uncertainty so that two deviations cover 95.45 % of left-out residuals Float[points] at x.
 
     V. Vovk, A. Gammerman, G. Shafer: Algorithmic Learning in a Random World, 2005 (conformal prediction).
     """

@@ -50,7 +50,7 @@ class Validity:
 
     @classmethod
     def around(cls, x: Float, lengths: Float, seed: int = 0) -> "Validity":
-        """Return the range of training points Float[points, inputs].
+        """Measure the range of training points Float[points, inputs].
 
         Distances are in units of the length scales, limited to one octave below the spread times sqrt(inputs / 2): even
         a model that does not depend on an input knows nothing of values outside the data.
@@ -65,7 +65,7 @@ class Validity:
         return replace(result, threshold=threshold)
 
     def distance(self, x: Float) -> Float:
-        """Return the measure at points Float[..., inputs], from 0 to 1."""
+        """Compute the measure at points Float[..., inputs], from 0 to 1."""
         from scipy.linalg import solve_triangular
 
         shape = np.shape(x)[:-1]

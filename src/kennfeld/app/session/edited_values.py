@@ -64,7 +64,7 @@ def moved_axes(initial: ParameterSet, now: ParameterSet) -> list[AxisKey]:
 def with_edits(
     initial: ParameterSet, values: Mapping[str, Float], tables: Mapping[str, Parameter]
 ) -> tuple[ParameterSet, tuple[Finding, ...]]:
-    """Return the initial parameters with edited values, and a warning for each table whose breakpoints have changed.
+    """Put edited values on the initial parameters, and return a warning for each table whose breakpoints have changed.
 
     Args:
         initial: the parameters as the project reads them; returned as they are if there is nothing to change.

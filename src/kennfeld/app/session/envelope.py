@@ -27,7 +27,7 @@ class PixelEnvelope:
             self._levels.append((np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)))
 
     def extremes(self, edges: Int) -> tuple[Float, Float]:
-        """Return the minimum and the maximum of the samples from each edge up to the next.
+        """Find the minimum and the maximum of the samples from each edge up to the next.
 
         Args:
             edges: sample numbers, not decreasing; Int[pixels + 1]. With many samples a pixel they are rounded to blocks

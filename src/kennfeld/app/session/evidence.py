@@ -84,7 +84,7 @@ class Evidence:
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
     def mean_errors(self, parameter: str, errors: Sequence[Float]) -> Float:
-        """Return the mean error of the training samples that inform each value of a table, weighted by their lookups.
+        """Average the errors of the training samples that inform each value of a table, weighted by their lookups.
 
         Args:
             parameter: name of the table.
@@ -150,7 +150,7 @@ class Evidence:
         return indexes[key]
 
     def passed(self, recording: LiveDataset, chosen: Bool) -> Mapping[str, Float]:
-        """Return by table the summed weights with which chosen samples look up each of its values.
+        """Sum by table the weights with which chosen samples look up each of its values.
 
         Args:
             recording: the dataset.

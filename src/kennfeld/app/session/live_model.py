@@ -214,17 +214,17 @@ class LiveModel:
         return Evaluation(parameters, tuple(errors), tuple(outputs), tuple(each.use for each in self.recordings))
 
     def nodes(self, recording: LiveDataset, names: Sequence[str], parameters: ParameterSet) -> Float:
-        """Return named nodes of the function over the samples of a dataset, Float[names, samples]."""
+        """Simulate named nodes of the function over the samples of a dataset, Float[names, samples]."""
         simulator = self._simulator(tuple(names), parameters)
         return recording.as_shown(simulator.values(recording.bound, parameters))
 
     def nodes_at(self, recording: LiveDataset, names: Sequence[str], sample: int, parameters: ParameterSet) -> Float:
-        """Return named nodes of the function at one sample of a dataset, Float[names]."""
+        """Simulate named nodes of the function at one sample of a dataset, Float[names]."""
         simulator = self._simulator(tuple(names), parameters)
         return recording.at_sample(sample, lambda bound, at: simulator.at(bound, at, parameters))
 
     def slopes_at(self, recording: LiveDataset, sample: int, parameters: ParameterSet) -> Mapping[str, Float]:
-        """Return by table the slopes of all criteria at one sample of a dataset, see `SampleSlopes.at`."""
+        """Compute by table the slopes of all criteria at one sample of a dataset, see `SampleSlopes.at`."""
         key = _axes(parameters)
         if key not in self._slopes:
             self._slopes = {key: SampleSlopes(self.problem, parameters)}

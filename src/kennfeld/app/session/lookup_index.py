@@ -36,7 +36,7 @@ class LookupIndex:
         self._ends = np.searchsorted(cell[order], np.arange(int(np.prod(cell_shape(table))) + 1))
 
     def near(self, value: int, reach: int) -> tuple[Int, Float, Float]:
-        """Return the lookups in at most `reach` cells on each side of a grid point.
+        """Find the lookups in at most `reach` cells on each side of a grid point.
 
         Args:
             value: number of the grid point in C order.
@@ -75,7 +75,7 @@ class LookupIndex:
         return np.array([_coordinate(axis.breakpoints, cell, share[chosen]) for axis, cell, share in axes])
 
     def sums(self, values: Float) -> tuple[Float, Float]:
-        """Return for each grid point the values summed with its weight in each lookup, and the sum of these weights.
+        """Sum for each grid point the values with its weight in each lookup, and these weights.
 
         Args:
             values: by sample, Float[samples]; NaN does not count.

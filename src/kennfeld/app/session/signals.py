@@ -128,7 +128,7 @@ class Signals:
         return self.envelope(recording, signal).values
 
     def selected(self, recording: LiveDataset, selection: SampleSelection) -> Bool:
-        """Return the selected samples of a dataset, Bool[samples]; NaN is in no range."""
+        """Mark the selected samples of a dataset, Bool[samples]; NaN is in no range."""
         chosen = (recording.position >= selection.begin) & (recording.position <= selection.end)
         for part in selection.ranges:
             values = self.values(recording, part.signal)
