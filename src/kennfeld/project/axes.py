@@ -193,6 +193,7 @@ class Axes:
         if not quantity:
             self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".')
             return None
+        # only inputs have channels of other names; anything else is named as in the data
         channel = self._file.channels.get(quantity, quantity) if quantity in graph.inputs else quantity
         if any(channel in data for data in training):
             return DataColumn(channel)

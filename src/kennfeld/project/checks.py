@@ -313,6 +313,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
 def _unless_refused(findings: Iterable[Finding], subject: str, file: ProjectFile) -> list[Finding]:
     """Return the findings of a check; a remark if code that it evaluates was not run."""
     try:
+        # generators raise while they run, that is here
         return list(findings)
     except CodeNotRunError as error:
         [refusal] = error.findings

@@ -322,6 +322,7 @@ class ProblemBuilder:
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of unused calculated channels."""
+        # a search in the text is enough to keep a needless warning away
         conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
         conditions += " ".join(["", *(part.channel for entry in self.file.datasets for part in entry.steady)])
         if self.function is None:

@@ -325,6 +325,7 @@ class Project:
         from kennfeld.files.calibrations import IMAGE_ENDINGS
 
         path, calibration = Path(path), self.file.calibration
+        # an A2L file beside the image precedes those of the project
         own = path.with_suffix(".a2l")
         if path.suffix.lower() not in IMAGE_ENDINGS or own.is_file():
             return read(path)

@@ -55,6 +55,7 @@ def key_changes(
     writer = _Writer(problem, settings, chosen or {})
     changes, titles, kinds = list[Change](), list[str](), list[str]()
     for kind, title, change in writer.parts(remedy):
+        # a remedy that the file can hold in part only is not offered
         if change is None:
             return None
         kinds.append(kind)

@@ -40,6 +40,7 @@ class Pictures:
 
 def strip(drawing: Drawing) -> Figure:
     """Return measured and calculated signal and the error over time or sample number, some pieces marked."""
+    # of many pieces every nth beginning is marked, n rounded up
     x, title, unit, pieces = drawing.points.stamps.along()
     groups, detail = drawing.plan.groups, drawing.points.detail
     details = {}

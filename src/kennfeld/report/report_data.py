@@ -147,6 +147,7 @@ class ReportData:
     @property
     def numbered(self) -> dict[int, Residuals]:
         """The residuals by the number of their criterion."""
+        # residuals are in the order of the criteria, without those that score no sample
         return dict(zip(sorted({fit.number for fit in self.fits}), self.residuals, strict=True))
 
     @cached_property

@@ -249,6 +249,7 @@ def _select(row: Any, *names: str) -> dict[str, Any]:
 
 
 def _known(value: Any) -> Any:
+    # null stands for NaN
     return float("nan") if value is None else value
 
 

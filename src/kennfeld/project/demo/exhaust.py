@@ -46,6 +46,7 @@ def _record(name: str, samples: int, seed: int, use: Use) -> Dataset:
     air = _lag(settled, diesel_drive.turbo_lag(speed))
     flow = diesel_drive.air_flow(speed, air)
     temperature = _lag(diesel_drive.settled_temperature(speed, fuel), diesel_drive.lag(flow))
+    # far from the seed of the drive, so that both are independent
     noise = np.random.default_rng(seed + 1_000_000).normal(0.0, NOISE, samples)
     channels = (
         Channel("Speed", speed.round(1), "rpm"),

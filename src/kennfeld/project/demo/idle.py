@@ -47,6 +47,7 @@ def recording(name: str, minutes: float, seed: int, use: Use = "training") -> Da
     """Simulate an engine on a bench: throttle and load change in random steps, the speed is recorded with noise."""
     rng, samples = np.random.default_rng(seed), round(60 * minutes / STEP)
     throttle, load = random_steps(rng, samples, THROTTLE, 10, 100), random_steps(rng, samples, LOAD, 50, 300)
+    # rounded before the simulation: the recording has exactly the inputs that the engine had
     throttle, load = throttle.round(2), load.round(1)
     speed = simulate_engine(throttle, load, STEP) + rng.normal(0.0, NOISE, samples)
     channels = (
