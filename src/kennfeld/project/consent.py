@@ -64,6 +64,7 @@ def _references(file: ProjectFile, text: str | None) -> Iterator[tuple[str, str]
     if importer_of_function(file.model.file) is not None:
         yield "", file.model.file
         return
+    # a name in the text need not be a call: to ask for too much is safe, to ask for too little is not
     yield from ((name, each) for name, each in file.functions.items() if text is None or name in text)
 
 

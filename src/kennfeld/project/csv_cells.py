@@ -5,6 +5,7 @@ can start programs or send data away. An apostrophe in front makes it a text the
 """
 
 MARK = "'"
+# the list of OWASP, "CSV Injection"
 _BEGINS = ("=", "+", "-", "@", "\t", "\r")
 
 
