@@ -67,9 +67,7 @@ def test_a_project_is_calibrated_with_the_importer_of_the_documentation(project)
 
 
 def test_formula_text_calls_its_functions(project):
-    (project.parent / "gross.kf").write_text(
-        "input load\ninput speed\ngross = sum(load, speed)", encoding="utf-8"
-    )
+    (project.parent / "gross.kf").write_text("input load\ninput speed\ngross = sum(load, speed)", encoding="utf-8")
     text = PROJECT.replace("torque.sum", "gross.kf").replace('"torque"', '"gross"')
     project.write_text(f'{text}\n[functions]\nsum = "torque.sum"\n', encoding="utf-8")
     assert list(Project.read(project).problem().parameters) == ["sum.k", "sum.m"]

@@ -76,6 +76,8 @@ class ErrorCounts:
         for name in ("target", "finite", "before", "after", "relative"):
             getattr(self, name).merge(getattr(later, name))
         first, low, high = self.steps
+        # a part whose pieces have one sample each has no step
+        first = later.steps[0] if np.isnan(first) else first
         self.steps = first, float(np.fmin(low, later.steps[1])), float(np.fmax(high, later.steps[2]))
 
     @property

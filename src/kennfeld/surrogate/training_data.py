@@ -112,8 +112,7 @@ def split_recordings(
         ]
         scored = np.ones(at.size, dtype=bool)
         if dataset.scored is not None:
-            nearest_sample = np.clip(np.searchsorted(time, at - 0.5 * step), 0, time.size - 1)
-            scored = dataset.scored[piece][nearest_sample]
+            scored = dataset.scored[piece][_nearest_samples(time, at)]
         table = np.column_stack(columns)
         complete = np.isfinite(table).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], complete.astype(int), [0]])))
@@ -121,6 +120,17 @@ def split_recordings(
             if end - first >= SHORTEST:
                 recordings.append(Recording(table[first:end, :-1], table[first:end, -1], scored[first:end]))
     return recordings
+
+
+def _nearest_samples(time: Float, at: Float) -> Int:
+    """Return the number of the sample nearest to each time.
+
+    >>> _nearest_samples(np.array([0.0, 1.0, 2.0]), np.array([-1.0, 0.4, 0.6, 9.0])).tolist()
+    [0, 0, 1, 2]
+    """
+    later = np.minimum(np.searchsorted(time, at), time.size - 1)
+    before = np.maximum(later - 1, 0)
+    return np.where(at - time[before] < time[later] - at, before, later)
 
 
 def _resample(values: Float, time: Float, at: Float, max_gap: float, held: bool) -> Float:

@@ -37,8 +37,11 @@ def equal_neurons(graph: Graph, parameters: ParameterSet) -> dict[str, tuple[int
         columns = [block.values[:, neurons]]
         for name in dict.fromkeys(name for _, name, _ in following):
             rows = {number: row for number, other, row in following if other == name}
-            if len(rows) == len(neurons):
-                columns.append(parameters[name].values[[rows[number] for number in neurons]].T)
+            weights = np.zeros((len(neurons), parameters[name].values.shape[1]))  # 0 from neurons that it does not use
+            for at, number in enumerate(neurons):
+                if number in rows:
+                    weights[at] = parameters[name].values[rows[number]]
+            columns.append(weights.T)
         if count := _count_equal(np.vstack(columns).T, odd=layer.activation in ("tanh", "identity")):
             counts[layer.name] = count, layer.outputs
     return counts
