@@ -241,5 +241,5 @@ class Own {
     steps = np.concatenate([[time[1] - time[0]], np.diff(time)])
     summed = np.cumsum(u * steps)
     (output,) = model.graph.outputs
-    found = kf.simulate(model, {"time": time, "u": u}, {})[output].values
-    np.testing.assert_allclose(found, summed + np.concatenate([[0.0], summed[:-1]]), rtol=1e-12, atol=1e-13)
+    simulated = kf.simulate(model, {"time": time, "u": u}, {})[output].values
+    np.testing.assert_allclose(simulated, summed + np.concatenate([[0.0], summed[:-1]]), rtol=1e-12, atol=1e-13)

@@ -127,7 +127,7 @@ def test_members_outside_of_the_folder_are_refused(tmp_path, member):
         read_archive(path)
 
 
-def test_what_a_damaged_archive_quotes_is_one_short_line(tmp_path):
+def test_the_message_of_a_damaged_archive_is_one_short_line(tmp_path):
     path = pack(tmp_path / "lag.fmu", description_2())
     raw = path.read_bytes()
     at = raw.index(b"PK\x03\x04") + 26  # the length of the name, which reaches far into the description

@@ -70,7 +70,7 @@ def test_a_step_goes_on_with_its_own_states(jumping):
     np.testing.assert_allclose(results[:, 0], (U - points[:, 1]) / TAU)
 
 
-def test_a_calibration_says_that_slopes_miss_how_events_move(jumping):
+def test_a_calibration_reports_that_slopes_ignore_moving_events(jumping):
     model = fmu(jumping, step=0.1)
     data = {"time": np.arange(41) * 0.1, "u": np.full(41, U)}
     data["m"] = kf.simulate(model, data, {"tau": 0.8})["y"].values
@@ -89,7 +89,7 @@ def test_conditions_on_the_time_follow_announced_events(tmp_path, version):
 
 
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
-def test_events_that_count_are_refused(tmp_path, version):
+def test_events_at_times_are_refused(tmp_path, version):
     other = '<CoSimulation modelIdentifier="signals"/>'
     path = build_signals(tmp_path, version, "-DCOUNTER", interfaces=other)
     with pytest.raises(InputError, match=r"has events at times.* Choose its co-simulation"):

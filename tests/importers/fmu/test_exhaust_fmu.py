@@ -58,5 +58,5 @@ def test_both_calibrate_to_the_same_parameters(problem, tmp_path, directional):
     by_fmu = kf.calibrate(model, data, {}, "target", options=options)
     assert by_fmu.cost_after == pytest.approx(by_formula.cost_after, rel=1e-9)
     for name in ("MapSettled", "CurveTimeConstant"):
-        found, expected = (result.parameters[name].values for result in (by_fmu, by_formula))
-        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        fitted, expected = (result.parameters[name].values for result in (by_fmu, by_formula))
+        np.testing.assert_allclose(fitted, expected, rtol=1e-6)

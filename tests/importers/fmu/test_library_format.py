@@ -46,7 +46,7 @@ def elf(processor=62, bits=64, order="<", length=1000):
         (b"", 0, "x86_64", "it is not a library of Linux"),
     ],
 )
-def test_what_speaks_against_a_library_is_named(raw, size, machine, problem):
+def test_reasons_against_a_library_are_named(raw, size, machine, problem):
     assert elf_problem(raw, size, machine) == problem
 
 

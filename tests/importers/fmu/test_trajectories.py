@@ -42,7 +42,7 @@ def test_pieces_start_anew(tank):
 
 
 @pytest.mark.parametrize(("fault", "words"), [(2, "discarded"), (3, "an error"), (4, "fatal"), (5, "did not complete")])
-def test_a_failed_step_gives_nan_from_there_on_and_is_said_once(tmp_path, caplog, fault, words):
+def test_a_failed_step_gives_nan_from_there_on_and_one_warning(tmp_path, caplog, fault, words):
     model = fmu(build(tmp_path, 2))
     data = recording()
     for _ in range(2):
@@ -195,7 +195,7 @@ def test_calibration_finds_parameters_through_the_memory_of_an_fmu(tank):
         assert result.parameters[name].value == pytest.approx(value, rel=1e-7)
 
 
-def test_an_input_that_is_not_a_number_ends_the_trajectory(tank, caplog):
+def test_a_nan_input_ends_the_trajectory(tank, caplog):
     model = kf.formula("y = tank.y(flow, mode, sqrt(1.05 - t))", functions={"tank": tank})
     y = kf.simulate(model, recording(), {})["y"].values
     assert np.isnan(y).tolist() == [n >= 12 for n in range(COUNT)]  # from the step on that has this input

@@ -144,7 +144,7 @@ def slopes_of(table, tmp_path, kind, x):
     return table.verdict(case, tmp_path).slopes
 
 
-def test_wrong_slopes_are_told_from_kinks(table, tmp_path, monkeypatch):
+def test_wrong_slopes_are_distinguished_from_kinks(table, tmp_path, monkeypatch):
     assert slopes_of(table, tmp_path, "Tanh", 0.5) == table.SAME
     assert slopes_of(table, tmp_path, "Floor", 0.5) == table.CONSTANT
     assert slopes_of(table, tmp_path, "Abs", 0.0) == table.SAME  # at a point nearby

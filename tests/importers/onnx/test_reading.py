@@ -253,7 +253,7 @@ def test_an_input_of_unknown_shape_is_refused_by_name(tmp_path):
     )
 
 
-def test_an_input_that_is_no_tensor_is_refused(tmp_path):
+def test_an_input_other_than_a_tensor_is_refused(tmp_path):
     sequence = helper.make_tensor_sequence_value_info("x", TensorProto.FLOAT, [1])
     output = helper.make_tensor_value_info("y", TensorProto.FLOAT, [1])
     graph = helper.make_graph([helper.make_node("ConcatFromSequence", ["x"], ["y"], axis=0)], "g", [sequence], [output])

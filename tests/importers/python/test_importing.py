@@ -97,7 +97,7 @@ def test_the_exhaust_model_calibrates_to_the_parameters_of_the_formula(name, tmp
         np.testing.assert_allclose(values, expected, rtol=1e-6)
 
 
-def test_what_is_wrong_with_a_function_is_said_with_lines(tmp_path):
+def test_errors_of_a_function_are_reported_with_lines(tmp_path):
     text = "def step(a, b='x', c=[1], *rest):\n    if a:\n        return a, b\n    return a\n"
     message = _problems(text, tmp_path)
     assert "f.py line 1: the default of b must be a number, got 'x'" in message

@@ -137,7 +137,7 @@ def test_code_may_write_files_that_it_names(main: Path) -> None:
     "text",
     ["import main\n", "import helper.gone\n", "from ... import x\n", "x = 'a\\0b'\n", "x = '*[*'\n", "x = '/'\n"],
 )
-def test_odd_imports_and_texts_are_no_obstacle(main: Path, text: str) -> None:
+def test_odd_imports_and_texts_are_accepted(main: Path, text: str) -> None:
     main.write_text(f"{text}\n\ndef f(x):\n    return x\n", encoding="utf-8")
     assert main not in find_loaded_files(main).others
 

@@ -50,11 +50,11 @@ class Reference:
 
     def label(self, name):
         """The actions of a state: (kinds, code)."""
-        found = []
+        actions = []
         for line in self.chart.states[name].split("\n")[1:]:
             kinds, _, code = line.partition(":")
-            found.append(([kind.strip() for kind in re.split(r",(?![^(]*\))", kinds)], code))
-        return found
+            actions.append(([kind.strip() for kind in re.split(r",(?![^(]*\))", kinds)], code))
+        return actions
 
     def truth(self, text, owner):
         text = text.replace("&&", " and ").replace("||", " or ").replace("!=", "~~").replace("!", " not ")
@@ -80,10 +80,10 @@ class Reference:
 
     def happens(self, text, owner):
         for event in filter(None, (part.strip() for part in text.split("|"))):
-            found = re.match(r"(after|before|at|every)\((.*),\s*(\w+)\)", event)
-            base = found[3] if found else event
+            match = re.match(r"(after|before|at|every)\((.*),\s*(\w+)\)", event)
+            base = match[3] if match else event
             now = base in ("sec", "msec") or self.event == (None if base == "tick" else base)
-            if now and (not found or self.truth(event, owner)):
+            if now and (not match or self.truth(event, owner)):
                 return True
         return not text.strip()
 
@@ -187,9 +187,9 @@ class Reference:
                 return (self.chart.parents.get(one[1], ""), *way)
             if not list(self.arrows(one[1])):
                 return "end"
-            found = self.search(one[1], owner, *way)
-            if found:
-                return found
+            state = self.search(one[1], owner, *way)
+            if state:
+                return state
         return None
 
     def leave_children(self, name):
@@ -245,8 +245,8 @@ class Reference:
 
 def parted(label):
     """The event, condition, condition action and transition action of a label."""
-    found = re.match(r"([^\[{/]*)(?:\[(.*?)\])?\s*(?:\{(.*?)\})?\s*(?:/\s*\{?(.*?)\}?)?$", label, re.DOTALL)
-    return tuple((part or "").strip() for part in found.groups())
+    match = re.match(r"([^\[{/]*)(?:\[(.*?)\])?\s*(?:\{(.*?)\})?\s*(?:/\s*\{?(.*?)\}?)?$", label, re.DOTALL)
+    return tuple((part or "").strip() for part in match.groups())
 
 
 def lone(actions, data=IO, **options):
@@ -276,11 +276,11 @@ def muxed(drawn, names, end):
 
 
 def both(chart, folder, columns, outputs=("y",), parameters=None, layout="slx parts"):
-    """What the import computes and what the interpreter does, for each output."""
-    given = parameters or {}
-    model = imported(drawn_chart(chart, tuple(columns), outputs), folder, layout, parameters=[given] if given else [])
-    found = run(model, columns)
-    reference = Reference(chart, **given)
+    """Return the results of the import and of the interpreter, for each output."""
+    values = parameters or {}
+    model = imported(drawn_chart(chart, tuple(columns), outputs), folder, layout, parameters=[values] if values else [])
+    recorded = run(model, columns)
+    reference = Reference(chart, **values)
     count = len(next(iter(columns.values())))
     steps = [reference.step(**{name: float(column[at]) for name, column in columns.items()}) for at in range(count)]
-    return [(found[f"{name}_out"], np.array([step[name] for step in steps])) for name in outputs]
+    return [(recorded[f"{name}_out"], np.array([step[name] for step in steps])) for name in outputs]

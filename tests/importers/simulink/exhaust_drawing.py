@@ -93,15 +93,15 @@ def levels(random, low, high, shortest, longest):
 def drive(seed):
     """A recording: the columns by name, the temperature with noise."""
     random = np.random.default_rng(seed)
-    found = {
+    channels = {
         "n_mot": levels(random, 800, 4400, 8, 25),
         "rl": levels(random, 15, 90, 5, 20),
         "zw": levels(random, -5, 25, 5, 15),
         "v_fzg": levels(random, 0, 40, 20, 60),
         "t_wand": levels(random, 60, 240, 40, 90),
     }
-    found = {name: values.round(1) for name, values in found.items()}
-    return found | {"t_abg": (temperature(found) + random.normal(0, NOISE, SAMPLES)).round(1)}
+    channels = {name: values.round(1) for name, values in channels.items()}
+    return channels | {"t_abg": (temperature(channels) + random.normal(0, NOISE, SAMPLES)).round(1)}
 
 
 KEPT = np.exp(-STEP / TRUE["TauSensor"])  # the share of a difference that is left after a step
@@ -112,11 +112,11 @@ def temperature(drive, kept=KEPT):
     gas = bilinear(drive["n_mot"], drive["rl"])
     gas += TRUE["KRetard"] * np.maximum(10 - drive["zw"], 0) + TRUE["Gas/Cooling:Gain"] * drive["v_fzg"]
     gas -= 0.15 * (drive["t_wand"] - 20)
-    found, now = np.empty(SAMPLES), 20.0
+    temperatures, now = np.empty(SAMPLES), 20.0
     for at in range(SAMPLES):
-        found[at] = now
+        temperatures[at] = now
         now = gas[at] + (now - gas[at]) * kept
-    return found
+    return temperatures
 
 
 def bilinear(speed, load):

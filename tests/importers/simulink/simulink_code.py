@@ -24,7 +24,7 @@ def body(text, result="y"):
 
 
 def outputs(code, folder, u=U, v=V, **options):
-    """What a function of u and v gives over the samples, its first output."""
+    """Return the first output of a function of u and v over the samples."""
     return run(imported(function(code), folder, **options), {"u": u, "v": v})["y1"]
 
 

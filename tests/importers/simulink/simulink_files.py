@@ -106,21 +106,21 @@ class Chart:
         return next(name for name in around if name in self.around(target)[1:])
 
     def around(self, name):
-        found = [name]
-        while found[-1]:
-            found.append(self.parents.get(found[-1], ""))
-        return found
+        path = [name]
+        while path[-1]:
+            path.append(self.parents.get(path[-1], ""))
+        return path
 
     def keys(self, name):
-        """What the file says of a state besides its label."""
+        """Keys of a state in the file, except its label."""
         if name in self.boxes:
             return {"type": "GROUP_STATE"}
         parent = self.parents.get(name, "")
-        found = {"type": "FUNC_STATE" if name in self.functions else "OR_STATE"}
+        keys = {"type": "FUNC_STATE" if name in self.functions else "OR_STATE"}
         if parent in self.parallel and name not in self.functions:
             brothers = [one for one in self.states if self.parents.get(one, "") == parent]
-            found = {"type": "AND_STATE", "executionOrder": str(1 + brothers.index(name))}
-        return found | {"decomposition": "SET_STATE" if name in self.parallel else "CLUSTER_STATE"}
+            keys = {"type": "AND_STATE", "executionOrder": str(1 + brothers.index(name))}
+        return keys | {"decomposition": "SET_STATE" if name in self.parallel else "CLUSTER_STATE"}
 
     def orders(self):
         """The number of each transition among those that leave the same state or junction."""
@@ -132,8 +132,8 @@ class Chart:
 
     def written(self):
         """The settings of the chart."""
-        found = {"decomposition": "SET_CHART" if "" in self.parallel else "CLUSTER_CHART"}
-        return found | ({"actionLanguage": "2"} if self.language == "MATLAB" else {}) | self.settings
+        keys = {"decomposition": "SET_CHART" if "" in self.parallel else "CLUSTER_CHART"}
+        return keys | ({"actionLanguage": "2"} if self.language == "MATLAB" else {}) | self.settings
 
 
 @dataclass
@@ -160,11 +160,11 @@ class System:
         if isinstance(ports, tuple):
             ports = dict(zip(("in", "out"), ports, strict=True))
         written = {key: str(value) for key, value in parameters.items()}
-        made = Block(
+        block = Block(
             kind, name, self.model.number(), written, ports, mask, instance, signals=signals or {}, lists=lists or {}
         )
-        self.blocks.append(made)
-        return made
+        self.blocks.append(block)
+        return block
 
     def inport(self, name, **parameters):
         return self._port("Inport", name, parameters)
@@ -185,9 +185,9 @@ class System:
     def link(self, name, source, kind="", *, ports=(1, 1), **instance):
         """A link to a block of a library, with the parameters of this instance."""
         instance = {key: str(value) for key, value in instance.items()}
-        made = self.block("Reference", name, ports=ports, SourceBlock=source, SourceType=kind)
-        made.instance = instance
-        return made
+        block = self.block("Reference", name, ports=ports, SourceBlock=source, SourceType=kind)
+        block.instance = instance
+        return block
 
     def function(self, name, script, inputs=("u",), outputs=("y",), data=None, **settings):
         """A MATLAB Function; `data` are names with their scopes, `settings` those of its chart."""
@@ -202,12 +202,12 @@ class System:
 
     def chart(self, name, chart, inputs=("u",), outputs=("y",)):
         """A Stateflow chart, with a trigger port where it has events from outside."""
-        made = self.function(name, "", inputs, outputs)
+        block = self.function(name, "", inputs, outputs)
         if any(scope == "INPUT_EVENT" for _, scope, *_ in chart.events):
-            made.system.block("TriggerPort", "Trigger")
-        made.parameters["SFBlockType"] = "Chart"
-        made.chart = chart
-        return made
+            block.system.block("TriggerPort", "Trigger")
+        block.parameters["SFBlockType"] = "Chart"
+        block.chart = chart
+        return block
 
     def line(self, source, *ends, name=""):
         """A line from a block to one or several."""
@@ -340,8 +340,8 @@ def _parts(model, separate):
     parts["simulink/blockdiagram.xml"] = f'{HEAD}<ModelInformation Version="1.0">{diagram}</ModelInformation>'
     if model.defaults:
         blocks = "".join(
-            f"<Block BlockType={quoteattr(kind)}>{''.join(_p(*pair) for pair in given.items())}</Block>"
-            for kind, given in model.defaults.items()
+            f"<Block BlockType={quoteattr(kind)}>{''.join(_p(*pair) for pair in settings.items())}</Block>"
+            for kind, settings in model.defaults.items()
         )
         table = f"<BlockParameterDefaults>{blocks}</BlockParameterDefaults>"
         parts["simulink/bddefaults.xml"] = f"{HEAD}<BlockDiagramDefaults>{table}</BlockDiagramDefaults>"
@@ -511,7 +511,7 @@ def _chart_xml(path, block, number):
 
 
 def _content_xml(chart, holder=""):
-    """What stands in a state, and all below it."""
+    """Contents of a state, and of all states below it."""
     ids, content = chart.ids(), []
     for name in (one for one in chart.states if chart.parents.get(one, "") == holder):
         code = chart.functions.get(name)
@@ -582,8 +582,8 @@ def _classic(model):
     content.append(_braces("Simulink.ConfigSet", '$PropName "ActiveConfigurationSet"', "$ObjectID 7"))
     if model.defaults:
         blocks = (
-            _braces("Block", f"BlockType {kind}", *(_key(*pair) for pair in given.items()))
-            for kind, given in model.defaults.items()
+            _braces("Block", f"BlockType {kind}", *(_key(*pair) for pair in settings.items()))
+            for kind, settings in model.defaults.items()
         )
         content.append(_braces("BlockParameterDefaults", *blocks))
     content.append(_system_braces(model))
@@ -700,22 +700,22 @@ def _bare(value):
     return value if re.fullmatch(r"\w+", value) else _quoted(value)
 
 
-def _flat(given, chart, base):
-    ids = {"": chart, **{name: base + number for name, number in given.ids().items()}}
+def _flat(drawn, chart, base):
+    ids = {"": chart, **{name: base + number for name, number in drawn.ids().items()}}
     content = []
-    for name, text in given.states.items():
-        number, code = ids[name], given.functions.get(name)
-        tree = f"treeNode [{ids[given.parents.get(name, '')]} 0 0 0]"
-        keys = [f"{key} {value}" for key, value in given.keys(name).items()]
+    for name, text in drawn.states.items():
+        number, code = ids[name], drawn.functions.get(name)
+        tree = f"treeNode [{ids[drawn.parents.get(name, '')]} 0 0 0]"
+        keys = [f"{key} {value}" for key, value in drawn.keys(name).items()]
         head = [f"id {number}", f"ssIdNumber {number - base}", _key("labelString", text), tree, f"chart {chart}"]
         content.append(
             _braces("state", *head, *keys, *([_braces("eml", "isEML 1", _key("script", code))] if code else []))
         )
-    for name in (*given.junctions, *given.histories):
-        kind = "HISTORY_JUNCTION" if name in given.histories else "CONNECTIVE_JUNCTION"
+    for name in (*drawn.junctions, *drawn.histories):
+        kind = "HISTORY_JUNCTION" if name in drawn.histories else "CONNECTIVE_JUNCTION"
         head = [f"id {ids[name]}", f"ssIdNumber {ids[name] - base}", f"type {kind}", f"chart {chart}"]
-        content.append(_braces("junction", *head, f"linkNode [{ids[given.parents.get(name, '')]} 0 0]"))
-    for at, (one, order) in enumerate(zip(given.transitions, given.orders(), strict=True), 1):
+        content.append(_braces("junction", *head, f"linkNode [{ids[drawn.parents.get(name, '')]} 0 0]"))
+    for at, (one, order) in enumerate(zip(drawn.transitions, drawn.orders(), strict=True), 1):
         start = _braces("src", f"id {ids[one[0]]}") if one[0] else _braces("src", "intersection [0 0 0 0]")
         end = _braces("dst", f"id {ids[one[1]]}")
         head = [
@@ -724,16 +724,16 @@ def _flat(given, chart, base):
             _key("labelString", one[2]),
             f"executionOrder {order}",
         ]
-        link = f"linkNode [{ids[given.holder(one)]} 0 0]"
+        link = f"linkNode [{ids[drawn.holder(one)]} 0 0]"
         content.append(_braces("transition", *head, start, end, f"chart {chart}", link))
-    for at, one in enumerate(given.data, 1):
+    for at, one in enumerate(drawn.data, 1):
         name, scope, initial, size, parent = (*one, "", "", "")[:5] if len(one) < 5 else one
         array = [_braces("array", _key("size", size))] if size else []
         props = _braces("props", *array, *([_key("initialValue", initial)] if initial else []))
         head = [f"id {base + 200 + at}", f"ssIdNumber {200 + at}", _key("name", name), f"scope {scope}"]
-        head += [_key("dataType", given.types[name])] if name in given.types else []
+        head += [_key("dataType", drawn.types[name])] if name in drawn.types else []
         content.append(_braces("data", *head, *([props] if array or initial else []), f"linkNode [{ids[parent]} 0 0]"))
-    for at, one in enumerate(given.events, 1):
+    for at, one in enumerate(drawn.events, 1):
         name, scope, trigger, parent = (*one, "")[:4]
         head = [f"id {base + 300 + at}", f"ssIdNumber {300 + at}", _key("name", name), f"scope {scope}"]
         content.append(_braces("event", *head, f"trigger {trigger}", f"linkNode [{ids[parent]} 0 0]"))

@@ -51,10 +51,10 @@ def imported(drawn, folder, layout="slx parts", **options):
 
 def run(model, columns=None, dt=0.1, parameters=None, samples=None):
     """The values of all nodes over the samples, by name."""
-    given = {name: np.asarray(column, dtype=float) for name, column in (columns or {}).items()}
-    count = samples or next(iter(given.values())).size
+    inputs = {name: np.asarray(column, dtype=float) for name, column in (columns or {}).items()}
+    count = samples or next(iter(inputs.values())).size
     step = model.step or dt
-    return evaluate(model.graph, {**given, **even_clock(step, count)}, parameters or model.values)
+    return evaluate(model.graph, {**inputs, **even_clock(step, count)}, parameters or model.values)
 
 
 def run_natively(model, columns, dt=0.1):
@@ -73,10 +73,10 @@ def slopes(model, columns, name, output, dt=0.1):
 
     Each is Float[samples, values].
     """
-    given = {key: np.asarray(column, dtype=float) for key, column in columns.items()}
-    count = next(iter(given.values())).size
+    inputs = {key: np.asarray(column, dtype=float) for key, column in columns.items()}
+    count = next(iter(inputs.values())).size
     step = model.step or dt
-    full = {**given, **even_clock(step, count)}
+    full = {**inputs, **even_clock(step, count)}
     lowered = lower_lookups(model.graph, model.values)
     line = differentiate(lowered.graph, [lowered.graph.names[output]], (name,))
     exact = Interpreter(lowered, model.values).rows(line, {name: 0}, full)

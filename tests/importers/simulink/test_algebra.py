@@ -92,16 +92,16 @@ TWO = [
 
 @pytest.mark.parametrize(("kind", "parameters", "expected"), ONE)
 def test_blocks_of_one_input(kind, parameters, expected, tmp_path):
-    found = run(imported(alone(kind, **parameters), tmp_path), {"u1": U})["y1"]
+    output = run(imported(alone(kind, **parameters), tmp_path), {"u1": U})["y1"]
     usable = np.isfinite(np.asarray(expected, dtype=float))
-    np.testing.assert_allclose(found[usable], np.asarray(expected)[usable], rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(output[usable], np.asarray(expected)[usable], rtol=1e-14, atol=1e-14)
 
 
 @pytest.mark.parametrize(("kind", "parameters", "expected"), TWO)
 def test_blocks_of_two_inputs(kind, parameters, expected, tmp_path):
-    found = run(imported(alone(kind, 2, **parameters), tmp_path), {"u1": U, "u2": V})["y1"]
+    output = run(imported(alone(kind, 2, **parameters), tmp_path), {"u1": U, "u2": V})["y1"]
     usable = np.isfinite(expected)
-    np.testing.assert_allclose(found[usable], np.asarray(expected)[usable], rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(output[usable], np.asarray(expected)[usable], rtol=1e-14, atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +120,8 @@ def test_a_switch_goes_by_its_criterion(parameters, expected, tmp_path):
 def test_a_multiport_switch_takes_the_input_of_the_number_and_the_last_beyond(tmp_path):
     drawn = alone("MultiPortSwitch", 4, Inputs=3)
     number = np.array([1.0, 2.0, 3.0, 7.0])
-    found = run(imported(drawn, tmp_path), {"u1": number, "u2": number * 0 + 10, "u3": number * 0 + 20, "u4": number})
-    assert found["y1"].tolist() == [10, 20, 3, 7]
+    outputs = run(imported(drawn, tmp_path), {"u1": number, "u2": number * 0 + 10, "u3": number * 0 + 20, "u4": number})
+    assert outputs["y1"].tolist() == [10, 20, 3, 7]
 
 
 LINKS = [
@@ -142,8 +142,8 @@ def test_masked_blocks_of_the_library(kind, parameters, inputs, rule, tmp_path):
 
 def test_saturation_dynamic_has_its_limits_at_the_first_and_third_input(tmp_path):
     model = imported(alone("Reference", 3, special="Saturation Dynamic"), tmp_path)
-    found = run(model, {"u1": U * 0 + 1, "u2": U, "u3": U * 0 - 1})["y1"]
-    np.testing.assert_array_equal(found, np.clip(U, -1, 1))
+    output = run(model, {"u1": U * 0 + 1, "u2": U, "u3": U * 0 - 1})["y1"]
+    np.testing.assert_array_equal(output, np.clip(U, -1, 1))
 
 
 def test_a_dynamic_table_interpolates_between_its_inputs(tmp_path):
@@ -162,21 +162,21 @@ def test_a_dynamic_table_interpolates_between_its_inputs(tmp_path):
 def test_a_map_has_its_first_input_along_the_rows_and_is_bilinear(tmp_path):
     drawn = alone("Lookup_n-D", 2, Table="[1 2 4; 3 8 0]", BreakpointsForDimension1="[0 10]",
                   BreakpointsForDimension2="[0 1 3]", ExtrapMethod="Clip")  # fmt: skip
-    found = run(imported(drawn, tmp_path), {"u1": [0, 10, 5, 20], "u2": [3, 1, 0.5, -1]})["y1"]
-    np.testing.assert_allclose(found, [4, 8, (1 + 2 + 3 + 8) / 4, 3])
+    output = run(imported(drawn, tmp_path), {"u1": [0, 10, 5, 20], "u2": [3, 1, 0.5, -1]})["y1"]
+    np.testing.assert_allclose(output, [4, 8, (1 + 2 + 3 + 8) / 4, 3])
 
 
 def test_a_map_from_before_2011(tmp_path):
     drawn = alone("Lookup2D", 2, Table="[1 2 4; 3 8 0]", RowIndex="[0 10]", ColumnIndex="[0 1 3]")
-    found = run(imported(drawn, tmp_path), {"u1": [5, 20], "u2": [0.5, 0]})["y1"]
-    np.testing.assert_allclose(found, [3.5, 5])
+    output = run(imported(drawn, tmp_path), {"u1": [5, 20], "u2": [0.5, 0]})["y1"]
+    np.testing.assert_allclose(output, [3.5, 5])
 
 
 def test_a_cube_of_three_dimensions(tmp_path):
     drawn = alone("Lookup_n-D", 3, NumberOfTableDimensions=3, Table="reshape([1 2 3 4 5 6 7 8], 2, 2, 2)",
                   **{f"BreakpointsForDimension{i}": "[0 1]" for i in (1, 2, 3)})  # fmt: skip
-    found = run(imported(drawn, tmp_path), {"u1": [1, 0, 0.5], "u2": [0, 1, 0.5], "u3": [0, 1, 0.5]})["y1"]
-    np.testing.assert_allclose(found, [2, 7, 4.5])
+    output = run(imported(drawn, tmp_path), {"u1": [1, 0, 0.5], "u2": [0, 1, 0.5], "u3": [0, 1, 0.5]})["y1"]
+    np.testing.assert_allclose(output, [2, 7, 4.5])
 
 
 # vectors
@@ -226,8 +226,8 @@ X = {"u1": [1.0, 4.0], "u2": [2.0, 5.0], "u3": [3.0, -6.0]}
 )  # fmt: skip
 def test_vectors(blocks, expected, tmp_path):
     model = imported(vectors(*blocks), tmp_path)
-    found = run(model, X)
-    np.testing.assert_allclose(np.stack([found[name] for name in model.graph.outputs], axis=1), expected)
+    outputs = run(model, X)
+    np.testing.assert_allclose(np.stack([outputs[name] for name in model.graph.outputs], axis=1), expected)
 
 
 def test_a_selector_takes_its_place_from_an_input(tmp_path):
@@ -247,8 +247,8 @@ def test_demux_shares_elements_out_evenly_or_by_widths(tmp_path):
     drawn.outport("z")
     drawn.chain("M", "D", "S", "y")
     drawn.line("D:2", "z")
-    found = run(imported(drawn, tmp_path), X)
-    assert (found["y"].tolist(), found["z"].tolist()) == ([3, 9], [3, -6])
+    outputs = run(imported(drawn, tmp_path), X)
+    assert (outputs["y"].tolist(), outputs["z"].tolist()) == ([3, 9], [3, -6])
 
 
 # wires
@@ -276,7 +276,7 @@ def test_buses_are_taken_apart_by_the_names_of_their_lines(tmp_path):
     assert run(model, {"a": [5.0], "b": [1.0], "c": [2.0]})["y"].tolist() == [3.0]
 
 
-def test_a_signal_that_a_bus_does_not_have_is_told_with_those_it_has(tmp_path):
+def test_an_unknown_signal_of_a_bus_is_reported_with_the_known_ones(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("a")
     drawn.block("BusCreator", "Bus", ports=(1, 1), Inputs=1)
@@ -354,8 +354,8 @@ def test_a_named_variable_is_a_parameter_and_an_expression_stays_exact(tmp_path)
 def test_slopes_are_those_of_finite_differences(kind, inputs, parameters, name, value, tmp_path):
     drawn = alone(kind, inputs, **parameters)
     model = imported(drawn, tmp_path, parameters=[{name: value, "X": [-1.0, 0.0, 1.1]}])
-    exact, found = slopes(model, {f"u{i + 1}": one for i, one in enumerate((U + 0.01, V)[:inputs])}, name, "y1")
-    np.testing.assert_allclose(exact, found, rtol=1e-6, atol=1e-8)
+    exact, differences = slopes(model, {f"u{i + 1}": one for i, one in enumerate((U + 0.01, V)[:inputs])}, name, "y1")
+    np.testing.assert_allclose(exact, differences, rtol=1e-6, atol=1e-8)
     assert np.any(exact != 0)
 
 
@@ -374,8 +374,8 @@ def test_tables_are_called_by_their_variables_and_share_the_axes_that_they_name(
     drawn.line("Two", "S:2")
     drawn.chain("S", "y")
     one, two = np.arange(6.0).reshape(2, 3), np.ones((2, 3))
-    given = {"MapOne": one, "data": {"Two": two}, "AxisN": [0.0, 1.0], "AxisQ": [0.0, 1.0, 2.0]}
-    model = imported(drawn, tmp_path, parameters=[given])
+    parameters = {"MapOne": one, "data": {"Two": two}, "AxisN": [0.0, 1.0], "AxisQ": [0.0, 1.0, 2.0]}
+    model = imported(drawn, tmp_path, parameters=[parameters])
     assert list(model.values) == ["MapOne", "data.Two"]
     assert [axis.name for axis in model.values["data.Two"].axes] == ["AxisN", "AxisQ"]
     np.testing.assert_array_equal(model.values["MapOne"].values, one)
@@ -383,7 +383,7 @@ def test_tables_are_called_by_their_variables_and_share_the_axes_that_they_name(
     assert run(model, {"n": [1.0], "q": [2.0]})["y"].tolist() == [6.0]
 
 
-def test_a_literal_is_a_parameter_where_it_is_promoted(tmp_path):
+def test_a_promoted_literal_is_a_parameter(tmp_path):
     drawn = nested()
     drawn.block("Gain", "K", Gain="3")
     drawn.outport("w")
@@ -417,7 +417,7 @@ def test_masks_are_evaluated_outside_and_seen_inside(tmp_path):
     assert dict(model.graph.parameters) == {"K": 0, "Outer:b": 0}
 
 
-def test_a_mask_that_refers_to_itself_is_told(tmp_path):
+def test_a_mask_that_refers_to_itself_is_reported(tmp_path):
     from tests.importers.simulink.simulink_files import Mask
 
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
@@ -436,7 +436,7 @@ def test_a_mask_that_refers_to_itself_is_told(tmp_path):
 # what cannot be built
 
 
-def test_unsupported_blocks_are_all_told_and_can_be_bound(tmp_path):
+def test_all_unsupported_blocks_are_reported_and_can_be_bound(tmp_path):
     drawn = Model("car", step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.block("S-Function", "Vendor", ports=(1, 1), FunctionName="x")
@@ -449,9 +449,9 @@ def test_unsupported_blocks_are_all_told_and_can_be_bound(tmp_path):
     drawn.chain("S", "y")
     with pytest.raises(InputError) as caught:
         imported(drawn, tmp_path)
-    told = [str(finding) for finding in caught.value.findings]
-    assert any("car.slx Vendor: blocks of type S-Function are not supported" in one for one in told)
-    assert any("car.slx variable nowhere: undefined; used by K" in one for one in told)
+    messages = [str(finding) for finding in caught.value.findings]
+    assert any("car.slx Vendor: blocks of type S-Function are not supported" in one for one in messages)
+    assert any("car.slx variable nowhere: undefined; used by K" in one for one in messages)
     model = imported(drawn, tmp_path, bind={"Vendor": "2*n_rpm", "K": "load"})
     assert set(model.graph.inputs) == {"n_rpm", "load"}
     assert run(model, {"n_rpm": [3.0], "load": [1.0]})["y"].tolist() == [7.0]
@@ -459,7 +459,7 @@ def test_unsupported_blocks_are_all_told_and_can_be_bound(tmp_path):
         imported(drawn, tmp_path, bind={"Vndor": "x"})
 
 
-def test_an_algebraic_loop_is_told_with_its_blocks(tmp_path):
+def test_an_algebraic_loop_is_reported_with_its_blocks(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.block("Sum", "S", ports=(2, 1))
@@ -481,7 +481,7 @@ def test_a_block_that_no_output_needs_does_not_stop_the_import(tmp_path):
     assert run(imported(drawn, tmp_path), {"u1": [1.0]})["y1"].tolist() == [2.0]
 
 
-def test_what_scopes_show_are_the_outputs_of_a_model_without_others(tmp_path):
+def test_signals_of_scopes_are_the_outputs_of_a_model_without_others(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.block("Gain", "Twice", Gain="2")
@@ -494,9 +494,9 @@ def test_what_scopes_show_are_the_outputs_of_a_model_without_others(tmp_path):
     drawn.line("Thrice", "Look:2")
     model = imported(drawn, tmp_path)
     assert model.graph.outputs == ("double", "Thrice")
-    found = run(model, {"u": U})
-    np.testing.assert_array_equal(found["double"], 2 * U)
-    np.testing.assert_array_equal(found["Thrice"], 3 * U)
+    outputs = run(model, {"u": U})
+    np.testing.assert_array_equal(outputs["double"], 2 * U)
+    np.testing.assert_array_equal(outputs["Thrice"], 3 * U)
 
 
 def test_a_model_that_shows_nothing_is_refused(tmp_path):
@@ -549,12 +549,12 @@ def test_a_signal_of_a_bus_from_outside_may_be_replaced(tmp_path):
     drawn.line("Pick:2", "y")
     model = imported(drawn, tmp_path)
     assert set(model.graph.inputs) == {"u", "in.a.y"}
-    found = run(model, {"u": U, "in.a.y": 2 * U})
-    np.testing.assert_array_equal(found["x"], U)
-    np.testing.assert_array_equal(found["y"], 2 * U)
+    outputs = run(model, {"u": U, "in.a.y": 2 * U})
+    np.testing.assert_array_equal(outputs["x"], U)
+    np.testing.assert_array_equal(outputs["y"], 2 * U)
 
 
-def test_blocks_that_share_a_number_are_told_apart_by_their_names(tmp_path):
+def test_blocks_that_share_a_number_are_distinguished_by_their_names(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.block("Gain", "Twice", Gain="2")
@@ -563,6 +563,6 @@ def test_blocks_that_share_a_number_are_told_apart_by_their_names(tmp_path):
     drawn.chain("u", "Twice", "Plus", "y")
     for block in drawn.blocks:
         block.sid = 0
-    found = import_simulink(drawn.write(tmp_path, "mdl"))
-    assert run(found.model, {"u": U})["y"].tolist() == (2 * U + 1).tolist()
-    assert any("two blocks with the SID 0" in str(remark) for remark in found.report.remarks)
+    result = import_simulink(drawn.write(tmp_path, "mdl"))
+    assert run(result.model, {"u": U})["y"].tolist() == (2 * U + 1).tolist()
+    assert any("two blocks with the SID 0" in str(remark) for remark in result.report.remarks)

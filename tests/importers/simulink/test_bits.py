@@ -38,8 +38,8 @@ MASKS = {"bin2dec('11011001')": 217, "0": 0, "hex2dec('FFFF')": 0xFFFF, "-8": -8
 @pytest.mark.parametrize("mask", MASKS)
 def test_a_mask_is_applied_bit_by_bit(kind, mask, tmp_path):
     drawn = alone("Reference", special="Bitwise Operator", logicop=kind, UseBitMask="on", BitMask=mask)
-    found = run(imported(drawn, tmp_path), {"u1": WHOLE})["y1"]
-    assert found.tolist() == expected(lambda a: RULES[kind](a, MASKS[mask]), WHOLE)
+    output = run(imported(drawn, tmp_path), {"u1": WHOLE})["y1"]
+    assert output.tolist() == expected(lambda a: RULES[kind](a, MASKS[mask]), WHOLE)
 
 
 # values of int8, and what compiled C gives for them in an int8_t
@@ -57,15 +57,15 @@ IN_C = {
 @pytest.mark.parametrize("operation", IN_C)
 def test_a_result_has_the_integer_type_of_the_input(operation, tmp_path):
     kind, settings, values = IN_C[operation]
-    found = run(imported(typed(kind, 1, ["int8"], **settings), tmp_path), {"u1": SMALL})["y1"]
-    assert found.tolist() == values
+    output = run(imported(typed(kind, 1, ["int8"], **settings), tmp_path), {"u1": SMALL})["y1"]
+    assert output.tolist() == values
 
 
 def test_a_constant_without_a_type_takes_that_of_the_other_input(tmp_path):
     drawn = typed("Bitwise Operator", 2, ["int8", "Inherit: Inherit via back propagation"], logicop="AND",
                   UseBitMask="off", NumInputPorts="2")  # fmt: skip
-    found = run(imported(drawn, tmp_path), {"u1": SMALL, "u2": [217.0] * len(SMALL)})["y1"]
-    assert found.tolist() == IN_C["u & 217"][2]
+    output = run(imported(drawn, tmp_path), {"u1": SMALL, "u2": [217.0] * len(SMALL)})["y1"]
+    assert output.tolist() == IN_C["u & 217"][2]
 
 
 @pytest.mark.parametrize(
@@ -83,19 +83,19 @@ def test_a_constant_without_a_type_takes_that_of_the_other_input(tmp_path):
 def test_bits_are_those_of_the_number_that_the_conversion_before_makes(settings, values, tmp_path):
     drawn = typed("Bitwise Operator", 1, ["uint8"], logicop="OR", BitMask="0")
     next(one for one in drawn.blocks if one.name == "T1").parameters |= settings
-    found = run(imported(drawn, tmp_path), {"u1": [-5.5, -1.5, 2.5, 3.5, 300.0, 312.0]})["y1"]
-    assert found.tolist() == values
+    output = run(imported(drawn, tmp_path), {"u1": [-5.5, -1.5, 2.5, 3.5, 300.0, 312.0]})["y1"]
+    assert output.tolist() == values
 
 
 def test_stored_bits_are_read_as_another_type(tmp_path):
     drawn = typed("x", 1, ["int8"])
     drawn.blocks[0].kind, drawn.blocks[0].instance = "DataTypeConversion", None
     drawn.blocks[0].parameters = {"OutDataTypeStr": "uint8", "ConvertRealWorld": "Stored Integer (SI)"}
-    found = run(imported(drawn, tmp_path), {"u1": [-1.0, -128.0, 100.0]})["y1"]
-    assert found.tolist() == [255.0, 128.0, 100.0]
+    output = run(imported(drawn, tmp_path), {"u1": [-1.0, -128.0, 100.0]})["y1"]
+    assert output.tolist() == [255.0, 128.0, 100.0]
 
 
-def test_what_an_unknown_type_could_change_is_told(tmp_path):
+def test_possible_effects_of_an_unknown_type_are_reported(tmp_path):
     drawn = alone("Reference", special="Bitwise Operator", logicop="AND", BitMask="217")
     assert any("B uses its mask as written" in one for one in reported(drawn, tmp_path))
     drawn = alone("Reference", special="Bitwise Operator", logicop="AND", BitMask="127")
@@ -103,7 +103,7 @@ def test_what_an_unknown_type_could_change_is_told(tmp_path):
     assert any("B uses bit 7" in one for one in reported(alone("Reference", special="Bit Set", iBit="7"), tmp_path))
 
 
-def test_blocks_whose_integers_are_not_applied_are_told(tmp_path):
+def test_blocks_whose_integers_are_not_applied_are_reported(tmp_path):
     drawn = alone("Gain", Gain="3", OutDataTypeStr="int16")
     assert reported(drawn, tmp_path) == (
         "integer types are ignored in B: Simulink rounds there, and wraps or saturates",
@@ -116,43 +116,43 @@ def reported(drawn, folder):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_every_layout_says_the_same_of_a_mask(layout, tmp_path):
+def test_every_layout_gives_the_same_mask(layout, tmp_path):
     drawn = alone("Reference", special="Bitwise Operator", logicop="XOR")
-    found = run(imported(drawn, tmp_path, layout), {"u1": WHOLE})["y1"]
-    assert found.tolist() == expected(lambda a: a ^ 217, WHOLE)
+    output = run(imported(drawn, tmp_path, layout), {"u1": WHOLE})["y1"]
+    assert output.tolist() == expected(lambda a: a ^ 217, WHOLE)
 
 
 @pytest.mark.parametrize("kind", sorted(RULES))
 def test_two_signals_are_joined_bit_by_bit(kind, tmp_path):
     drawn = alone("Reference", 2, special="Bitwise Operator", logicop=kind, UseBitMask="off", NumInputPorts="2")
-    found = run(imported(drawn, tmp_path), {"u1": WHOLE, "u2": OTHER})["y1"]
-    assert found.tolist() == expected(RULES[kind], WHOLE, OTHER)
+    output = run(imported(drawn, tmp_path), {"u1": WHOLE, "u2": OTHER})["y1"]
+    assert output.tolist() == expected(RULES[kind], WHOLE, OTHER)
 
 
 def test_numbers_beyond_32_bits_give_no_result_rather_than_a_wrong_one(tmp_path):
     drawn = alone("Reference", 2, special="Bitwise Operator", logicop="AND", UseBitMask="off", NumInputPorts="2")
-    found = run(imported(drawn, tmp_path), {"u1": [2.0**40, 7.0], "u2": [3.0, 3.0]})["y1"]
-    assert np.isnan(found[0])
-    assert found[1] == 3.0
+    output = run(imported(drawn, tmp_path), {"u1": [2.0**40, 7.0], "u2": [3.0, 3.0]})["y1"]
+    assert np.isnan(output[0])
+    assert output[1] == 3.0
 
 
 def test_the_elements_of_a_vector_are_joined_and_masks_may_differ(tmp_path):
     drawn = alone("Reference", special="Bitwise Operator", logicop="XOR", UseBitMask="off")
     drawn.blocks[1].parameters["PortDimensions"] = "3"
     columns = {f"u1[{at}]": WHOLE[at : at + 6] for at in (1, 2, 3)}
-    found = run(imported(drawn, tmp_path), columns)["y1"]
-    assert found.tolist() == expected(lambda a, b, c: a ^ b ^ c, *columns.values())
+    output = run(imported(drawn, tmp_path), columns)["y1"]
+    assert output.tolist() == expected(lambda a, b, c: a ^ b ^ c, *columns.values())
     several = alone("Reference", special="Bitwise Operator", logicop="AND", BitMask="[1 6 255]")
-    found = run(imported(several, tmp_path), {"u1": WHOLE})
+    output = run(imported(several, tmp_path), {"u1": WHOLE})
     for at, mask in enumerate((1, 6, 255), 1):
-        assert found[f"y1[{at}]"].tolist() == expected(lambda a, m=mask: a & m, WHOLE)
+        assert output[f"y1[{at}]"].tolist() == expected(lambda a, m=mask: a & m, WHOLE)
 
 
 @pytest.mark.parametrize(("stated", "top"), [("uint8", 255), ("int16", -1), ("fixdt(0,16,0)", 65535)])
 def test_a_complement_takes_the_integer_type_of_the_input(stated, top, tmp_path):
     u = np.array([0.0, 1.0, 100.0])
-    found = run(imported(typed("Bitwise Operator", 1, [stated], logicop="NOT"), tmp_path), {"u1": u})["y1"]
-    assert found.tolist() == (top - u).tolist()
+    output = run(imported(typed("Bitwise Operator", 1, [stated], logicop="NOT"), tmp_path), {"u1": u})["y1"]
+    assert output.tolist() == (top - u).tolist()
     drawn = typed("Bitwise Operator", 1, [stated], logicop="NAND", BitMask="5")
     assert run(imported(drawn, tmp_path), {"u1": u})["y1"].tolist() == [top - (int(one) & 5) for one in u]
 
@@ -165,7 +165,7 @@ def test_a_complement_of_an_unknown_type_is_refused(tmp_path):
         imported(typed("Bitwise Operator", 1, ["uint64"], logicop="NOT"), tmp_path)
 
 
-def test_the_integer_type_is_found_through_blocks_that_keep_it(tmp_path):
+def test_the_integer_type_passes_through_blocks_that_keep_it(tmp_path):
     drawn = typed("Bitwise Operator", 1, ["uint8"], logicop="NOT")
     drawn.block("UnitDelay", "Z", SampleTime="-1")
     drawn.wires[1].ends = [("Z", "in", 1)]
@@ -175,8 +175,8 @@ def test_the_integer_type_is_found_through_blocks_that_keep_it(tmp_path):
 
 def test_single_bits_are_set_and_cleared(tmp_path):
     for kind, rule in (("Bit Set", lambda a: a | 4), ("Bit Clear", lambda a: a & ~4)):
-        found = run(imported(alone("Reference", special=kind, iBit="2"), tmp_path), {"u1": WHOLE})["y1"]
-        assert found.tolist() == expected(rule, WHOLE)
+        output = run(imported(alone("Reference", special=kind, iBit="2"), tmp_path), {"u1": WHOLE})["y1"]
+        assert output.tolist() == expected(rule, WHOLE)
     with pytest.raises(InputError, match="bit 8 is outside its 8-bit input"):
         imported(typed("Bit Set", 1, ["uint8"], iBit="8"), tmp_path)
 
@@ -189,14 +189,14 @@ def shifted(types, **parameters):
 
 def test_shifts_drop_bits_at_both_ends_of_the_word(tmp_path):
     u = np.array([-100.0, -1.0, 0.0, 3.0, 77.0, 127.0])
-    found = run(imported(shifted(["int8"], BitShiftDirection="Right", BitShiftNumber="2"), tmp_path), {"u1": u})["y1"]
-    assert found.tolist() == [int(one) >> 2 for one in u]
-    found = run(imported(shifted(["int8"], BitShiftDirection="Left", BitShiftNumber="2"), tmp_path), {"u1": u})["y1"]
-    assert found.tolist() == [np.int8((int(one) << 2) & 0xFF if (int(one) << 2) & 0x80 == 0 else
+    output = run(imported(shifted(["int8"], BitShiftDirection="Right", BitShiftNumber="2"), tmp_path), {"u1": u})["y1"]
+    assert output.tolist() == [int(one) >> 2 for one in u]
+    output = run(imported(shifted(["int8"], BitShiftDirection="Left", BitShiftNumber="2"), tmp_path), {"u1": u})["y1"]
+    assert output.tolist() == [np.int8((int(one) << 2) & 0xFF if (int(one) << 2) & 0x80 == 0 else
                               ((int(one) << 2) & 0xFF) - 256) for one in u]  # fmt: skip
     both = shifted(["uint8", "int8"], BitShiftNumberSource="Input port")
-    found = run(imported(both, tmp_path), {"u1": [200.0] * 4, "u2": [3.0, -1.0, 0.0, -2.0]})["y1"]
-    assert found.tolist() == [25, 400 % 256, 200, 800 % 256]
+    output = run(imported(both, tmp_path), {"u1": [200.0] * 4, "u2": [3.0, -1.0, 0.0, -2.0]})["y1"]
+    assert output.tolist() == [25, 400 % 256, 200, 800 % 256]
 
 
 def behind(kind, **parameters):
@@ -244,6 +244,6 @@ def test_the_slope_of_bits_is_0(tmp_path):
     drawn.wires[0].ends = [("K", "in", 1)]
     drawn.line("K", "B:1")
     model = imported(drawn, tmp_path, parameters=[{"k": 2.37}])
-    exact, found = slopes(model, {"u1": WHOLE[:4]}, "k", "y1")
+    exact, differences = slopes(model, {"u1": WHOLE[:4]}, "k", "y1")
     assert not exact.any()
-    assert not found.any()
+    assert not differences.any()

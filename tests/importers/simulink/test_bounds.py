@@ -1,4 +1,4 @@
-"""Models that ask for too much: told with the block and the number, before memory or time run out."""
+"""Models beyond the limits are reported with block and number, before memory or time run out."""
 
 import json
 
@@ -16,8 +16,8 @@ from tests.importers.simulink.simulink_files import LAYOUTS, Chart, Model
 from tests.importers.simulink.simulink_runs import alone, imported, run
 
 
-def said(drawn, folder, layout="slx parts", **options):
-    """What an import tells, one line a problem."""
+def problems(drawn, folder, layout="slx parts", **options):
+    """Return the findings of an import, one line each."""
     try:
         return [str(one) for one in import_simulink(drawn.write(folder, layout), **options).report.findings]
     except InputError as error:
@@ -40,14 +40,14 @@ def product(rows, columns):
 def test_a_graph_ends_at_a_number_of_operations_and_names_the_block(tmp_path, monkeypatch):
     monkeypatch.setattr(builder, "_MAX_NODES", 500)
     assert import_simulink(product(20, 20).write(tmp_path)).model is not None
-    (found,) = said(product(30, 30), tmp_path)
-    assert found == (
+    (message,) = problems(product(30, 30), tmp_path)
+    assert message == (
         "model.slx P: the blocks up to here require more than 500 operations per step. "
         "Import a subsystem, or make the arrays in it smaller."
     )
 
 
-def test_a_solver_whose_stages_are_too_many_operations_is_told(tmp_path, monkeypatch):
+def test_a_solver_with_too_many_operations_is_reported(tmp_path, monkeypatch):
     drawn = Model(step="0.1", solver="ode5")
     drawn.inport("u", PortDimensions="20")
     drawn.block("Integrator", "I")
@@ -60,14 +60,14 @@ def test_a_solver_whose_stages_are_too_many_operations_is_told(tmp_path, monkeyp
         import_simulink(path)
 
 
-def test_a_product_of_large_matrices_is_told_before_it_is_begun(tmp_path):
-    (found,) = said(product(5000, 5000), tmp_path)
-    assert "P: a matrix product takes 25000000 multiplications; the maximum is 2000000" in found
+def test_a_product_of_too_large_matrices_is_refused_beforehand(tmp_path):
+    (message,) = problems(product(5000, 5000), tmp_path)
+    assert "P: a matrix product takes 25000000 multiplications; the maximum is 2000000" in message
 
 
-def test_arrays_that_spread_against_each_other_without_end_are_told(tmp_path):
-    (found,) = said(alone("Gain", Gain="ones(1,20000) .* ones(20000,1)"), tmp_path)
-    assert "its Gain (ones(1,20000) .* ones(20000,1)) has no value: it creates an array of 4e+08 elements" in found
+def test_arrays_that_broadcast_beyond_all_bounds_are_reported(tmp_path):
+    (message,) = problems(alone("Gain", Gain="ones(1,20000) .* ones(20000,1)"), tmp_path)
+    assert "its Gain (ones(1,20000) .* ones(20000,1)) has no value: it creates an array of 4e+08 elements" in message
 
 
 def test_a_large_memory_is_built_in_one_go(tmp_path):
@@ -94,14 +94,14 @@ def test_a_line_to_a_port_that_no_block_can_have_is_loose(layout, tmp_path):
 def test_a_block_with_more_ports_than_any_is_refused(layout, tmp_path):
     drawn = alone("Mux", 1)
     drawn.blocks[0].ports = {"in": 999_999, "out": 1}
-    (found,) = said(drawn, tmp_path, layout)
-    assert "B: has 999999 ports; at most 10000 are supported" in found
+    (message,) = problems(drawn, tmp_path, layout)
+    assert "B: has 999999 ports; at most 10000 are supported" in message
 
 
 @pytest.mark.parametrize("outputs", ["inf", "0/0", "[1 nan]", "2.5"])
-def test_outputs_of_a_demux_that_are_no_whole_numbers(outputs, tmp_path):
-    found = said(alone("Demux", 1, 2, Outputs=outputs), tmp_path)
-    assert any(f"its Outputs must be integers, got {outputs}" in line for line in found)
+def test_outputs_of_a_demux_must_be_integers(outputs, tmp_path):
+    messages = problems(alone("Demux", 1, 2, Outputs=outputs), tmp_path)
+    assert any(f"its Outputs must be integers, got {outputs}" in line for line in messages)
 
 
 @pytest.mark.parametrize(
@@ -113,17 +113,17 @@ def test_outputs_of_a_demux_that_are_no_whole_numbers(outputs, tmp_path):
         ("Delay", {"InitialCondition": "[1 2]", "DelayLength": "1"}),
     ],
 )
-def test_what_a_memory_starts_with_has_to_fit_its_input(kind, given, tmp_path):
+def test_the_initial_value_of_a_memory_must_fit_its_input(kind, given, tmp_path):
     drawn = Model(step="0.1", solver="ode1")
     drawn.inport("u", PortDimensions="3")
     drawn.block(kind, "B", ports=(1, 1), **given)
     drawn.outport("y")
     drawn.chain("u", "B", "y")
-    (found,) = said(drawn, tmp_path)
-    assert "B: its initial value has size 2, but its input has size 3" in found
+    (message,) = problems(drawn, tmp_path)
+    assert "B: its initial value has size 2, but its input has size 3" in message
 
 
-def test_resets_and_starts_that_do_not_fit_each_other_are_told(tmp_path):
+def test_resets_and_initial_values_of_different_sizes_are_reported(tmp_path):
     drawn = Model(step="0.1", solver="ode1")
     drawn.inport("u")
     drawn.inport("r", PortDimensions="2")
@@ -132,16 +132,16 @@ def test_resets_and_starts_that_do_not_fit_each_other_are_told(tmp_path):
     drawn.line("u", "B:1")
     drawn.line("r", "B:2")
     drawn.line("B", "y")
-    (found,) = said(drawn, tmp_path)
-    assert "B: its inputs have the sizes 3, 2, which do not match" in found
+    (message,) = problems(drawn, tmp_path)
+    assert "B: its inputs have the sizes 3, 2, which do not match" in message
 
 
-def test_a_sample_time_that_no_unit_has_is_told(tmp_path):
-    (found,) = said(alone("UnitDelay", SampleTime="1e-12"), tmp_path)
-    assert "the sample time 1e-12 (1e-12 s) must be at least 1e-09 s" in found
+def test_a_sample_time_below_the_smallest_unit_is_reported(tmp_path):
+    (message,) = problems(alone("UnitDelay", SampleTime="1e-12"), tmp_path)
+    assert "the sample time 1e-12 (1e-12 s) must be at least 1e-09 s" in message
 
 
-def test_a_merge_that_stops_half_way_says_why(tmp_path):
+def test_a_merge_that_stops_half_way_gives_the_reason(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.block("Gain", "K", Gain="nowhere")
@@ -152,11 +152,11 @@ def test_a_merge_that_stops_half_way_says_why(tmp_path):
     drawn.line("K", "M:1")
     drawn.line("L", "M:2")
     drawn.line("M", "y")
-    (found,) = said(drawn, tmp_path)
-    assert found.startswith("variable nowhere: undefined")
+    (message,) = problems(drawn, tmp_path)
+    assert message.startswith("variable nowhere: undefined")
 
 
-def test_a_port_number_that_is_none_counts_as_1(tmp_path):
+def test_an_invalid_port_number_counts_as_1(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.function("F", "function y = F(u)\ny = 3 * u;")
@@ -164,8 +164,8 @@ def test_a_port_number_that_is_none_counts_as_1(tmp_path):
     drawn.chain("u", "F", "y")
     for block in drawn.blocks[1].system.blocks:
         block.parameters["Port"] = "1;2"
-    found = run(imported(drawn, tmp_path, subsystem="F"), {"u": np.arange(3.0)})
-    np.testing.assert_array_equal(found["y"], [0.0, 3.0, 6.0])
+    outputs = run(imported(drawn, tmp_path, subsystem="F"), {"u": np.arange(3.0)})
+    np.testing.assert_array_equal(outputs["y"], [0.0, 3.0, 6.0])
 
 
 def test_a_statement_that_fails_over_and_over_uses_up_the_steps_of_a_script(tmp_path, monkeypatch):
@@ -177,10 +177,10 @@ def test_a_statement_that_fails_over_and_over_uses_up_the_steps_of_a_script(tmp_
 
 
 @pytest.mark.parametrize("text", ["zeros(nan)", "zeros(inf,1)", "k(nan)", "k(1.5)", "ones(2.5)", "reshape(k,nan,1)"])
-def test_sizes_and_indices_that_are_no_whole_numbers(text, tmp_path):
+def test_sizes_and_indices_must_be_integers(text, tmp_path):
     code = "k = [1 2 3];"
-    found = said(alone("Gain", Gain=text, model=Model(step="0.1", code=code)), tmp_path)
-    assert any("must be an integer" in line for line in found)
+    messages = problems(alone("Gain", Gain=text, model=Model(step="0.1", code=code)), tmp_path)
+    assert any("must be an integer" in line for line in messages)
     drawn = alone("Integrator", model=Model(solver="ode4", step=text, code=code))
     assert [*map(str, import_simulink(drawn.write(tmp_path)).report.remarks)] == [
         f"the solver setting {text} has no value"
@@ -189,18 +189,18 @@ def test_sizes_and_indices_that_are_no_whole_numbers(text, tmp_path):
 
 def test_an_array_in_empty_parentheses_is_the_array(tmp_path):
     drawn = alone("Gain", Gain="k()", model=Model(step="0.1", solver="FixedStepDiscrete", code="k = [1 2 3];"))
-    found = run(imported(drawn, tmp_path), {"u1": np.array([2.0])})
-    assert [float(found[f"y1[{at}]"][0]) for at in (1, 2, 3)] == [2.0, 4.0, 6.0]
+    outputs = run(imported(drawn, tmp_path), {"u1": np.array([2.0])})
+    assert [float(outputs[f"y1[{at}]"][0]) for at in (1, 2, 3)] == [2.0, 4.0, 6.0]
 
 
 @pytest.mark.parametrize(("text", "count"), [("[]", 0), ("[u1 u1] > 0", 2)])
-def test_a_condition_that_is_no_single_value(text, count, tmp_path):
-    (found, *_) = said(alone("If", 1, 2, IfExpression=text), tmp_path)
-    assert f"must be scalar, got {count} values" in found
+def test_a_condition_must_be_scalar(text, count, tmp_path):
+    (message, *_) = problems(alone("If", 1, 2, IfExpression=text), tmp_path)
+    assert f"must be scalar, got {count} values" in message
 
 
 @pytest.mark.parametrize("written", ["xx 1", "ssIdNumber 2"])
-def test_a_chart_whose_states_cannot_be_told_apart_is_refused(written, tmp_path):
+def test_a_chart_with_ambiguous_states_is_refused(written, tmp_path):
     drawn = Model("model", step="0.1", solver="FixedStepDiscrete")
     states = Chart({"A": "A\nen: y = 1;", "B": "B"}, [("", "A", ""), ("A", "B", "[u > 0]")], [("u", "INPUT_DATA")])
     drawn.inport("u")
@@ -213,7 +213,7 @@ def test_a_chart_whose_states_cannot_be_told_apart_is_refused(written, tmp_path)
     assert "states and junctions have no unique identifiers" in str(findings[0])
 
 
-def test_a_dictionary_whose_sizes_are_no_numbers(tmp_path):
+def test_sizes_in_a_dictionary_must_be_numbers(tmp_path):
     entries = [{"name": "k", "value": {"_array_class": "A", "_dimensions": [1e999], "_elements": []}}]
     content = {"__MW_TEXT_PARTS__": {"__MW_TEXT_PART__/data/chunk0": {"__MW_TEXT_content": {"entries": entries}}}}
     path = tmp_path / "data.sldd"

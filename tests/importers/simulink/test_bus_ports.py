@@ -49,9 +49,9 @@ def drawn(control=None):
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_a_subsystem_takes_and_gives_elements_of_buses(layout, tmp_path):
-    found = run(imported(drawn(), tmp_path, layout), {"u": U, "v": V})
-    np.testing.assert_allclose(found["a"], U + V)
-    np.testing.assert_allclose(found["b"], U * V)
+    outputs = run(imported(drawn(), tmp_path, layout), {"u": U, "v": V})
+    np.testing.assert_allclose(outputs["a"], U + V)
+    np.testing.assert_allclose(outputs["b"], U * V)
 
 
 def test_elements_at_the_top_are_channels_and_outputs_of_their_own(tmp_path):
@@ -64,11 +64,11 @@ def test_elements_at_the_top_are_channels_and_outputs_of_their_own(tmp_path):
     model.block("Gain", "H", Gain="3")
     model.chain("In Bus Element", "G", "Out Bus Element")
     model.chain("In Bus Element1", "H", "Out Bus Element1")
-    made = imported(model, tmp_path)
-    assert made.graph.outputs == ("Result.m", "Result.k")
-    found = run(made, {"Engine.n": U, "Engine.air.p": V})
-    np.testing.assert_allclose(found["Result.m"], 2 * U)
-    np.testing.assert_allclose(found["Result.k"], 3 * V)
+    model_of_buses = imported(model, tmp_path)
+    assert model_of_buses.graph.outputs == ("Result.m", "Result.k")
+    outputs = run(model_of_buses, {"Engine.n": U, "Engine.air.p": V})
+    np.testing.assert_allclose(outputs["Result.m"], 2 * U)
+    np.testing.assert_allclose(outputs["Result.k"], 3 * V)
 
 
 @pytest.mark.parametrize(
@@ -86,11 +86,11 @@ def test_duplicate_names_in_a_bus_get_port_numbers(selected, expected, tmp_path)
     for at in (1, 2):
         drawn.outport(f"y{at}")
         drawn.line(f"S:{at}", f"y{at}")
-    found = run(imported(drawn, tmp_path), {"u1": [1.0], "u2": [2.0], "u3": [3.0]})
-    assert [found["y1"][0], found["y2"][0]] == expected
+    outputs = run(imported(drawn, tmp_path), {"u1": [1.0], "u2": [2.0], "u3": [3.0]})
+    assert [outputs["y1"][0], outputs["y2"][0]] == expected
 
 
-def test_an_element_that_the_bus_does_not_have_is_told(tmp_path):
+def test_an_unknown_element_of_a_bus_is_reported(tmp_path):
     model = drawn()
     model.blocks[4].system.blocks[0].parameters["Element"] = "speed"
     with pytest.raises(InputError, match="S/n: it selects speed, but the bus contains n, air"):

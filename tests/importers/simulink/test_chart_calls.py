@@ -43,36 +43,36 @@ CALL = [("f", "OUTPUT_EVENT", "FUNCTION_CALL_EVENT")]
 def test_a_chart_reads_what_it_calls_within_its_step(tmp_path):
     chart = lone("en: y = 1;\ndu: y = u; f; y = y + th;", CALLER, events=CALL)
     model = imported(fed_back(chart, "K"), tmp_path, parameters=[{"K": 3.0}])
-    found = run(model, {"u": U[:20]})
-    np.testing.assert_allclose(found["y_out"], np.r_[1, 4 * U[1:20]], atol=1e-12)
-    np.testing.assert_allclose(found["th_out"], np.r_[0, 3 * U[1:20]], atol=1e-12)
+    recorded = run(model, {"u": U[:20]})
+    np.testing.assert_allclose(recorded["y_out"], np.r_[1, 4 * U[1:20]], atol=1e-12)
+    np.testing.assert_allclose(recorded["th_out"], np.r_[0, 3 * U[1:20]], atol=1e-12)
     exact, near = slopes(model, {"u": U[:20]}, "K", "y_out")
     np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
 
 
 def test_a_chart_reads_what_an_earlier_call_has_left(tmp_path):
     chart = pair("en: y = 1;\ndu: y = y + th;", "du: y = u; f;", "[u > 0]", "[u < 0]", CALLER, events=CALL)
-    found = run(imported(fed_back(chart), tmp_path), {"u": [0, 1, 2, 3, -1, 0, 0]})
-    np.testing.assert_array_equal(found["y_out"], [1, 1, 2, 3, 1, 7, 13])
-    np.testing.assert_array_equal(found["th_out"], [0, 0, 4, 6, 6, 6, 6])
+    recorded = run(imported(fed_back(chart), tmp_path), {"u": [0, 1, 2, 3, -1, 0, 0]})
+    np.testing.assert_array_equal(recorded["y_out"], [1, 1, 2, 3, 1, 7, 13])
+    np.testing.assert_array_equal(recorded["th_out"], [0, 0, 4, 6, 6, 6, 6])
 
 
 @pytest.mark.parametrize(
-    ("state", "told"),
+    ("state", "message"),
     [
         ("en: y = 1;\ndu: f; f;", "f may be called twice in one step"),
         ("en: f;\ndu: y = u; f; y = th;", "in several places"),
     ],
 )
-def test_calls_that_cannot_be_placed_are_refused(state, told, tmp_path):
+def test_calls_that_cannot_be_placed_are_refused(state, message, tmp_path):
     chart = lone(state, CALLER, events=CALL)
     with pytest.raises(InputError) as caught:
         imported(fed_back(chart), tmp_path)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("first", ["N", "S"])
-def test_a_block_between_a_chart_and_what_it_calls_is_told_wherever_the_import_begins(first, tmp_path):
+def test_a_block_between_a_chart_and_its_callee_is_reported_for_any_start_of_the_import(first, tmp_path):
     chart = lone("du: y = u; f; y = y + th;", CALLER, events=CALL)
     drawn = caller(chart)
     drawn.block("Gain", "N", Gain="2")
@@ -83,8 +83,8 @@ def test_a_block_between_a_chart_and_what_it_calls_is_told_wherever_the_import_b
     drawn.line("S", "C:2", "S_out")
     with pytest.raises(InputError) as caught:
         imported(drawn, tmp_path)
-    told = str(caught.value)
-    assert "needs N, which needs the chart" in told or "algebraic loop: " in told
+    message = str(caught.value)
+    assert "needs N, which needs the chart" in message or "algebraic loop: " in message
 
 
 def test_an_output_that_changes_after_a_call_is_refused_where_the_called_subsystem_reads_it(tmp_path):

@@ -51,9 +51,9 @@ FUNCTIONS = Chart(
 
 
 def test_functions_of_a_chart_are_drawn_or_written(tmp_path):
-    found = run(imported(drawn_chart(FUNCTIONS, outputs=("y", "n")), tmp_path), {"u": [2.0, 1.0, 4.0, 0.0]})
-    np.testing.assert_allclose(found["y_out"], [2 + 6, 7.5, 7.0, 6.5])
-    np.testing.assert_allclose(found["n_out"], [0, 6, 7, 8])
+    recorded = run(imported(drawn_chart(FUNCTIONS, outputs=("y", "n")), tmp_path), {"u": [2.0, 1.0, 4.0, 0.0]})
+    np.testing.assert_allclose(recorded["y_out"], [2 + 6, 7.5, 7.0, 6.5])
+    np.testing.assert_allclose(recorded["n_out"], [0, 6, 7, 8])
 
 
 def test_actions_in_matlab_decide_and_repeat(tmp_path):
@@ -65,10 +65,10 @@ def test_actions_in_matlab_decide_and_repeat(tmp_path):
     )
     data = [*IO, ("x", "LOCAL_DATA", "", "[1 3]"), ("i", "LOCAL_DATA"), ("k", "LOCAL_DATA")]
     chart = lone(code, data, language="MATLAB")
-    found = run(imported(drawn_chart(chart), tmp_path), {"u": U[:30]})["y_out"]
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": U[:30]})["y_out"]
     expected = np.where(U > 1, 6 * U, np.where(U < -1, -1, 2 * U)) + 0.7
     expected += np.where(np.isin(np.sign(U) * np.floor(np.abs(U) + 0.5), (0, 5)), 100, 1)
-    np.testing.assert_allclose(found[1:], expected[1:30], atol=1e-12)
+    np.testing.assert_allclose(output[1:], expected[1:30], atol=1e-12)
 
 
 def test_elements_of_arrays_may_be_chosen_while_the_chart_runs(tmp_path):
@@ -83,13 +83,13 @@ def test_elements_of_arrays_may_be_chosen_while_the_chart_runs(tmp_path):
     drawn.outport("out")
     drawn.chain("u", "C", "out")
     muxed(drawn, ("a", "b"), "C:2")
-    found = run(imported(drawn, tmp_path), {"u": U, "a": V, "b": 2 * V})["out"]
+    output = run(imported(drawn, tmp_path), {"u": U, "a": V, "b": 2 * V})["out"]
     m, j, expected = [0.0, 0.0, 0.0], 0, [0.0]
     for k in range(1, U.size):
         m[(k - 1) % 3] = U[k]
         expected.append(m[j] + 2 * V[k])
         j = int(U[k] > 0)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(output, expected, atol=1e-12)
 
 
 def calling(code, drawn, data=(), **options):
@@ -110,34 +110,34 @@ def calling(code, drawn, data=(), **options):
 def test_switch_evaluates_its_subject_once(tmp_path):
     code = "switch f(u)\n case 7\n  y = 1;\n case {5, 1}\n  y = 2;\n case 2\n  y = 3;\n otherwise\n  y = 9;\nend"
     chart = calling(code, "{n = n + 1; r = n;}", [("n", "OUTPUT_DATA")])
-    found = run(imported(drawn_chart(chart, outputs=("y", "n")), tmp_path), {"u": np.zeros(9)})
-    np.testing.assert_array_equal(found["n_out"], range(9))
-    np.testing.assert_array_equal(found["y_out"], [0, 2, 3, 9, 9, 2, 9, 1, 9])
+    recorded = run(imported(drawn_chart(chart, outputs=("y", "n")), tmp_path), {"u": np.zeros(9)})
+    np.testing.assert_array_equal(recorded["n_out"], range(9))
+    np.testing.assert_array_equal(recorded["y_out"], [0, 2, 3, 9, 9, 2, 9, 1, 9])
 
 
 def test_actions_end_if_a_function_in_an_expression_has_left_their_state(tmp_path):
     chart = calling("y = f(u);\nz = z + 1;", "{E; r = x;}", [("z", "OUTPUT_DATA")], events=[("E", "LOCAL_EVENT", "")])
     chart.transitions[1] = ("A", "B", "E")
     chart.states["B"] = "B\nentry: y = -1;"
-    found = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": [5.0, 6.0, 7.0]})
-    np.testing.assert_array_equal(found["y_out"], [0, 6, 6])
-    np.testing.assert_array_equal(found["z_out"], [0, 0, 0])
+    recorded = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": [5.0, 6.0, 7.0]})
+    np.testing.assert_array_equal(recorded["y_out"], [0, 6, 6])
+    np.testing.assert_array_equal(recorded["z_out"], [0, 0, 0])
 
 
 def test_unassigned_outputs_of_matlab_functions_are_nan(tmp_path):
     script = "function r = f(x)\nif x > 0\n  a = x;\nelse\n  a = -1;\nend\nif x < 1\n  r = a;\nend\nend\n"
     chart = replace(calling("y = f(u);", ""), functions={"f": script}, junctions=(), parents={})
     chart.transitions.pop()
-    found = run(imported(drawn_chart(chart), tmp_path), {"u": [0, -2, 0.5, 3, 0.25]})["y_out"]
-    np.testing.assert_array_equal(found, [0, -1, 0.5, np.nan, 0.25])
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": [0, -2, 0.5, 3, 0.25]})["y_out"]
+    np.testing.assert_array_equal(output, [0, -1, 0.5, np.nan, 0.25])
 
 
 def test_end_may_stand_deep_within_an_index(tmp_path):
     code = "x(end) = u;\ny = x(min(end, 7)) + 10*x(-1 + abs(-end)) + 100*x(x(end - 2)/5);"
     chart = lone(f"during:\n{code}", [*IO, ("x", "LOCAL_DATA", "[5 2 0]", "[1 3]")],
                   language="MATLAB")  # fmt: skip
-    found = run(imported(drawn_chart(chart), tmp_path), {"u": U[:5]})["y_out"]
-    np.testing.assert_allclose(found[1:], U[1:5] + 20 + 500)
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": U[:5]})["y_out"]
+    np.testing.assert_allclose(output[1:], U[1:5] + 20 + 500)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_end_may_stand_deep_within_an_index(tmp_path):
 def test_reading_beyond_an_array_gives_nan_and_writing_has_no_effect(language, code, whole, tmp_path):
     data = [*IO, ("x", "LOCAL_DATA", "7", "3"), ("i", "LOCAL_DATA", "-2"), ("z", "OUTPUT_DATA")]
     chart = lone(f"during: {code} i = i + 0.75;", data, language=language)
-    found = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": U[:9]})
+    recorded = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": U[:9]})
     x, i, y, z = np.full(3, 7.0), -2.0, [0.0], [0.0]
     for u in U[1:9]:
         at = int(whole(i))
@@ -160,12 +160,12 @@ def test_reading_beyond_an_array_gives_nan_and_writing_has_no_effect(language, c
         y.append(u if there else np.nan)
         z.append(x.sum())
         i += 0.75
-    np.testing.assert_allclose(found["y_out"], y)
-    np.testing.assert_allclose(found["z_out"], z, atol=1e-12)
+    np.testing.assert_allclose(recorded["y_out"], y)
+    np.testing.assert_allclose(recorded["z_out"], z, atol=1e-12)
     assert np.isnan(y).any()
 
 
-def test_derivatives_pass_by_what_lies_beyond_an_array(tmp_path):
+def test_derivatives_ignore_reads_beyond_an_array(tmp_path):
     data = [*IO, ("K", "PARAMETER_DATA"), ("x", "LOCAL_DATA", "[1 a 3]", "3"), ("i", "LOCAL_DATA")]
     chart = Chart({}, [("", "J", "[i < 3]{y = y + K*x[i]*u;}"), ("", "J", "{y = 2*K*y;}"), ("J", "L", "{i = i + 1;}")],
                   data, junctions=("J", "L"))  # fmt: skip
@@ -193,12 +193,12 @@ def test_a_chart_in_matlab_knows_the_functions_of_matlab(code, wanted, tmp_path)
     data = [*IO, ("x", "LOCAL_DATA", "[0 0 0]", "[1 3]"), ("s", "LOCAL_DATA", "[0 0 0]", "[1 3]")]
     data += [("m", "LOCAL_DATA"), ("i", "LOCAL_DATA")]
     chart = lone(f"during:\nx = [u, 1 - u*u, abs(u)];\n{code}", data, language="MATLAB")
-    found = run(imported(drawn_chart(chart), tmp_path), {"u": U})["y_out"]
-    np.testing.assert_allclose(found[1:], [wanted(np.array([u, 1 - u * u, abs(u)])) for u in U[1:]], atol=1e-12)
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": U})["y_out"]
+    np.testing.assert_allclose(output[1:], [wanted(np.array([u, 1 - u * u, abs(u)])) for u in U[1:]], atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("language", "code", "told"),
+    ("language", "code", "message"),
     [
         ("MATLAB", "y = fft(u);", "the function fft is not supported for signals"),
         ("MATLAB", "y = mean(u, 1, 2, 3);", "mean takes 1 to 2 arguments, got 4"),
@@ -206,9 +206,9 @@ def test_a_chart_in_matlab_knows_the_functions_of_matlab(code, wanted, tmp_path)
         ("C", "y = mean(u);", "the function mean is not supported for signals"),
     ],
 )
-def test_unknown_functions_in_charts_are_reported(language, code, told, tmp_path):
+def test_unknown_functions_in_charts_are_reported(language, code, message, tmp_path):
     chart = lone(f"during:\n{code}", [*IO, ("z", "LOCAL_DATA")], language=language)
-    with pytest.raises(InputError, match=re.escape(told)):
+    with pytest.raises(InputError, match=re.escape(message)):
         imported(drawn_chart(chart), tmp_path)
 
 
@@ -218,8 +218,8 @@ def test_bits_in_a_chart_are_those_of_the_types_of_its_data(layout, tmp_path):
     data = [*IO, ("z", "OUTPUT_DATA"), ("w", "OUTPUT_DATA"), ("k", "LOCAL_DATA", "100")]
     chart = lone(code, data, language="MATLAB", types={"k": "int8"})
     report = import_simulink(drawn_chart(chart, outputs=("y", "z", "w")).write(tmp_path, layout))
-    found = run(report.model, {"u": [0.0, 3.0, 127.0, 200.0]})
-    assert found["y_out"][1:].tolist() == [-56.0, 6.0, -2.0]  # of 100, 3, 127 in int8
-    assert found["z_out"][1:].tolist() == [6.0, 254.0, 144.0]  # of 3, 127, 200 in uint8
-    assert found["w_out"][1:].tolist() == [-54.0, 8.0, -2.0]  # of 101, 4, 127: int8 ends there
+    recorded = run(report.model, {"u": [0.0, 3.0, 127.0, 200.0]})
+    assert recorded["y_out"][1:].tolist() == [-56.0, 6.0, -2.0]  # of 100, 3, 127 in int8
+    assert recorded["z_out"][1:].tolist() == [6.0, 254.0, 144.0]  # of 3, 127, 200 in uint8
+    assert recorded["w_out"][1:].tolist() == [-54.0, 8.0, -2.0]  # of 101, 4, 127: int8 ends there
     assert any(str(one).startswith("integer types are ignored in C") for one in report.report.notes)

@@ -79,13 +79,13 @@ class Drawing:
         return event + condition + self.braced("{}") + after
 
     def around(self, name):
-        found = [name]
-        while self.parents.get(found[-1]):
-            found.append(self.parents[found[-1]])
-        return found
+        path = [name]
+        while self.parents.get(path[-1]):
+            path.append(self.parents[path[-1]])
+        return path
 
     def meets(self, owner, source):
-        """Whether one of two states is within the other."""
+        """Return whether one of two states is within the other."""
         return owner in self.around(source) or source in self.around(owner)
 
     def connect(self, holder, names):
@@ -121,5 +121,5 @@ class Drawing:
 def test_random_charts_run_as_an_interpreter_does(seed, tmp_path):
     random = np.random.default_rng(1000 + seed)
     columns = {name: np.round(random.normal(size=80), 2) for name in ("u", "v")}
-    for found, expected in both(Drawing(seed).chart(), tmp_path, columns, ("y", "z")):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    for simulated, expected in both(Drawing(seed).chart(), tmp_path, columns, ("y", "z")):
+        np.testing.assert_allclose(simulated, expected, rtol=1e-9, atol=1e-9)

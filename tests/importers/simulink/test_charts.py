@@ -193,16 +193,16 @@ def test_charts_run_as_an_interpreter_does(name, tmp_path):
     chart = CHARTS[name]
     columns = {"u": U, "v": V} if len(chart.data) > 3 else {"u": U}
     outputs = ("y", "z") if len(chart.data) > 3 else ("y",)
-    for found, expected in both(chart, tmp_path, columns, outputs):
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    for simulated, expected in both(chart, tmp_path, columns, outputs):
+        np.testing.assert_allclose(simulated, expected, rtol=1e-12, atol=1e-12)
         assert np.unique(expected).size > 1
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", mostly_slow(["parallel", "history", "inner"], ["history"]))
 def test_charts_are_the_same_in_every_layout(name, layout, tmp_path):
-    for found, expected in both(CHARTS[name], tmp_path, {"u": U[:30], "v": V[:30]}, ("y", "z"), layout=layout):
-        np.testing.assert_allclose(found, expected, atol=1e-12)
+    for simulated, expected in both(CHARTS[name], tmp_path, {"u": U[:30], "v": V[:30]}, ("y", "z"), layout=layout):
+        np.testing.assert_allclose(simulated, expected, atol=1e-12)
         assert np.unique(expected).size > 1
 
 
@@ -227,8 +227,8 @@ GAINED = pair(
 
 
 def test_parameters_of_a_chart_stay_live_with_exact_derivatives(tmp_path):
-    given = {"K": 1.5, "limit": 0.2, "a": 3.0}
-    model = imported(drawn_chart(GAINED), tmp_path, parameters=[given])
+    values = {"K": 1.5, "limit": 0.2, "a": 3.0}
+    model = imported(drawn_chart(GAINED), tmp_path, parameters=[values])
     assert {"K", "limit"} <= set(model.graph.parameters)
     for name in ("K", "limit"):
         exact, near = slopes(model, {"u": U[:40]}, name, "y_out")
@@ -240,8 +240,8 @@ def test_a_chart_may_begin_with_a_parameter(tmp_path):
     data = [*IO, ("s", "LOCAL_DATA", "2*a")]
     drawn = lone("during: s = 0.5*s; y = s + u;", data)
     model = imported(drawn_chart(drawn), tmp_path, parameters=[{"a": 3.0}])
-    found = run(model, {"u": np.zeros(4)})["y_out"]
-    np.testing.assert_allclose(found, [0, 3, 1.5, 0.75])
+    output = run(model, {"u": np.zeros(4)})["y_out"]
+    np.testing.assert_allclose(output, [0, 3, 1.5, 0.75])
     exact, near = slopes(model, {"u": np.zeros(4)}, "a", "y_out")
     np.testing.assert_allclose(exact, near, atol=1e-8)
 
@@ -253,15 +253,15 @@ def test_a_chart_that_is_entered_before_the_first_step_runs_in_it(tmp_path):
     drawn = Chart(
         {"A": "A\nentry: y = 1;\nduring: y += 1;"}, [("", "A", "")], IO, settings={"executeAtInitialization": "1"}
     )
-    found = run(imported(drawn_chart(drawn), tmp_path), {"u": np.zeros(3)})["y_out"]
-    np.testing.assert_array_equal(found, [2, 3, 4])
+    output = run(imported(drawn_chart(drawn), tmp_path), {"u": np.zeros(3)})["y_out"]
+    np.testing.assert_array_equal(output, [2, 3, 4])
 
 
 def test_a_chart_with_a_sample_time_of_its_own_holds_between_its_hits(tmp_path):
     settings = {"updateMethod": "DISCRETE", "sampleTime": "0.3"}
     drawn = lone("entry: y = u;\nduring: y = u;", settings=settings)
-    found = run(imported(drawn_chart(drawn), tmp_path), {"u": np.arange(8.0)})["y_out"]
-    np.testing.assert_array_equal(found, [0, 0, 0, 3, 3, 3, 6, 6])
+    output = run(imported(drawn_chart(drawn), tmp_path), {"u": np.arange(8.0)})["y_out"]
+    np.testing.assert_array_equal(output, [0, 0, 0, 3, 3, 3, 6, 6])
 
 
 def test_a_chart_in_an_enabled_subsystem_stands_still_with_it(tmp_path):
@@ -279,8 +279,8 @@ def test_a_chart_in_an_enabled_subsystem_stands_still_with_it(tmp_path):
     drawn.line("e", "S#enable")
     drawn.line("S", "y")
     enabled = np.array([0, 1, 1, 0, 0, 1, 1])
-    found = run(imported(drawn, tmp_path), {"u": np.arange(7.0), "e": enabled})["y"]
-    np.testing.assert_array_equal(found, [0, 0, 2, 2, 2, 7, 13])
+    output = run(imported(drawn, tmp_path), {"u": np.arange(7.0), "e": enabled})["y"]
+    np.testing.assert_array_equal(output, [0, 0, 2, 2, 2, 7, 13])
 
 
 # events from outside and to the outside
@@ -301,9 +301,9 @@ def test_an_event_from_outside_wakes_a_chart_up_at_an_edge(trigger, at, tmp_path
     drawn.inport("e")
     drawn.line("e", "C#trigger")
     signal = np.array([-1, -1, -1, 1, 1, -1, -1, 1, 1], dtype=float)
-    found = run(imported(drawn, tmp_path), {"u": np.full(9, 10.0), "e": signal})["y_out"]
+    output = run(imported(drawn, tmp_path), {"u": np.full(9, 10.0), "e": signal})["y_out"]
     woken = np.searchsorted(at, np.arange(9), side="right")
-    np.testing.assert_array_equal(found, np.where(woken == 0, 0, 1 + 10 * (woken - 1)))
+    np.testing.assert_array_equal(output, np.where(woken == 0, 0, 1 + 10 * (woken - 1)))
 
 
 def test_two_events_from_outside_come_one_after_the_other(tmp_path):
@@ -317,15 +317,15 @@ def test_two_events_from_outside_come_one_after_the_other(tmp_path):
     drawn = drawn_chart(chart)
     muxed(drawn, ("e", "f"), "C#trigger")
     e, f = np.array([[1, 0, 1, 1, 0, 1], [1, 1, 0, 1, 0, 1]], dtype=float)
-    found = run(imported(drawn, tmp_path), {"u": np.zeros(6), "e": e, "f": f})["y_out"]
-    np.testing.assert_array_equal(found, [1, 2, 4, 9, 9, 19])
+    output = run(imported(drawn, tmp_path), {"u": np.zeros(6), "e": e, "f": f})["y_out"]
+    np.testing.assert_array_equal(output, [1, 2, 4, 9, 9, 19])
 
 
 def test_an_event_to_the_outside_changes_its_output_at_an_edge(tmp_path):
     sent = [("e", "OUTPUT_EVENT", "EITHER_EDGE_EVENT")]
     chart = pair("du: y = u;", "", "[u > 0]{e;}", "[u < 0]/e;", events=sent)
-    found = run(imported(drawn_chart(chart, outputs=("y", "e")), tmp_path), {"u": [0, 1, 1, -1, 0, 2.0]})["e_out"]
-    np.testing.assert_array_equal(found, [0, 1, 1, 0, 0, 1])
+    output = run(imported(drawn_chart(chart, outputs=("y", "e")), tmp_path), {"u": [0, 1, 1, -1, 0, 2.0]})["e_out"]
+    np.testing.assert_array_equal(output, [0, 1, 1, 0, 0, 1])
 
 
 # implicit events and time
@@ -346,21 +346,21 @@ def test_implicit_events_come_when_states_are_entered_and_variables_change(tmp_p
         parallel=("",),
     )
     u, v = np.array([0, 1, 1, -1, 1, 0.0]), np.array([0, 0, 5, 5, 4, 4.0])
-    found = run(imported(drawn_chart(chart, ("u", "v")), tmp_path), {"u": u, "v": v})["y_out"]
-    np.testing.assert_array_equal(found, [0, 1, 101, 111, 212, 212])
+    output = run(imported(drawn_chart(chart, ("u", "v")), tmp_path), {"u": u, "v": v})["y_out"]
+    np.testing.assert_array_equal(output, [0, 1, 101, 111, 212, 212])
 
 
 def test_duration_is_how_long_a_condition_holds(tmp_path):
     chart = pair("du: y = duration(u > 0);", "en: y = -1;", "[duration(u > 0) >= 0.3]", "[u < 0]")
-    found = run(imported(drawn_chart(chart), tmp_path), {"u": [1, 1, 1, -1, 1, 1, 1, 1, 1, -1, 1, 1.0]})["y_out"]
-    np.testing.assert_allclose(found, [0, 0, 0.1, 0, 0, 0.1, 0.2, -1, -1, -1, 0, 0.1], atol=1e-12)
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": [1, 1, 1, -1, 1, 1, 1, 1, 1, -1, 1, 1.0]})["y_out"]
+    np.testing.assert_allclose(output, [0, 0, 0.1, 0, 0, 0.1, 0.2, -1, -1, -1, 0, 0.1], atol=1e-12)
 
 
 def test_changes_of_inputs_outputs_and_elements_are_detected(tmp_path):
     code = "du: y = hasChanged(u) + 10*hasChangedTo(u, 2) + 100*hasChangedFrom(u, 2) + 1000*hasChanged(s); s = u > 2;"
     chart = lone(code, [*IO, ("s", "LOCAL_DATA")])
-    found = run(imported(drawn_chart(chart), tmp_path), {"u": [1, 2, 2, 3, 3, 3, 2, 2.0]})["y_out"]
-    np.testing.assert_array_equal(found, [0, 11, 0, 101, 1000, 0, 11, 1000])
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": [1, 2, 2, 3, 3, 3, 2, 2.0]})["y_out"]
+    np.testing.assert_array_equal(output, [0, 11, 0, 101, 1000, 0, 11, 1000])
 
 
 # size and refusals
@@ -396,8 +396,8 @@ def test_a_loop_may_end_by_a_signal_within_its_bound(tmp_path):
         [*IO, ("i", "LOCAL_DATA")],
         junctions=("J", "K", "L"),
     )
-    found = run(imported(drawn_chart(chart), tmp_path), {"u": [-1.0, 0.0, 5.0, 1e9]})["y_out"]
-    np.testing.assert_array_equal(found, [0, 1, 6, 210])
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": [-1.0, 0.0, 5.0, 1e9]})["y_out"]
+    np.testing.assert_array_equal(output, [0, 1, 6, 210])
 
 
 MATRIX = ("m", "LOCAL_DATA", "", "[2 3]")
@@ -455,12 +455,12 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("chart", "told"), REFUSED)
-def test_unsupported_charts_are_rejected(chart, told, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("chart", "message"), REFUSED)
+def test_unsupported_charts_are_rejected(chart, message, tmp_path, monkeypatch):
     monkeypatch.setattr(chart_machine, "_MAX_WORK", 3000)
     with pytest.raises(InputError) as caught:
         imported(drawn_chart(chart), tmp_path)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).startswith(("model.slx C: ", "model.slx variable q: "))
 
 

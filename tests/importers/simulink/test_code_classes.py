@@ -42,8 +42,8 @@ DEEP_VALUES = [
 def test_arrays_of_three_dimensions_are_expanded_from_the_first_one(text, values, tmp_path):
     columns = f"z = {text};\ny = double(numel(z) == {len(values)})*sum(z(:)'.*(1:numel(z))*1.5) + 0*u;"
     expected = 1.5 * sum(at * value for at, value in enumerate(values, 1))
-    found = outputs(body(DEEP + columns), tmp_path)
-    np.testing.assert_allclose(found, expected)
+    output = outputs(body(DEEP + columns), tmp_path)
+    np.testing.assert_allclose(output, expected)
     number = evaluate(text, {"A": np.arange(1.0, 9).reshape(2, 2, 2, order="F"), "B": np.array([[1.0, 2], [3, 4]])})
     assert number.ravel(order="F").astype(float) == pytest.approx(values)
 
@@ -79,8 +79,8 @@ BITS = [
 @pytest.mark.parametrize(("text", "values"), BITS)
 def test_bits_are_those_of_the_class_of_a_number(text, values, tmp_path):
     x = np.array([-100.0, -1.0, 0.0, 100.0])
-    found = outputs(body(f"x = u;\nz = {text};\ny = double(z) + 0*v;"), tmp_path, u=x, v=0 * x)
-    assert found.tolist() == values
+    output = outputs(body(f"x = u;\nz = {text};\ny = double(z) + 0*v;"), tmp_path, u=x, v=0 * x)
+    assert output.tolist() == values
     assert [float(evaluate(text, {"x": one})[0, 0]) for one in x] == values
 
 
@@ -102,12 +102,12 @@ def test_an_input_has_the_integer_type_of_its_signal_or_of_the_port(tmp_path):
     drawn.function("F", "function y = f(u)\ny = double(bitshift(u, 1));\nend\n", ("u",), ("y",))
     drawn.outport("y")
     drawn.chain("u", "F", "y")
-    found = import_simulink(drawn.write(tmp_path))
-    assert run(found.model, {"u": [200.0, 3.0]})["y"].tolist() == [144.0, 6.0]
-    assert not any("bitshift" in str(one) for one in found.report.remarks)
+    result = import_simulink(drawn.write(tmp_path))
+    assert run(result.model, {"u": [200.0, 3.0]})["y"].tolist() == [144.0, 6.0]
+    assert not any("bitshift" in str(one) for one in result.report.remarks)
 
 
-def test_what_an_unknown_class_could_change_is_told(tmp_path):
+def test_possible_effects_of_an_unknown_class_are_reported(tmp_path):
     shifted = import_simulink(function(body("y = bitshift(u, 2) + v;")).write(tmp_path)).report
     assert any("F calls a bit function: bitshift keeps the bits" in str(one) for one in shifted.notes)
     lower = import_simulink(function(body("y = bitshift(u, -2) + v;")).write(tmp_path)).report
@@ -126,8 +126,8 @@ WORKSPACE = [("numel(w)", 3.0), ("w(2)", 5.0), ("sum(w)", 12.0), ("size(w, 2)", 
 
 @pytest.mark.parametrize(("text", "value"), WORKSPACE)
 def test_an_array_of_the_workspace_is_taken_as_it_is(text, value, tmp_path):
-    found = outputs(body(f"y = {text} + 0*u;"), tmp_path, parameters=[{"w": np.array([[4.0, 5.0, 3.0]])}])
-    np.testing.assert_allclose(found, value)
+    output = outputs(body(f"y = {text} + 0*u;"), tmp_path, parameters=[{"w": np.array([[4.0, 5.0, 3.0]])}])
+    np.testing.assert_allclose(output, value)
 
 
 TEXTS = [
@@ -141,21 +141,21 @@ TEXTS = [
 
 
 @pytest.mark.parametrize(("text", "value"), TEXTS)
-def test_texts_strings_and_cells_are_told_apart(text, value, tmp_path):
+def test_texts_strings_and_cells_are_distinguished(text, value, tmp_path):
     np.testing.assert_allclose(outputs(body(f"y = {text} + 0*u;"), tmp_path), value)
 
 
 def test_an_extreme_passes_a_missing_value_on_with_its_place(tmp_path):
     code = "[m, i] = max([u 0 v]);\n[l, k] = min([v u]);\ny = 1000*m + 100*i + 10*k + isnan(l);\n"
     u, v = np.array([1.0, np.nan, 1.0, -2.0]), np.array([2.0, 2.0, np.nan, -3.0])
-    found = outputs(body(code), tmp_path, u=u, v=v)
-    np.testing.assert_array_equal(found, [2320.0, np.nan, np.nan, 210.0])
+    output = outputs(body(code), tmp_path, u=u, v=v)
+    np.testing.assert_array_equal(output, [2320.0, np.nan, np.nan, 210.0])
     places = outputs(body("[~, i] = max([u 0 v]);\ny = i;"), tmp_path, u=u, v=v)
     assert places.tolist() == [3.0, 1.0, 3.0, 2.0]
 
 
 @pytest.mark.parametrize(("text", "shape"), [("diff(zeros(3, 0))", [2, 0]), ("diff(zeros(1, 0))", [1, 0])])
 def test_differences_of_nothing_are_as_empty(text, shape, tmp_path):
-    found = outputs(body(f"y = size({text}, 1) + 10*size({text}, 2) + 0*u;"), tmp_path)
-    assert found[0] == shape[0] + 10 * shape[1]
+    output = outputs(body(f"y = size({text}, 1) + 10*size({text}, 2) + 0*u;"), tmp_path)
+    assert output[0] == shape[0] + 10 * shape[1]
     assert list(evaluate(text).shape) == shape

@@ -146,9 +146,9 @@ def plane(u, v):
 
 @pytest.mark.parametrize(("text", "rule"), NUMBERS)
 def test_functions_of_numbers(text, rule, tmp_path):
-    found = outputs(body(f"{ARRAYS}y = {text};"), tmp_path)
+    output = outputs(body(f"{ARRAYS}y = {text};"), tmp_path)
     wanted = stepwise(lambda u, v: rule(*arrays(u, v)))
-    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(output, wanted, rtol=1e-9, atol=1e-10)
 
 
 def extremes(u, v):
@@ -232,13 +232,13 @@ def doubled_twice(u, v):
 
 @pytest.mark.parametrize(("text", "rule"), STATEMENTS)
 def test_statements_over_arrays(text, rule, tmp_path):
-    found = outputs(body(f"{ARRAYS}{text}"), tmp_path)
-    np.testing.assert_allclose(found, stepwise(rule), rtol=1e-10, atol=1e-11)
+    output = outputs(body(f"{ARRAYS}{text}"), tmp_path)
+    np.testing.assert_allclose(output, stepwise(rule), rtol=1e-10, atol=1e-11)
 
 
-def test_what_lies_beyond_a_curve_is_no_number(tmp_path):
-    found = outputs(body("y = interp1([-1 1], [2 4], u);"), tmp_path)
-    np.testing.assert_allclose(found, np.where(abs(U) <= 1, 3 + U, np.nan))
+def test_values_beyond_a_curve_are_nan(tmp_path):
+    output = outputs(body("y = interp1([-1 1], [2 4], u);"), tmp_path)
+    np.testing.assert_allclose(output, np.where(abs(U) <= 1, 3 + U, np.nan))
 
 
 @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ def test_derivatives_of_functions(text, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("y = interp1([0 1 2], [u v 1], u, 'spline');", "unknown method 'spline'"),
         ("y = interp1([0 u 2], [u v 1], u);", "breakpoints of interp1 must not depend on signals"),
@@ -280,8 +280,8 @@ def test_derivatives_of_functions(text, tmp_path):
         ("x = 1:u;\ny = x(1);", "the length of a range depends on signals"),
     ],
 )
-def test_functions_that_cannot_be_are_told(text, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_unsupported_functions_are_reported(text, message, tmp_path):
+    with pytest.raises(InputError, match=message):
         imported(function(body(text)), tmp_path)
 
 

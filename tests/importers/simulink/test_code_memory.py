@@ -12,7 +12,7 @@ from tests.importers.simulink.simulink_runs import imported, run
 
 
 def over(step, u=U, v=V):
-    """What a rule with a memory of its own gives, step by step."""
+    """Return the results of a rule with a memory of its own, step by step."""
     memory = {}
     return np.array([float(step(memory, a, b)) for a, b in zip(u, v, strict=True)])
 
@@ -115,7 +115,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("code", "step", "count"), CASES)
-def test_variables_that_are_kept(code, step, count, tmp_path):
+def test_persistent_variables_are_states(code, step, count, tmp_path):
     model = imported(function(body(code)), tmp_path)
     np.testing.assert_allclose(run(model, {"u": U, "v": V})["y1"], over(step), rtol=1e-12)
     assert len(model.graph.states) == count
@@ -157,7 +157,7 @@ def test_derivatives_go_through_memories(code, tmp_path):
     check_slopes(f"function y = f(u, v, K)\n{code}\nend\n", tmp_path, "K", 0.4)
 
 
-def test_what_only_a_later_call_reaches_is_kept_as_well(tmp_path):
+def test_memories_of_a_later_call_are_kept_as_well(tmp_path):
     code = body("persistent x k\nif isempty(x)\n x = 0;\nelse\n x = count(u);\n if isempty(k)\n  k = u;\n end\nend\n"
                 "y = x;\nif ~isempty(k)\n y = y + 100*k;\nend")  # fmt: skip
     code += "function n = count(a)\npersistent s\nif isempty(s), s = 10; end\ns = s + a;\nn = s;\nend\n"
@@ -187,16 +187,16 @@ def enabled(reset_states):
 def test_a_memory_in_an_enabled_subsystem(reset_states, tmp_path):
     e = np.array([0, 0, 1, 1, 0, 0, 1, 1, 1, 0.0])
     u = np.arange(10.0)
-    found = run(imported(enabled(reset_states), tmp_path), {"u": u, "e": e})["out"]
-    n, held, before, wanted = 5.0, 0.0, False, []
+    output = run(imported(enabled(reset_states), tmp_path), {"u": u, "e": e})["out"]
+    n, stored, before, wanted = 5.0, 0.0, False, []
     for a, on in zip(u, e > 0, strict=True):
         if on:
             n = 5.0 if reset_states and not before else n
             n += a
-            held = n
+            stored = n
         before = on
-        wanted.append(held)
-    np.testing.assert_allclose(found, wanted)
+        wanted.append(stored)
+    np.testing.assert_allclose(output, wanted)
 
 
 def test_a_memory_at_the_sample_time_of_its_inputs(tmp_path):
@@ -220,7 +220,7 @@ def test_a_counter_without_inputs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("code", "told"),
+    ("code", "message"),
     [
         ("persistent x\ny = x + u;", "line 3: x is not assigned"),
         (
@@ -231,8 +231,8 @@ def test_a_counter_without_inputs(tmp_path):
         ("global x\ny = u;", "global x"),
     ],
 )
-def test_memories_that_cannot_be_are_told(code, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_unsupported_memories_are_reported(code, message, tmp_path):
+    with pytest.raises(InputError, match=message):
         imported(function(body(code)), tmp_path)
 
 
@@ -256,23 +256,23 @@ def sharing(writer, reader):
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_functions_share_data_stores(layout, tmp_path):
-    found = run(imported(sharing("1", "2"), tmp_path, layout, parameters=[{"start": 2.0}]), {"u": U})
+    recorded = run(imported(sharing("1", "2"), tmp_path, layout, parameters=[{"start": 2.0}]), {"u": U})
     total = 2 + np.cumsum(np.maximum(U, 0))
-    np.testing.assert_allclose(found["y1"], total)
-    np.testing.assert_allclose(found["y2"], 10 * total + U)
+    np.testing.assert_allclose(recorded["y1"], total)
+    np.testing.assert_allclose(recorded["y2"], 10 * total + U)
 
 
 def test_without_priorities_a_function_reads_what_the_step_before_has_left(tmp_path):
     report = import_simulink(sharing("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
     assert sum("reads the data store before it is written in the step" in one for one in report.substitutions) == 1
     assert report.total == 6
-    found = run(imported(sharing("", ""), tmp_path, parameters=[{"start": 2.0}]), {"u": U})
+    recorded = run(imported(sharing("", ""), tmp_path, parameters=[{"start": 2.0}]), {"u": U})
     total = np.concatenate([[2.0], 2 + np.cumsum(np.maximum(U, 0))])
-    np.testing.assert_allclose(found["y1"], total[1:])
-    np.testing.assert_allclose(found["y2"], 10 * total[:-1] + U)
+    np.testing.assert_allclose(recorded["y1"], total[1:])
+    np.testing.assert_allclose(recorded["y2"], 10 * total[:-1] + U)
 
 
-def test_a_data_store_that_is_nowhere_is_told(tmp_path):
+def test_a_missing_data_store_is_reported(tmp_path):
     drawn = sharing("1", "2")
     drawn.blocks = [one for one in drawn.blocks if one.name != "M"]
     with pytest.raises(InputError, match="data store total not found"):

@@ -28,8 +28,8 @@ def summed(**parameters):
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 @pytest.mark.parametrize(("how", "factor"), [("off", 71), ("on", 1), ("through", 11)])
 def test_a_commented_block_gives_nothing_or_passes_on(layout, how, factor, tmp_path):
-    found = run(imported(summed(Commented=how), tmp_path, layout), {"u": U})["y"]
-    np.testing.assert_array_equal(found, factor * U)
+    output = run(imported(summed(Commented=how), tmp_path, layout), {"u": U})["y"]
+    np.testing.assert_array_equal(output, factor * U)
 
 
 def test_several_blocks_in_a_row_are_commented_through(tmp_path):
@@ -38,7 +38,7 @@ def test_several_blocks_in_a_row_are_commented_through(tmp_path):
     np.testing.assert_array_equal(run(imported(drawn, tmp_path), {"u": U})["y"], 2 * U)
 
 
-def test_what_is_commented_out_need_not_be_supported(tmp_path):
+def test_blocks_that_are_commented_out_need_not_be_supported(tmp_path):
     drawn = summed()
     drawn.block("S-Function", "Target", ports=(1, 1), Commented="on")
     drawn.link("Gone", "elsewhere/Block", ports=(1, 1), Commented="on")
@@ -67,8 +67,8 @@ def test_a_subsystem_is_commented_with_all_that_is_in_it(tmp_path):
         inner.chain("a", "F", "b")
         drawn.outport("y")
         drawn.chain("u", "In", "y")
-        found = run(imported(drawn, tmp_path), {"u": U})["y"]
-        np.testing.assert_array_equal(found, factor * U)
+        output = run(imported(drawn, tmp_path), {"u": U})["y"]
+        np.testing.assert_array_equal(output, factor * U)
 
 
 def test_a_subsystem_that_is_commented_out_can_be_imported_by_itself(tmp_path):
@@ -79,8 +79,8 @@ def test_a_subsystem_that_is_commented_out_can_be_imported_by_itself(tmp_path):
     inner.block("Gain", "Thrice", ports=(1, 1), Gain="3", Commented="through")
     inner.outport("b")
     inner.chain("a", "Twice", "Thrice", "b")
-    found = run(imported(drawn, tmp_path, subsystem="In"), {"a": U})["b"]
-    np.testing.assert_array_equal(found, 2 * U)
+    output = run(imported(drawn, tmp_path, subsystem="In"), {"a": U})["b"]
+    np.testing.assert_array_equal(output, 2 * U)
 
 
 def test_a_ring_of_blocks_that_are_commented_through_gives_nothing(tmp_path):
@@ -132,11 +132,11 @@ def test_a_constant_output_names_the_subsystem_that_never_runs(tmp_path):
     drawn.line("u", "Switch", "Part")
     drawn.line("Switch", "Part#enable")
     drawn.line("Part", "y")
-    told = "y: the output is constant (7): Part never runs, Switch is commented out"
-    assert remarks(drawn, tmp_path) == [told]
+    remark = "y: the output is constant (7): Part never runs, Switch is commented out"
+    assert remarks(drawn, tmp_path) == [remark]
 
 
-def test_an_output_of_a_constant_block_is_no_remark(tmp_path):
+def test_an_output_of_a_constant_block_gives_no_remark(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.block("Constant", "C", Value="3")
     drawn.block("Ground", "G", ports=(0, 1))

@@ -31,19 +31,19 @@ def integrator(**options):
 def test_the_solver_is_that_of_the_configuration_in_the_dictionary(layout, own, tmp_path):
     (tmp_path / "data.sldd").write_bytes(sldd({"Shared": solver("ode1", "T/2"), "T": entry(0.5)}))
     drawn = integrator(dictionary="data.sldd" if own else "")
-    found = import_simulink(drawn.write(tmp_path, layout), parameters=[] if own else [tmp_path / "data.sldd"])
-    assert (found.report.solver, found.report.step) == ("ode1", 0.25)
-    y = run(found.model, {"u": np.arange(5.0)})["y"]
+    result = import_simulink(drawn.write(tmp_path, layout), parameters=[] if own else [tmp_path / "data.sldd"])
+    assert (result.report.solver, result.report.step) == ("ode1", 0.25)
+    y = run(result.model, {"u": np.arange(5.0)})["y"]
     np.testing.assert_allclose(y, [0, 0, 0.25, 0.75, 1.5])
 
 
-def test_a_configuration_that_is_not_there_is_told(tmp_path):
+def test_a_missing_configuration_is_reported(tmp_path):
     report = import_simulink(integrator().write(tmp_path)).report
     assert "configuration Shared was not found: give its dictionary as parameters" in report.substitutions
     assert report.step is None
 
 
-def test_configurations_that_lead_to_each_other_are_told(tmp_path):
+def test_configurations_that_refer_to_each_other_are_reported(tmp_path):
     further = {name: thing("Simulink.ConfigSetRef", SourceName=to) for name, to in (("Shared", "A"), ("A", "Shared"))}
     (tmp_path / "data.sldd").write_bytes(sldd(further))
     report = import_simulink(integrator(dictionary="data.sldd").write(tmp_path)).report

@@ -16,7 +16,7 @@ PULSE = np.array([0.0, 0, 1, 1, 0, -1, 1, 0] * 5)
 T = 0.1
 
 
-def found(drawn, folder, **columns):
+def delayed_output(drawn, folder, **columns):
     return run(imported(drawn, folder), columns)["y1"]
 
 
@@ -49,7 +49,7 @@ def controlled(steps, enabled, resets, first):
 def test_a_delay_with_an_enable_port_and_a_reset_port_is_reset_only_while_it_runs(kind, resets, steps, tmp_path):
     drawn = alone("Delay", 3, DelayLength=steps, ExternalReset=kind, ShowEnablePort="on", InitialCondition="9")
     enabled = np.array([1.0, 1, 1, 1, 1, 1, 1, 0, 0, 1] * 4)
-    y = found(drawn, tmp_path, u1=U, u2=enabled, u3=PULSE)
+    y = delayed_output(drawn, tmp_path, u1=U, u2=enabled, u3=PULSE)
     np.testing.assert_array_equal(y, controlled(steps, enabled, resets, 9.0))
 
 
@@ -57,7 +57,7 @@ def test_a_delay_with_an_enable_port_and_a_reset_port_is_reset_only_while_it_run
 def test_a_delay_with_both_ports_knows_all_edges(kind, tmp_path):
     drawn = alone("Delay", 3, DelayLength="1", ExternalReset=kind, ShowEnablePort="on", InitialCondition="9")
     edges = crossings(PULSE)[1] if kind == "Falling" else np.logical_or(*crossings(PULSE))
-    y = found(drawn, tmp_path, u1=U, u2=np.ones(COUNT), u3=PULSE)
+    y = delayed_output(drawn, tmp_path, u1=U, u2=np.ones(COUNT), u3=PULSE)
     np.testing.assert_array_equal(y[1:], np.where(edges, 9.0, np.roll(U, 1))[1:])
 
 
@@ -66,7 +66,7 @@ def test_the_length_of_a_delay_may_be_an_input(straight, tmp_path):
     length = np.array([0.0, 3.0, 1.9, 7.0, -2.0] * 8)
     drawn = alone("Delay", 2, DelayLengthSource="Input port", DelayLengthUpperLimit="5", InitialCondition="9",
                   PreventDirectFeedthrough=straight)  # fmt: skip
-    y = found(drawn, tmp_path, u1=U, u2=length)
+    y = delayed_output(drawn, tmp_path, u1=U, u2=length)
     for k in range(COUNT):
         steps = int(np.clip(np.floor(length[k]), 1 if straight == "on" else 0, 5))
         assert y[k] == (U[k - steps] if k >= steps else 9), k
@@ -110,7 +110,7 @@ def test_a_delay_is_reset_to_its_initial_value(kind, layout, tmp_path):
 def test_a_reset_takes_the_initial_value_of_an_input(tmp_path):
     drawn = alone("Delay", 3, DelayLength="1", InitialConditionSource="Input port", ExternalReset="Level hold")
     start = np.arange(COUNT, dtype=float)
-    y = found(drawn, tmp_path, u1=U, u2=1 - ON, u3=start)
+    y = delayed_output(drawn, tmp_path, u1=U, u2=1 - ON, u3=start)
     state = start[0]
     for k in range(COUNT):
         state = start[k] if not ON[k] else state
@@ -121,7 +121,7 @@ def test_a_reset_takes_the_initial_value_of_an_input(tmp_path):
 def test_a_delay_that_is_not_enabled_keeps_its_output_and_begins_anew(tmp_path):
     enable = np.array([0, 0, 1, 1, 1, 0, 0, 1, 1, 1] * 4, dtype=float)
     drawn = alone("Delay", 2, DelayLength="2", InitialCondition="4", ShowEnablePort="on")
-    y = found(drawn, tmp_path, u1=U, u2=enable)
+    y = delayed_output(drawn, tmp_path, u1=U, u2=enable)
     line, out, was = [4.0, 4.0], 0.0, False
     for k in range(COUNT):
         if enable[k]:
@@ -154,7 +154,7 @@ def test_a_tapped_delay_runs_at_its_own_sample_time(tmp_path):
 
 def unit_delay(kind, columns, folder, **parameters):
     drawn = alone("Reference", len(columns), special=kind, **parameters)
-    return found(drawn, folder, **{f"u{at}": one for at, one in enumerate(columns, 1)})
+    return delayed_output(drawn, folder, **{f"u{at}": one for at, one in enumerate(columns, 1)})
 
 
 START = np.arange(COUNT) + 100.0
@@ -191,7 +191,7 @@ def test_previews_show_what_a_delay_will_hold(tmp_path):
 def test_a_filter_is_reset_to_its_initial_states(kind, tmp_path):
     drawn = alone(kind, 2, Numerator="[0.2 0.3]", Denominator="[1 -0.9 0.1]", InitialStates="[0.5 -1]",
                   ExternalReset="Rising")  # fmt: skip
-    y = found(drawn, tmp_path, u1=U, u2=PULSE)
+    y = delayed_output(drawn, tmp_path, u1=U, u2=PULSE)
     b = [0.2, 0.3, 0.0] if kind == "DiscreteFilter" else [0.0, 0.2, 0.3]
     w, before = [0.5, -1.0], None
     for k in range(COUNT):
@@ -224,7 +224,7 @@ def test_a_transfer_function_whose_leading_coefficient_is_a_parameter_may_stand_
 
 
 @pytest.mark.parametrize("kind", ["DiscreteIntegrator", "Integrator"])
-def test_an_integrator_tells_which_limit_it_is_at(kind, tmp_path):
+def test_an_integrator_outputs_which_limit_it_is_at(kind, tmp_path):
     drawn = alone(kind, 1, 2, LimitOutput="on", UpperSaturationLimit="0.25", LowerSaturationLimit="-0.1",
                   ShowSaturationPort="on", SampleTime="0.1",
                   model=Model(solver="ode1", step="0.1"))  # fmt: skip
@@ -257,7 +257,7 @@ def test_a_state_port_shows_the_state(tmp_path):
 
 def test_a_sampled_level_holds_an_integrator_at_its_initial_value(tmp_path):
     drawn = alone("DiscreteIntegrator", 2, SampleTime="0.1", ExternalReset="sampled level", InitialCondition="2")
-    y, x = found(drawn, tmp_path, u1=U, u2=1 - ON), 2.0
+    y, x = delayed_output(drawn, tmp_path, u1=U, u2=1 - ON), 2.0
     for k in range(COUNT):
         x = x if ON[k] else 2.0
         assert y[k] == pytest.approx(x, abs=1e-13), k
@@ -265,15 +265,15 @@ def test_a_sampled_level_holds_an_integrator_at_its_initial_value(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("parameters", "told"),
+    ("parameters", "reason"),
     [
         ({"DelayLengthSource": "Input port", "DelayLengthUpperLimit": "100000"}, "must be an integer from 1 to 2000"),
         ({"DelayLengthSource": "Input port", "InitialCondition": "[1 2]"}, "several initial values"),
         ({"DelayLength": "3", "InitialCondition": "[1 2]"}, "it has 2 initial values for a delay of 3 steps"),
     ],
 )
-def test_delays_that_cannot_be_built_say_why(parameters, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_unsupported_delays_are_refused_with_the_reason(parameters, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         imported(alone("Delay", 2, **parameters), tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""What masks know besides expressions: check boxes, choices, and what they ask of the model."""
+"""Masks beyond expressions: check boxes, choices, and settings of the model."""
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ def masked(mask, value, **model):
     return drawn
 
 
-def value_of(drawn, folder, layout="slx parts", **given):
-    return run(imported(drawn, folder, layout, parameters=[given]), samples=1)["y"][0]
+def value_of(drawn, folder, layout="slx parts", **parameters):
+    return run(imported(drawn, folder, layout, parameters=[parameters]), samples=1)["y"][0]
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
@@ -86,8 +86,8 @@ def test_a_sample_time_may_ask_for_the_step(tmp_path):
     drawn.inport("u")
     drawn.outport("y")
     drawn.chain("u", "Sub", "y")
-    found = run(simulink(drawn.write(tmp_path)), {"u": np.arange(7.0)})["y"]
-    assert found.tolist() == [0, 0, 0, 3, 3, 3, 6]
+    output = run(simulink(drawn.write(tmp_path)), {"u": np.arange(7.0)})["y"]
+    assert output.tolist() == [0, 0, 0, 3, 3, 3, 6]
 
 
 @pytest.mark.parametrize(
@@ -101,6 +101,6 @@ def test_a_sample_time_may_ask_for_the_step(tmp_path):
         "if 1, Ts = get_param(gcs, 'Position'); end",
     ],
 )
-def test_what_only_simulink_can_tell_is_said(code, tmp_path):
+def test_masks_that_only_simulink_can_evaluate_are_refused(code, tmp_path):
     with pytest.raises(InputError, match=r"Sub/C: its Value|variable Ts"):
         value_of(masked(Mask({"a": "1"}, initialization=code), "Ts"), tmp_path)

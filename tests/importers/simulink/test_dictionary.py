@@ -48,38 +48,37 @@ def folder(tmp_path):
 
 
 def test_entries_are_read_with_their_kinds(folder):
-    found = read_dictionary(folder / "main.sldd").data.entries
-    assert (found["K"].value.tolist(), found["K"].kind) == ([[2.5]], "double")
-    assert (found["on"].value.tolist(), found["on"].kind) == ([[1.0]], "logical")
-    assert (found["name"].value, found["name"].kind) == ("turbo", "char")
-    assert found["S"].value["b"]["c"].tolist() == [[1.0, 2.0]]
-    assert [getattr(part, "shape", part) for part in found["C"].value] == [(1, 1), "x"]
-    assert found["Two"].value[0].value.tolist() == [[7.0]]
-    assert found["Hex"].value.tolist() == [[4.0]]
+    entries = read_dictionary(folder / "main.sldd").data.entries
+    assert (entries["K"].value.tolist(), entries["K"].kind) == ([[2.5]], "double")
+    assert (entries["on"].value.tolist(), entries["on"].kind) == ([[1.0]], "logical")
+    assert (entries["name"].value, entries["name"].kind) == ("turbo", "char")
+    assert entries["S"].value["b"]["c"].tolist() == [[1.0, 2.0]]
+    assert [getattr(part, "shape", part) for part in entries["C"].value] == [(1, 1), "x"]
+    assert entries["Two"].value[0].value.tolist() == [[7.0]]
+    assert entries["Hex"].value.tolist() == [[4.0]]
 
 
 def test_parameters_come_with_limits_units_and_types(folder):
-    found = read_dictionary(folder / "main.sldd").data.entries["P"]
-    assert found.value.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
-    assert (found.kind, found.minimum, found.maximum, found.unit, found.type, found.description) == (
-        "Simulink.Parameter", -1.0, 9.5, "Nm", "single", "a < b",
-    )  # fmt: skip
+    parameter = read_dictionary(folder / "main.sldd").data.entries["P"]
+    assert parameter.value.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert (parameter.kind, parameter.minimum, parameter.maximum) == ("Simulink.Parameter", -1.0, 9.5)
+    assert (parameter.unit, parameter.type, parameter.description) == ("Nm", "single", "a < b")
 
 
 def test_lookup_tables_come_with_their_axes(folder):
-    found = read_dictionary(folder / "main.sldd").data.entries["L"]
-    assert (found.value.tolist(), found.unit, found.minimum) == ([[1.0, 2.0]], "Nm", 0.0)
-    assert [(axis.unit, axis.value.tolist()) for axis in found.breakpoints] == [("rpm", [[700.0, 1500.0]])]
+    lookup_table = read_dictionary(folder / "main.sldd").data.entries["L"]
+    assert (lookup_table.value.tolist(), lookup_table.unit, lookup_table.minimum) == ([[1.0, 2.0]], "Nm", 0.0)
+    assert [(axis.unit, axis.value.tolist()) for axis in lookup_table.breakpoints] == [("rpm", [[700.0, 1500.0]])]
 
 
 def test_breakpoint_objects_hold_their_values_one_level_down(tmp_path):
     inner = thing("Simulink.lookuptable.Breakpoint", "Breakpoints", Value=[[700.0, 1500.0]], Unit="rpm", Min=0.0)
     (tmp_path / "d.sldd").write_bytes(sldd({"B": thing("Simulink.Breakpoint", axis=inner)}))
-    found = read_dictionary(tmp_path / "d.sldd").data.entries["B"]
-    assert (found.value.tolist(), found.unit, found.minimum) == ([[700.0, 1500.0]], "rpm", 0.0)
+    breakpoints = read_dictionary(tmp_path / "d.sldd").data.entries["B"]
+    assert (breakpoints.value.tolist(), breakpoints.unit, breakpoints.minimum) == ([[700.0, 1500.0]], "rpm", 0.0)
 
 
-def test_what_cannot_be_read_is_told_by_name(folder):
+def test_unreadable_entries_are_reported_by_name(folder):
     assert read_dictionary(folder / "main.sldd", follow=False).data.unreadable == {
         "Bad": "it has 3 numbers for a size of 2*2",
         "Odd": "its class table is unknown",
@@ -87,25 +86,28 @@ def test_what_cannot_be_read_is_told_by_name(folder):
     }
 
 
-def test_configurations_and_types_are_told_apart_from_data(folder):
-    found = read_dictionary(folder / "main.sldd")
-    assert found.types == ("Gear",)
-    assert found.solvers["Shared"].name == "ode4"
+def test_configurations_and_types_are_distinguished_from_data(folder):
+    dictionary_read = read_dictionary(folder / "main.sldd")
+    assert dictionary_read.types == ("Gear",)
+    assert dictionary_read.solvers["Shared"].name == "ode4"
 
 
 def test_references_are_followed_once_and_the_nearest_entry_wins(folder):
-    found = read_dictionary(folder / "main.sldd")
-    assert found.references == ("further.sldd",)
-    assert (found.data.entries["F"].value.item(), found.data.entries["K"].value.item()) == (8.0, 2.5)
-    assert "not found next to it" in found.data.unreadable["lost.sldd"]
+    dictionary_read = read_dictionary(folder / "main.sldd")
+    assert dictionary_read.references == ("further.sldd",)
+    assert (dictionary_read.data.entries["F"].value.item(), dictionary_read.data.entries["K"].value.item()) == (
+        8.0,
+        2.5,
+    )
+    assert "not found next to it" in dictionary_read.data.unreadable["lost.sldd"]
     assert "F" not in read_dictionary(folder / "main.sldd", follow=False).data.entries
 
 
 def test_a_broken_dictionary_does_not_take_the_one_with_it_that_refers_to_it(folder):
     (folder / "lost.sldd").write_bytes(b"PK\3\4cut")
-    found = read_dictionary(folder / "main.sldd").data
-    assert found.entries["F"].value.item() == 8.0
-    assert "is a damaged zip archive" in found.unreadable["lost.sldd"]
+    data = read_dictionary(folder / "main.sldd").data
+    assert data.entries["F"].value.item() == 8.0
+    assert "is a damaged zip archive" in data.unreadable["lost.sldd"]
 
 
 def test_a_reference_leads_to_no_file_elsewhere(tmp_path):
@@ -127,7 +129,7 @@ def test_numbers_of_any_shape_come_back(values, tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("raw", "said"),
+    ("raw", "message"),
     [
         (b"K = 1", "is not a data dictionary"),
         (b"PK\3\4cut", "damaged zip archive"),
@@ -137,13 +139,13 @@ def test_numbers_of_any_shape_come_back(values, tmp_path_factory):
         (b'{"__MW_TEXT_PARTS__": {}}', "part data/chunk0 is missing"),
     ],
 )
-def test_what_is_no_dictionary_is_told_in_a_sentence(raw, said, tmp_path):
+def test_a_file_other_than_a_dictionary_is_reported_in_a_sentence(raw, message, tmp_path):
     (tmp_path / "d.sldd").write_bytes(raw)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_dictionary(tmp_path / "d.sldd")
 
 
-def test_a_missing_file_is_told(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_dictionary(tmp_path / "d.sldd")
 
@@ -168,7 +170,7 @@ def test_garbled_dictionaries_are_read_or_refused_but_never_crash(folder, count)
     assert 0 < refused < count
 
 
-def test_a_workspace_is_no_dictionary(tmp_path):
+def test_a_workspace_is_not_a_dictionary(tmp_path):
     (tmp_path / "d.sldd").write_bytes(mxarray({"K": 1.0}))
     with pytest.raises(InputError, match="is not a data dictionary"):
         read_dictionary(tmp_path / "d.sldd")
@@ -180,6 +182,6 @@ def test_a_table_object_keeps_the_limits_and_the_unit_of_its_table(tmp_path):
     (tmp_path / "data.sldd").write_bytes(sldd({"Eta": thing("Simulink.LookupTable", table=table, axes=axis)}))
     drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", DataSpecification="Lookup table object",
                   LookupTableObject="Eta")  # fmt: skip
-    found = imported(drawn, tmp_path, parameters=[tmp_path / "data.sldd"]).values["Eta"]
-    np.testing.assert_array_equal([found.lower, found.upper], [[0.0, 0.0], [8.0, 8.0]])
-    assert found.unit == "Nm"
+    lookup_table = imported(drawn, tmp_path, parameters=[tmp_path / "data.sldd"]).values["Eta"]
+    np.testing.assert_array_equal([lookup_table.lower, lookup_table.upper], [[0.0, 0.0], [8.0, 8.0]])
+    assert lookup_table.unit == "Nm"

@@ -87,14 +87,14 @@ def test_a_script_computes_with_members(tmp_path):
     assert run(model, samples=1)["y1"][0] == 3.0
 
 
-def test_a_class_file_beside_the_model_is_found(tmp_path):
+def test_a_class_file_beside_the_model_is_read(tmp_path):
     class_file(tmp_path)
     drawn = constant("EnumeratedConstant", "Gear.Second", OutDataTypeStr="Enum: Gear")
     assert run(imported(drawn, tmp_path), samples=1)["y1"][0] == 2.0
     assert run(imported(constant(value="Gear.Second + Gear(2)"), tmp_path), samples=1)["y1"][0] == 4.0
 
 
-def test_a_class_file_in_a_further_folder_is_found(tmp_path):
+def test_a_class_file_in_a_further_folder_is_read(tmp_path):
     (tmp_path / "types").mkdir()
     class_file(tmp_path / "types")
     assert run(imported(constant(), tmp_path, folders=[tmp_path / "types"]), samples=1)["y1"][0] == 2.0
@@ -198,16 +198,16 @@ def test_an_array_of_members_is_an_array_of_numbers(tmp_path):
     texts = [f'<P Name="Value" IsEnum="1" Dimension="1*2">{elements}</P>',
              '<P Name="Value" Class="Gear" IsEnum="1" Dimension="1*2">First Second</P>']  # fmt: skip
     model = imported(constant(value="10*a + b"), tmp_path, parameters=[entries(tmp_path, *texts)])
-    found = run(model, samples=1)
-    assert [found["y1[1]"][0], found["y1[2]"][0]] == [21.0, 12.0]
+    outputs = run(model, samples=1)
+    assert [outputs["y1[1]"][0], outputs["y1[2]"][0]] == [21.0, 12.0]
 
 
-@pytest.mark.parametrize(("kind", "told"), [("Lost", "place Lost.m next to the model"), ("Gear", "no member Fifth")])
-def test_an_entry_whose_member_is_unknown_is_told(kind, told, tmp_path):
+@pytest.mark.parametrize(("kind", "remark"), [("Lost", "place Lost.m next to the model"), ("Gear", "no member Fifth")])
+def test_an_entry_whose_member_is_unknown_is_reported(kind, remark, tmp_path):
     class_file(tmp_path)
     path = entries(tmp_path, f'<P Name="Value" Class="{kind}" IsEnum="1">Fifth</P>')
     report = import_simulink(constant(value="a").write(tmp_path), parameters=[path]).report
-    assert any(told in str(finding) for finding in report.remarks)
+    assert any(remark in str(finding) for finding in report.remarks)
 
 
 def test_an_enumerated_constant_of_simulinks_library_is_a_member(tmp_path):
@@ -221,8 +221,8 @@ def test_an_enumerated_constant_of_simulinks_library_is_a_member(tmp_path):
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 def test_a_switch_case_knows_members(layout, tmp_path):
     drawn = switch_case("{Gear.First, [Gear.Second, Gear.Reverse]}", 1, 2, 3)
-    found = run(imported(drawn, tmp_path, layout, parameters=[class_file(tmp_path)]), {"u": [1.0, 2.0, -1.0, 0.0]})
-    assert found["y"].tolist() == [1, 2, 2, 3]
+    outputs = run(imported(drawn, tmp_path, layout, parameters=[class_file(tmp_path)]), {"u": [1.0, 2.0, -1.0, 0.0]})
+    assert outputs["y"].tolist() == [1, 2, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -234,11 +234,11 @@ def test_a_multiport_switch_takes_indices_that_are_members(default, expected, tm
                   DataPortIndices="{Gear.First, [Gear.Second -1], 7}", DataPortForDefault=default)  # fmt: skip
     model = imported(drawn, tmp_path, parameters=[class_file(tmp_path)])
     ports = {f"u{at + 2}": np.full(5, at + 1.0) for at in range(count)}
-    found = run(model, {"u1": [1.9, 2.0, -1.0, 7.0, 5.0], **ports})["y1"]
-    assert found.tolist() == expected
+    output = run(model, {"u1": [1.9, 2.0, -1.0, 7.0, 5.0], **ports})["y1"]
+    assert output.tolist() == expected
 
 
-def test_indices_and_ports_that_do_not_fit_are_told(tmp_path):
+def test_indices_and_ports_that_do_not_match_are_reported(tmp_path):
     drawn = alone("MultiPortSwitch", 3, DataPortOrder="Specify indices", DataPortIndices="{1,2,3}")
     with pytest.raises(InputError, match="2 data ports but 3 indices"):
         imported(drawn, tmp_path)
@@ -248,7 +248,7 @@ def test_indices_and_ports_that_do_not_fit_are_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "reason"),
     [
         (
             "Gear.Fifth",
@@ -257,12 +257,12 @@ def test_indices_and_ports_that_do_not_fit_are_told(tmp_path):
         ("Lost.A", "Lost.A: undefined"),
     ],
 )
-def test_a_member_that_is_not_there_is_told(value, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_a_missing_member_is_reported(value, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         imported(constant(value=value), tmp_path, parameters=[class_file(tmp_path)])
 
 
-def test_a_class_of_another_kind_is_told(tmp_path):
+def test_a_class_of_another_kind_is_reported(tmp_path):
     path = tmp_path / "Thing.m"
     path.write_text("classdef Thing < handle\nproperties\nx\nend\nend\n")
     with pytest.raises(InputError, match=r"Thing.m: is a class, but not an enumeration of integers"):
@@ -282,6 +282,6 @@ def test_class_files_in_the_forms_that_are_written():
 
 
 def test_a_dictionary_keeps_the_members_of_its_enumerations(tmp_path):
-    found = read_dictionary(dictionary(tmp_path))
-    assert found.enumerations == {"Gear": {name: float(value) for name, value in MEMBERS.items()}}
-    assert found.types == ("Gear",)
+    contents = read_dictionary(dictionary(tmp_path))
+    assert contents.enumerations == {"Gear": {name: float(value) for name, value in MEMBERS.items()}}
+    assert contents.types == ("Gear",)

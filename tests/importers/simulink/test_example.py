@@ -39,11 +39,11 @@ def test_the_model_with_the_true_values_gives_the_true_temperature(layout, tmp_p
     values = TRUE | {"NAxis": SPEEDS, "LoadAxis": LOADS, "MapGas": MAP}
     model = simulink(path, parameters=[values], bind=BIND, promote=["Gas/Cooling:Gain"])
     columns, count = drive(1), 200
-    found = run(model, {name: columns[column][:count] for name, column in CHANNELS.items()}, dt=0.2)
+    outputs = run(model, {name: columns[column][:count] for name, column in CHANNELS.items()}, dt=0.2)
     z = STEP / TRUE["TauSensor"]
     of_ode3 = 1 - z + z**2 / 2 - z**3 / 6  # exp(-z) as every method of order 3 with three stages has it
-    np.testing.assert_allclose(found["T_sensor"], temperature(columns, of_ode3)[:count], rtol=1e-12)
-    np.testing.assert_allclose(found["T_sensor"], temperature(columns)[:count], atol=1e-3)
+    np.testing.assert_allclose(outputs["T_sensor"], temperature(columns, of_ode3)[:count], rtol=1e-12)
+    np.testing.assert_allclose(outputs["T_sensor"], temperature(columns)[:count], atol=1e-3)
 
 
 def test_the_true_values_lie_within_what_the_fit_trusts(calibrated):
@@ -73,12 +73,12 @@ def test_a_part_as_text_gives_the_same_in_a_project(calibrated, capsys):
     rest += '[channels]\nSpeed = "n_mot"\nLoad = "rl"\nIgnition = "zw"\nVehicle = "v_fzg"\n'
     drawn = '[model]\nfile = "exhaust.mdl"\nsubsystem = "Gas"\nparameters = "exhaust.m"\n'
     text = '[model]\nfile = "gas.kf"\n[calibration]\ninitial = "gas.json"\n'
-    made = []
+    temperatures = []
     for name, model in (("drawn", drawn), ("text", text)):
         path = folder / f"{name}.toml"
         path.write_text(model + rest, encoding="utf-8")
-        made.append(Project.read(path).simulate()[0]["T_gas"].values)
-    np.testing.assert_array_equal(*made)
+        temperatures.append(Project.read(path).simulate()[0]["T_gas"].values)
+    np.testing.assert_array_equal(*temperatures)
 
 
 def test_a_block_is_bound_on_the_command_line_as_in_the_project(tmp_path, capsys):
@@ -90,14 +90,14 @@ def test_a_block_is_bound_on_the_command_line_as_in_the_project(tmp_path, capsys
     assert cli.run(["convert", source, str(target), *more]) == 0
     values = read(target.with_suffix(".json"))
     columns = {name: column[:100] for name, column in drive(1).items()}
-    given = {name: columns[column] for name, column in CHANNELS.items()}
+    inputs = {name: columns[column] for name, column in CHANNELS.items()}
     drawn = simulink(source, parameters=[tmp_path / "exhaust.m"], bind=BIND)
-    found = run(read_formula(target), given, dt=0.2, parameters=values)["T_sensor"]
-    np.testing.assert_allclose(found, run(drawn, given, dt=0.2)["T_sensor"], rtol=1e-12)
+    output = run(read_formula(target), inputs, dt=0.2, parameters=values)["T_sensor"]
+    np.testing.assert_allclose(output, run(drawn, inputs, dt=0.2)["T_sensor"], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("binding", "told"),
+    ("binding", "message"),
     [
         ("Sensor/Radiation", "--bind Sensor/Radiation: has no formula"),
         ("Sensr/Radiation=1", "unknown block Sensr/Radiation. Did you mean Sensor/Radiation?"),
@@ -105,7 +105,7 @@ def test_a_block_is_bound_on_the_command_line_as_in_the_project(tmp_path, capsys
         ("Sensor/Radiation=0.15 *", "bind Sensor/Radiation"),
     ],
 )
-def test_a_binding_that_says_nothing_is_told(binding, told, tmp_path, capsys):
+def test_an_incomplete_binding_is_reported(binding, message, tmp_path, capsys):
     write(tmp_path)
     assert cli.run(["info", str(tmp_path / "exhaust.mdl"), "--bind", binding]) == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err

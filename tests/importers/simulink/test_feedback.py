@@ -56,10 +56,10 @@ def bounced(gravity, bounce, samples):
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_a_state_port_shows_the_state_before_its_own_reset(layout, tmp_path):
     model = imported(bouncing_ball(), tmp_path, layout, parameters=[{"gravity": -9.81, "bounce": -0.8}])
-    found = run(model, samples=60)
+    outputs = run(model, samples=60)
     v, h = bounced(-9.81, -0.8, 60)
-    np.testing.assert_allclose(found["v"], v, atol=1e-12)
-    np.testing.assert_allclose(found["h"], h, atol=1e-12)
+    np.testing.assert_allclose(outputs["v"], v, atol=1e-12)
+    np.testing.assert_allclose(outputs["h"], h, atol=1e-12)
     assert np.sum(np.diff(v) > 0) >= 3
 
 
@@ -67,13 +67,13 @@ def test_slopes_through_a_state_port_are_those_of_finite_differences(tmp_path):
     model = imported(bouncing_ball(), tmp_path, parameters=[{"gravity": -9.81, "bounce": -0.8}])
     columns = {"t": T * np.arange(40)}
     for name in ("gravity", "bounce"):
-        exact, found = slopes(model, columns, name, "h")
-        np.testing.assert_allclose(exact, found, rtol=1e-6, atol=1e-7)
+        exact, differences = slopes(model, columns, name, "h")
+        np.testing.assert_allclose(exact, differences, rtol=1e-6, atol=1e-7)
         assert np.abs(exact).max() > 0.1
 
 
 @pytest.mark.parametrize("solver", ["ode1", "ode4"])
-def test_a_continuous_integrator_starts_anew_where_its_state_port_says_so(solver, tmp_path):
+def test_a_continuous_integrator_is_reset_by_its_state_port(solver, tmp_path):
     drawn = Model(step="0.1", solver=solver)
     drawn.inport("u")
     drawn.block("Integrator", "X", ports={"in": 2, "out": 1, "state": 1}, ExternalReset="level hold",
@@ -86,13 +86,13 @@ def test_a_continuous_integrator_starts_anew_where_its_state_port_says_so(solver
     drawn.line("Full", "X:2")
     drawn.line("X", "y")
     u = RNG.uniform(0.5, 3.0, 40)
-    found = run(imported(drawn, tmp_path), {"u": u})["y"]
+    output = run(imported(drawn, tmp_path), {"u": u})["y"]
     x = 0.25
     for k, one in enumerate(u):
         x = 0.25 if x >= 1 else x
-        assert found[k] == pytest.approx(x, abs=1e-12)
+        assert output[k] == pytest.approx(x, abs=1e-12)
         x += T * one
-    assert np.sum(np.diff(found) < 0) >= 3
+    assert np.sum(np.diff(output) < 0) >= 3
 
 
 def test_a_state_port_shows_a_vector_and_changes_at_the_hits_of_its_block(tmp_path):
@@ -105,12 +105,12 @@ def test_a_state_port_shows_a_vector_and_changes_at_the_hits_of_its_block(tmp_pa
     drawn.line("X#state", "K")
     drawn.line("K", "y")
     model = imported(drawn, tmp_path)
-    found = run(model, {"u[1]": np.ones(5), "u[2]": -np.ones(5)})
+    outputs = run(model, {"u[1]": np.ones(5), "u[2]": -np.ones(5)})
     assert model.graph.outputs == ("y[1]", "y[2]")
-    np.testing.assert_allclose(found["y[2]"], [0, 0, -2, -2, -4])
+    np.testing.assert_allclose(outputs["y[2]"], [0, 0, -2, -2, -4])
 
 
-def test_a_state_port_of_another_block_is_told(tmp_path):
+def test_a_state_port_of_another_block_is_reported(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.block("Memory", "M", ports={"in": 1, "out": 1, "state": 1})
     drawn.block("Gain", "K", ports=(1, 1))
@@ -121,7 +121,7 @@ def test_a_state_port_of_another_block_is_told(tmp_path):
         imported(drawn, tmp_path)
 
 
-def test_an_initial_value_that_depends_on_its_own_state_is_told(tmp_path):
+def test_an_initial_value_that_depends_on_its_own_state_is_reported(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.block("DiscreteIntegrator", "X", ports={"in": 2, "out": 1, "state": 1}, ShowStatePort="on",
@@ -159,20 +159,20 @@ def linear(memory, model=None):
 
 def test_a_matrix_behind_a_memory_gives_it_its_width(tmp_path):
     u = RNG.normal(size=(30, 2))
-    found = run(imported(linear(("Memory", "X")), tmp_path), {"u[1]": u[:, 0], "u[2]": u[:, 1]})["y"]
+    output = run(imported(linear(("Memory", "X")), tmp_path), {"u[1]": u[:, 0], "u[2]": u[:, 1]})["y"]
     x = np.zeros(3)
     for k in range(30):
-        assert found[k] == pytest.approx((C @ x).item(), abs=1e-12)
+        assert output[k] == pytest.approx((C @ x).item(), abs=1e-12)
         x = A @ x + B @ u[k]
 
 
 def test_a_matrix_behind_an_integrator_gives_it_its_width(tmp_path):
     drawn = linear(("Integrator", "X"), Model(step="0.1", solver="ode1"))
     u = RNG.normal(size=(30, 2))
-    found = run(imported(drawn, tmp_path), {"u[1]": u[:, 0], "u[2]": u[:, 1]})["y"]
+    output = run(imported(drawn, tmp_path), {"u[1]": u[:, 0], "u[2]": u[:, 1]})["y"]
     x = np.zeros(3)
     for k in range(30):
-        assert found[k] == pytest.approx((C @ x).item(), abs=1e-12)
+        assert output[k] == pytest.approx((C @ x).item(), abs=1e-12)
         x = x + T * (A @ x + B @ u[k])
 
 
@@ -187,8 +187,8 @@ def test_a_selector_or_a_truth_table_gives_an_inport_its_width(kind, fields, inp
     model = imported(alone(kind, **fields), tmp_path)
     columns = {f"u1[{at}]": [value] for at, value in enumerate(inputs, 1)}
     assert set(model.graph.inputs) == set(columns)
-    found = run(model, columns)
-    assert [found[f"y1[{at}]"][0] for at in (1, 2)] == expected
+    outputs = run(model, columns)
+    assert [outputs[f"y1[{at}]"][0] for at in (1, 2)] == expected
 
 
 def test_a_demux_or_a_matrix_gives_an_inport_its_width(tmp_path):
@@ -216,11 +216,11 @@ def test_a_matrix_times_a_scalar_memory_is_a_matrix(tmp_path):
     drawn.outport("z")
     drawn.line("B", "K")
     drawn.line("K", "z")
-    found = run(imported(drawn, tmp_path), {"u1": np.ones(2)})
-    assert [found[f"z[{at}]"][0] for at in (1, 2, 3, 4)] == [2, 6, 4, 8]
+    outputs = run(imported(drawn, tmp_path), {"u1": np.ones(2)})
+    assert [outputs[f"z[{at}]"][0] for at in (1, 2, 3, 4)] == [2, 6, 4, 8]
 
 
-def test_a_scalar_that_a_matrix_would_widen_is_told(tmp_path):
+def test_a_scalar_that_a_matrix_would_widen_is_reported(tmp_path):
     drawn = alone("UnitDelay", SampleTime="-1")
     drawn.block("Gain", "K", ports=(1, 1), Gain="[1 2 3; 3 4 5]", Multiplication="Matrix(K*u)")
     drawn.block("Constant", "Two", ports=(0, 1), Value="[1 2]")

@@ -106,7 +106,7 @@ def test_masks_links_and_references_are_kept(read):
     assert read.root.at("Plant").model == "plant.slx"
 
 
-def test_functions_and_charts_are_found_at_their_blocks(read):
+def test_functions_and_charts_are_read_with_their_blocks(read):
     limit, shift = read.root.at("Limit"), read.root.at("Shift")
     assert limit.script == 'function y = f(u)\n  y = min(u, 3) * "a"; % a < b & c\n'
     assert (limit.chart.kind, limit.chart.language, shift.chart.kind) == ("MATLAB Function", "MATLAB", "Chart")
@@ -117,7 +117,7 @@ def test_functions_and_charts_are_found_at_their_blocks(read):
     assert sum(block.chart is not None for block in read.root.every()) == 2
 
 
-def test_what_concerns_the_whole_model_is_kept(read):
+def test_settings_of_the_whole_model_are_kept(read):
     solver = read.solver
     assert (solver.name, solver.fixed_step, solver.start, solver.stop) == ("ode3", "T/10", "0.0", "20")
     assert dict(read.callbacks) == {"InitFcn": 'k1 = 2; % "half"\ninit_engine', "PreLoadFcn": "load x.mat"}
@@ -126,7 +126,7 @@ def test_what_concerns_the_whole_model_is_kept(read):
     assert (read.name, read.kind, read.warnings) == ("engine", "model", ())
 
 
-def test_the_release_is_told_by_all_but_classic_files():
+def test_all_but_classic_files_name_the_release():
     versions = [document(engine().written(layout), Path("e")).version for layout in LAYOUTS]
     assert versions == ["R2019b", "R2019b", "R2019b", "8.5", "R2019b"]
 
@@ -155,7 +155,7 @@ def test_files_from_before_sids_name_blocks_in_lines():
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_library_is_no_model(layout):
+def test_a_library_is_not_a_model(layout):
     library = Model("lib", kind="Library")
     library.block("Gain", "K")
     assert document(library.written(layout), Path("lib.slx")).kind == "library"
@@ -219,7 +219,7 @@ def test_values_kept_in_another_part_are_named():
     assert dict(block.parameters) == {"Gain": "2"}
 
 
-def test_special_ports_and_physical_connections_are_told_from_others():
+def test_special_ports_and_physical_connections_are_distinguished_from_others():
     blocks = "".join(f'<Block BlockType="X" Name="b{n}" SID="{n}"/>' for n in (1, 2))
     lines = ("1#stateport", "1#out:3", "2#lconn:2", "2#Reset", "2#ifaction")
     text = "".join(f'<Line><P Name="Src">{end}</P></Line>' for end in lines)
@@ -270,7 +270,7 @@ def diagram(inside):
 
 
 @pytest.mark.parametrize(
-    ("raw", "said"),
+    ("raw", "message"),
     [
         (b"", "is not a Simulink file"),
         (b"Name = 1\n", "is not a Simulink file"),
@@ -290,15 +290,15 @@ def diagram(inside):
         (b"__MWOPC_PACKAGE_BEGIN__ R2022a\n__MWOPC_PART_BEGIN__ /simulink/blockdiagram.xml\n<a/>", "is truncated"),
     ],
 )  # fmt: skip
-def test_what_is_broken_is_told_in_a_sentence(raw, said):
+def test_broken_files_are_reported_in_a_sentence(raw, message):
     with pytest.raises(InputError) as raised:
         document(raw, Path("engine.slx"))
     assert all(str(finding).startswith("engine.slx") for finding in raised.value.findings)
-    assert said in str(raised.value)
+    assert message in str(raised.value)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"a": ' * 100_000, '{"a":' * 500 + "1" + "}" * 500, '{"b": 1, "c": 2}'])
-def test_json_that_is_broken_or_nothing_of_ours_is_refused(text):
+def test_broken_and_foreign_json_is_refused(text):
     with pytest.raises(InputError, match=r"m\.slx simulink/blockDiagram\.json"):
         document(zipped({"simulink/blockDiagram.json": text}), Path("m.slx"))
 
@@ -341,7 +341,7 @@ def test_a_zip_that_unpacks_to_too_much_is_refused(monkeypatch):
         document(raw, Path("m.slx"))
 
 
-def test_lines_to_blocks_that_are_not_there_count_as_loose_and_are_told():
+def test_lines_to_missing_blocks_count_as_loose_and_are_reported():
     block = '<Block BlockType="Gain" Name="K" SID="1"/>'
     line = '<Line><P Name="Src">1#out:1</P><P Name="Dst">9#in:1</P></Line><Line><P Name="Dst">1#in:1</P></Line>'
     read = document(diagram(f"<System>{block}{line}</System>"), Path("m.slx"))
@@ -368,7 +368,7 @@ def test_two_thousand_blocks_are_read(layout):
 
 
 def read_or_refused(raw):
-    """Whether bytes are read; anything else than `InputError` fails the test."""
+    """Return whether bytes are read; any exception but `InputError` fails the test."""
     try:
         document(raw, Path("m.slx"))
     except InputError:
@@ -495,7 +495,7 @@ def test_real_files_show_their_masks_charts_and_links():
     assert read_document(DATA / "vehicle_model.slx").solver.reference == "SharedConfig"
 
 
-def test_a_port_that_is_one_element_of_a_bus_says_which(tmp_path):
+def test_a_port_for_one_element_of_a_bus_names_it(tmp_path):
     drawn = Model("bus")
     drawn.inport("In Bus Element")
     drawn.inport("Plain")
@@ -505,8 +505,10 @@ def test_a_port_that_is_one_element_of_a_bus_says_which(tmp_path):
     with zipfile.ZipFile(path) as package:
         parts = {name: package.read(name).decode() for name in package.namelist()}
     for name, text in parts.items():
-        given = f'<List ListType="InterfaceData">{entries}</List></Block>'
-        parts[name] = re.sub(r'(Name="In Bus Element".*?)</Block>', lambda m, g=given: m[1] + g, text, flags=re.DOTALL)
+        interface = f'<List ListType="InterfaceData">{entries}</List></Block>'
+        parts[name] = re.sub(
+            r'(Name="In Bus Element".*?)</Block>', lambda m, g=interface: m[1] + g, text, flags=re.DOTALL
+        )
     with zipfile.ZipFile(path, "w") as package:
         for name, text in parts.items():
             package.writestr(name, text)

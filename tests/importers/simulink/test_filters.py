@@ -22,8 +22,8 @@ def test_discrete_filters_are_those_of_scipy(b, a, tmp_path):
     written = {"Numerator": str(b), "Denominator": str(a)}
     padded = [0.0] * (len(a) - len(b)) + b
     np.testing.assert_allclose(first("DiscreteFilter", tmp_path, **written), scipy.signal.lfilter(b, a, U), atol=1e-13)
-    found = first("DiscreteTransferFcn", tmp_path, **written)
-    np.testing.assert_allclose(found, scipy.signal.lfilter(padded, a, U), atol=1e-13)
+    output = first("DiscreteTransferFcn", tmp_path, **written)
+    np.testing.assert_allclose(output, scipy.signal.lfilter(padded, a, U), atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["TransferFcn", "DiscreteTransferFcn"])
@@ -37,17 +37,17 @@ def test_a_lag_with_a_named_time_constant_feeds_nothing_through(kind, tmp_path):
     drawn.chain("S", "Lag", "S:2")
     drawn.line("Lag", "y")
     model = imported(drawn, tmp_path, parameters=[{"tau": 2.0}])
-    found, y = run(model, {"u": U})["y"], 0.0
+    output, y = run(model, {"u": U})["y"], 0.0
     for k, u in enumerate(U):
-        assert found[k] == pytest.approx(y, abs=1e-12)
+        assert output[k] == pytest.approx(y, abs=1e-12)
         y = y + T * (u - 2 * y) / 2 if kind == "TransferFcn" else (u - 2 * y) / 2
     exact, differences = slopes(model, {"u": U}, "tau", "y")
     np.testing.assert_allclose(exact, differences, rtol=1e-6, atol=1e-8)
 
 
 def test_a_fir_filter(tmp_path):
-    found = first("DiscreteFir", tmp_path, Coefficients="[0.5 0.25 -1]")
-    np.testing.assert_allclose(found, scipy.signal.lfilter([0.5, 0.25, -1], [1.0], U), atol=1e-13)
+    output = first("DiscreteFir", tmp_path, Coefficients="[0.5 0.25 -1]")
+    np.testing.assert_allclose(output, scipy.signal.lfilter([0.5, 0.25, -1], [1.0], U), atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["DiscreteFilter", "DiscreteTransferFcn"])
@@ -55,11 +55,11 @@ def test_the_states_of_a_filter_are_those_behind_its_leading_coefficient(kind, t
     b, a = [0.5, 0.1, 0.2], [2.0, -0.9, 0.3]
     model = imported(alone(kind, Numerator=str(b), Denominator=str(a), InitialStates="[s 3]"), tmp_path,
                      parameters=[{"s": -1.5}])  # fmt: skip
-    found = run(model, {"u1": U})["y1"]
+    output = run(model, {"u1": U})["y1"]
     states = [-1.5, 3.0]
     for k, u in enumerate(U):
         w = (u - a[1] * states[0] - a[2] * states[1]) / a[0]
-        assert found[k] == pytest.approx(b[0] * w + b[1] * states[0] + b[2] * states[1], abs=1e-13), k
+        assert output[k] == pytest.approx(b[0] * w + b[1] * states[0] + b[2] * states[1], abs=1e-13), k
         states = [w, states[0]]
     exact, differences = slopes(model, {"u1": U}, "s", "y1")
     np.testing.assert_allclose(exact, differences, atol=1e-9)

@@ -149,9 +149,9 @@ VALUES = {"k": 0.8, "x0": 0.3}
 def test_the_text_gives_the_numbers_of_the_model_to_the_last_digit(draw, solver, tmp_path):
     model = imported(draw(solver), tmp_path, parameters=[VALUES])
     columns = {name: {"u": U, "r": R}[name] for name in model.graph.inputs}
-    found, expected = run(read_back(model), columns, parameters=model.values), run(model, columns)
+    outputs, expected = run(read_back(model), columns, parameters=model.values), run(model, columns)
     for name in model.graph.outputs:
-        np.testing.assert_array_equal(found[name], expected[name])
+        np.testing.assert_array_equal(outputs[name], expected[name])
         assert np.ptp(expected[name]) > 0.1
     assert_equal_graphs(model)
     assert f"solver {solver}" in text_of(model).splitlines()
@@ -235,8 +235,8 @@ def test_the_file_that_is_written_is_read_as_the_model(tmp_path):
     read = read_formula(target)
     assert (read.step, read.solver, values.name) == (0.1, "ode2", "plant.json")
     model = imported(transfer("ode2"), tmp_path, parameters=[VALUES])
-    found = run(read, {"u": U}, parameters=model.values)["y"]
-    np.testing.assert_array_equal(found, run(model, {"u": U})["y"])
+    output = run(read, {"u": U}, parameters=model.values)["y"]
+    np.testing.assert_array_equal(output, run(model, {"u": U})["y"])
 
 
 def test_a_step_can_be_chosen_for_the_text(tmp_path):

@@ -52,10 +52,12 @@ def test_the_outline_lists_a_function_call_from_outside_not_as_an_input(tmp_path
     assert [port.name for port in summarize_model(total().write(tmp_path)).inputs] == ["u"]
 
 
-@pytest.mark.parametrize(("rate", "told"), [("-1", "called in every step"), ("0.2", "called every 0.2 s")])
-def test_the_report_tells_when_a_function_call_from_outside_occurs(rate, told, tmp_path):
+@pytest.mark.parametrize(("rate", "occasion"), [("-1", "called in every step"), ("0.2", "called every 0.2 s")])
+def test_the_report_states_when_a_function_call_from_outside_occurs(rate, occasion, tmp_path):
     report = import_simulink(total(SampleTime=rate).write(tmp_path)).report
-    assert any(f"Run is a function call from outside of the model: it is {told}" in str(one) for one in report.remarks)
+    assert any(
+        f"Run is a function call from outside of the model: it is {occasion}" in str(one) for one in report.remarks
+    )
 
 
 def test_a_function_call_from_outside_can_be_bound_to_a_channel(tmp_path):
@@ -77,6 +79,6 @@ def test_a_split_function_call_calls_all_subsystems(layout, tmp_path):
         drawn.line(f"F:{at}", f"S{at}#trigger")
         drawn.line(f"S{at}", f"y{at}")
     drawn.line("u", "S1", "S2")
-    found = run(imported(drawn, tmp_path, layout), {"u": U})
-    assert found["y1"].tolist() == [1, 1, 4, 4]
-    assert found["y2"].tolist() == [10, 10, 40, 40]
+    outputs = run(imported(drawn, tmp_path, layout), {"u": U})
+    assert outputs["y1"].tolist() == [1, 1, 4, 4]
+    assert outputs["y2"].tolist() == [10, 10, 40, 40]

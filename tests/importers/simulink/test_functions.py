@@ -11,19 +11,19 @@ from tests.importers.simulink.simulink_runs import imported, run, slopes
 
 
 @pytest.mark.parametrize(
-    ("code", "told"),
+    ("code", "reason"),
     [
         ("y = 3;", "not define a function"),
         ("function y = (", "model.slx F: F line 1, column "),
     ],
 )
-def test_code_that_is_no_function_is_told(code, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_code_without_a_function_is_reported(code, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         imported(function(code), tmp_path)
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
-def test_parameters_stand_among_the_inputs_where_the_block_says_so(layout, tmp_path):
+def test_parameters_are_inputs_where_the_block_declares_them(layout, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     scopes = {"u": "INPUT_DATA", "K": "PARAMETER_DATA", "v": "INPUT_DATA", "y": "OUTPUT_DATA"}
     drawn.function("F", "function y = f(u, K, v)\ny = K*u - v;\n", ("u", "v"), ("y",), scopes)
@@ -67,9 +67,9 @@ def test_buses_are_structs(tmp_path):
     for at in (1, 2):
         drawn.outport(f"y{at}")
         drawn.line(f"S:{at}", f"y{at}")
-    found = run(imported(drawn, tmp_path), {"speed": U, "load": V})
-    np.testing.assert_allclose(found["y1"], U + V)
-    np.testing.assert_allclose(found["y2"], 2 * U)
+    outputs = run(imported(drawn, tmp_path), {"speed": U, "load": V})
+    np.testing.assert_allclose(outputs["y1"], U + V)
+    np.testing.assert_allclose(outputs["y2"], 2 * U)
 
 
 def test_vectors_are_columns_and_matrices_keep_their_shape(tmp_path):
@@ -87,17 +87,17 @@ def test_vectors_are_columns_and_matrices_keep_their_shape(tmp_path):
     drawn.outport("y2")
     drawn.line("F:1", "y1")
     drawn.line("G", "y2")
-    found = run(imported(drawn, tmp_path), {"u": U, "v": V})
-    np.testing.assert_allclose(found["y1"], U**2 + V**2)
-    np.testing.assert_allclose(found["y2"], U * V + 20)
+    outputs = run(imported(drawn, tmp_path), {"u": U, "v": V})
+    np.testing.assert_allclose(outputs["y1"], U**2 + V**2)
+    np.testing.assert_allclose(outputs["y2"], U * V + 20)
 
 
-def test_a_parameter_without_a_value_is_told(tmp_path):
+def test_a_parameter_without_a_value_is_reported(tmp_path):
     with pytest.raises(InputError, match=r"the parameter K has no value.*Define it in a script"):
         imported(function("function y = f(u, v, K)\ny = K*u;\n"), tmp_path)
 
 
-def test_a_declared_parameter_without_a_value_is_told_like_a_variable_of_any_block(tmp_path):
+def test_a_declared_parameter_without_a_value_is_reported_like_a_variable_of_any_block(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.function("F", "function y = f(u, K)\ny = K*u;\n", data={"K": "PARAMETER_DATA"})
@@ -112,16 +112,16 @@ CURVE = {"xs": np.array([-2.0, -0.5, 0.5, 3.0]), "ys": np.array([1.0, 4.0, -2.0,
 SURFACE = {"xs": np.array([-3.0, 0.0, 3.0]), "zs": np.array([-3.0, 3.0]), "m": np.array([[1, 2, 3], [5.0, -1, 2]])}
 
 
-@pytest.mark.parametrize("held", ["xs, ys", "p"])
-def test_interpolation_of_a_parameter_is_a_curve(held, tmp_path):
-    names = {"xs, ys": "xs, ys", "p": "p.xs, p.ys"}[held]
-    code = f"function y = f(u, v, {held})\ny = look({names}, u) + v;\nend\nfunction y = look(a, b, u)\n"
+@pytest.mark.parametrize("arguments", ["xs, ys", "p"])
+def test_interpolation_of_a_parameter_is_a_curve(arguments, tmp_path):
+    names = {"xs, ys": "xs, ys", "p": "p.xs, p.ys"}[arguments]
+    code = f"function y = f(u, v, {arguments})\ny = look({names}, u) + v;\nend\nfunction y = look(a, b, u)\n"
     model = imported(
         function(code + "y = interp1(a, b, u, 'linear', 'extrap');\nend\n"),
         tmp_path,
-        parameters=[CURVE if held != "p" else {"p": CURVE}],
+        parameters=[CURVE if arguments != "p" else {"p": CURVE}],
     )
-    name = "ys" if held != "p" else "p.ys"
+    name = "ys" if arguments != "p" else "p.ys"
     assert model.values[name].axes[0].name == name.replace("ys", "xs")
     u = np.linspace(-2, 3, 41)
     v = np.sin(u)
@@ -137,12 +137,12 @@ def test_interpolation_in_two_dimensions_of_a_parameter_is_a_map(tmp_path):
     assert [axis.name for axis in model.values["m"].axes] == ["zs", "xs"]
     u, v = np.clip(U, -2.9, 2.9), np.clip(V, -2.9, 2.9)
     rows = np.array([np.interp(u, SURFACE["xs"], row) for row in SURFACE["m"]])
-    found = run(model, {"u": u, "v": v})["y1"]
-    np.testing.assert_allclose(found, rows[0] + (v + 3) / 6 * (rows[1] - rows[0]))
+    output = run(model, {"u": u, "v": v})["y1"]
+    np.testing.assert_allclose(output, rows[0] + (v + 3) / 6 * (rows[1] - rows[0]))
     np.testing.assert_array_equal(run(model, {"u": [3.5], "v": [0.0]})["y1"], [np.nan])
 
 
-def test_a_table_that_is_also_used_by_its_elements_is_no_curve(tmp_path):
+def test_a_table_that_is_also_used_by_its_elements_is_not_a_curve(tmp_path):
     code = "function y = f(u, v, xs, ys)\nk = ys(2)*v;\ny = interp1(xs, ys, u, 'linear', 'extrap') + k;\n"
     model = imported(function(code), tmp_path, parameters=[CURVE])
     assert not model.values["ys"].axes
@@ -163,8 +163,8 @@ def test_enumerations_in_code_are_their_numbers(tmp_path):
     code += " otherwise\n  y = double(Gear.Second);\nend\n"
     model = imported(function(code), tmp_path)
     u = np.array([-2, -0.2, 0.9, 1.6, 2.4, 3.0])
-    found = run(model, {"u": u, "v": 10 * u})["y1"]
-    np.testing.assert_allclose(found, [2, -2, 5, 5, 5, 2])
+    output = run(model, {"u": u, "v": 10 * u})["y1"]
+    np.testing.assert_allclose(output, [2, -2, 5, 5, 5, 2])
     assert not model.values
 
 

@@ -29,12 +29,12 @@ def test_every_block_with_settings_that_make_no_sense(kind, draws, tmp_path):
         solver = chance.choice(["ode3", "FixedStepDiscrete", "ode45"])
         drawn = alone(kind, inputs, chance.choice([1, 2]), model=Model(solver=solver, step="0.1"), **parameters)
         with contextlib.suppress(InputError):
-            found = import_simulink(drawn.write(tmp_path))
-            assert found.model is not None or found.report.findings
+            result = import_simulink(drawn.write(tmp_path))
+            assert result.model is not None or result.report.findings
 
 
 def test_settings_of_the_solver_that_make_no_sense(tmp_path):
     for step in JUNK:
         drawn = alone("Integrator", model=Model(solver="ode4", step=step, start="0", stop=step))
-        found = import_simulink(drawn.write(tmp_path))
-        assert found.model is None or found.model.step is None or found.model.step > 0
+        result = import_simulink(drawn.write(tmp_path))
+        assert result.model is None or result.model.step is None or result.model.step > 0

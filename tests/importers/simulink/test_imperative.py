@@ -149,9 +149,9 @@ STATEMENTS = [
 
 
 @pytest.mark.parametrize(("code", "rule"), STATEMENTS)
-def test_statements_do_what_they_say(code, rule, tmp_path):
-    found = outputs(body(code), tmp_path)
-    np.testing.assert_allclose(found, stepwise(rule), rtol=1e-12, atol=1e-12)
+def test_statements_follow_matlab(code, rule, tmp_path):
+    output = outputs(body(code), tmp_path)
+    np.testing.assert_allclose(output, stepwise(rule), rtol=1e-12, atol=1e-12)
 
 
 FUNCTIONS = [
@@ -189,10 +189,10 @@ def test_functions_in_files_beside_the_model_and_in_folders(tmp_path):
         "function y = other_name(x)\ny = helper(x);\nend\nfunction y = helper(x)\ny = 3*x;\n"
     )
     code = body("y = twice(u) + thrice(v) + helper(u);") + "function y = helper(x)\ny = 100*x;\nend\n"
-    found = outputs(code, tmp_path, folders=[folder])
-    np.testing.assert_allclose(found, 102 * U + 3 * V)
-    found = outputs(code, tmp_path, parameters=[folder / "thrice.m"])
-    np.testing.assert_allclose(found, 102 * U + 3 * V)
+    output = outputs(code, tmp_path, folders=[folder])
+    np.testing.assert_allclose(output, 102 * U + 3 * V)
+    output = outputs(code, tmp_path, parameters=[folder / "thrice.m"])
+    np.testing.assert_allclose(output, 102 * U + 3 * V)
 
 
 def test_a_block_whose_function_is_called_like_the_file_that_it_calls(tmp_path):
@@ -203,9 +203,9 @@ def test_a_block_whose_function_is_called_like_the_file_that_it_calls(tmp_path):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_several_results_in_every_layout(layout, tmp_path):
     code = "function [a, b] = f(u, v)\nb = 0;\nfor k = 1:3\n if u > k, b = k; end\nend\na = u + v;\nend\n"
-    found = run(imported(function(code, outputs=("a", "b")), tmp_path, layout), {"u": 3 * U, "v": V})
-    np.testing.assert_allclose(found["a1"], 3 * U + V)
-    np.testing.assert_allclose(found["b2"], np.clip(np.ceil(3 * U) - 1, 0, 3))
+    recorded = run(imported(function(code, outputs=("a", "b")), tmp_path, layout), {"u": 3 * U, "v": V})
+    np.testing.assert_allclose(recorded["a1"], 3 * U + V)
+    np.testing.assert_allclose(recorded["b2"], np.clip(np.ceil(3 * U) - 1, 0, 3))
 
 
 LIVE = [
@@ -226,8 +226,8 @@ def test_parameters_in_code_stay_exact(code, tmp_path):
 def test_parameters_that_are_vectors_and_structs(tmp_path):
     code = "function y = f(u, v, T, p)\ny = 0;\nfor k = 1:numel(T)\n y = y + T(k)*u^(k - 1);\nend\n"
     code += "y = y*p.gain + p.more.b;\n"
-    given = {"T": np.array([1.0, -2.0, 0.5]), "p": {"gain": 3.0, "more": {"b": 4.0}, "unused": 1.0}}
-    model = imported(function(code), tmp_path, parameters=[given])
+    values = {"T": np.array([1.0, -2.0, 0.5]), "p": {"gain": 3.0, "more": {"b": 4.0}, "unused": 1.0}}
+    model = imported(function(code), tmp_path, parameters=[values])
     assert set(model.values) == {"T", "p.gain", "p.more.b"}
     np.testing.assert_allclose(run(model, {"u": U, "v": V})["y1"], 3 * (1 - 2 * U + 0.5 * U**2) + 4)
     for name in model.values:
@@ -235,18 +235,18 @@ def test_parameters_that_are_vectors_and_structs(tmp_path):
         np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-7)
 
 
-def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
+def test_a_parameter_as_number_of_passes_is_fixed_with_a_remark(tmp_path):
     from kennfeld.importers.simulink.importing import import_simulink
 
     code = "function y = f(u, v, N)\ny = 0;\nfor k = 1:N\n y = y + N*u;\nend\n"
     path = function(code).write(tmp_path)
-    found = import_simulink(path, parameters=[{"N": 3.0}])
-    np.testing.assert_allclose(run(found.model, {"u": U, "v": V})["y1"], 9 * U)
-    assert any("loop" in text for text in found.report.frozen)
+    result = import_simulink(path, parameters=[{"N": 3.0}])
+    np.testing.assert_allclose(run(result.model, {"u": U, "v": V})["y1"], 9 * U)
+    assert any("loop" in text for text in result.report.frozen)
 
 
 @pytest.mark.parametrize(
-    ("code", "told"),
+    ("code", "message"),
     [
         ("if u > 0\n y = 1;\nend", "does not assign y in every case"),
         ("if u > 0\n a = 1;\nend\ny = a;", "line 5: a is not assigned in every case"),
@@ -291,10 +291,10 @@ def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
         ("[a, b] = sin(u);\ny = a;", "sin returns 1 results, but 2 are assigned"),
     ],
 )
-def test_what_is_refused_is_told_with_its_line(code, told, tmp_path, monkeypatch):
+def test_refused_code_is_reported_with_its_line(code, message, tmp_path, monkeypatch):
     for module in (control_flow, evaluation_context):
         monkeypatch.setattr(module, "MAX_STATEMENTS", 3000)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         imported(function(body(code)), tmp_path)
 
 
@@ -302,6 +302,6 @@ def test_sums_of_sums_are_looked_through_once(tmp_path):
     doubling = "x = min(max(u, 0), 1);\nb = u > 0;\nc = v > 0;\n"
     doubling += "for k = 1:60\n x = x + x;\n [b, c] = deal(b & c | b, b | c & b);\nend\ny = 0;\n"
     doubling += "if b && c, y = 1; end\nfor k = 1:min(floor(x/2^59), 2)\n y = y + k;\nend"
-    found = outputs(body(doubling), tmp_path)
+    output = outputs(body(doubling), tmp_path)
     count = np.minimum(np.floor(2 * np.clip(U, 0, 1)), 2)
-    np.testing.assert_allclose(found, count * (count + 1) / 2 + (U > 0) * ((V > 0) | (U > 0)))
+    np.testing.assert_allclose(output, count * (count + 1) / 2 + (U > 0) * ((V > 0) | (U > 0)))

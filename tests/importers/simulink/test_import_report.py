@@ -1,4 +1,4 @@
-"""The import report: what is undefined, what was not reached, and the order in which it is told."""
+"""The import report: undefined variables, unreached blocks, and the order of its entries."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Which subsystems of a model can be imported by themselves."""
+"""Subsystems of a model that can be imported by themselves."""
 
 import numpy as np
 import pytest
@@ -42,24 +42,24 @@ def engine():
     return drawn
 
 
-def test_the_largest_subsystems_that_are_whole_are_told(tmp_path):
+def test_the_largest_importable_subsystems_are_listed(tmp_path):
     path = engine().write(tmp_path)
-    found = inspect_simulink(path, parameters=[{"a": 3.0, "b": 2.0}]).subsystems
-    assert [(one.path, one.blocks, one.inputs, one.outputs) for one in found] == [
+    subsystems = inspect_simulink(path, parameters=[{"a": 3.0, "b": 2.0}]).subsystems
+    assert [(one.path, one.blocks, one.inputs, one.outputs) for one in subsystems] == [
         ("Outer/Within", 6, ("u",), ("y",)),
         ("Middle", 4, ("u",), ("y",)),
     ]
-    given = [{"a": 3.0, "b": 2.0}]
-    np.testing.assert_allclose(run(simulink(path, "Middle", given), {"u": U})["y"], 6 * U)
+    parameters = [{"a": 3.0, "b": 2.0}]
+    np.testing.assert_allclose(run(simulink(path, "Middle", parameters), {"u": U})["y"], 6 * U)
     np.testing.assert_allclose(run(simulink(path, "Outer/Within"), {"u": U})["y"], 24 * U)
 
 
 def test_a_subsystem_whose_variables_have_no_value_is_not_among_them(tmp_path):
-    found = inspect_simulink(engine().write(tmp_path)).subsystems
-    assert [one.path for one in found] == ["Outer/Within"]
+    subsystems = inspect_simulink(engine().write(tmp_path)).subsystems
+    assert [one.path for one in subsystems] == ["Outer/Within"]
 
 
-def test_a_model_that_is_whole_has_no_need_of_it(tmp_path):
+def test_an_importable_model_lists_no_subsystems(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     chain(drawn, 1, 2)
     chain(drawn.subsystem("Part"), 1, 2)
@@ -92,9 +92,9 @@ def test_the_search_builds_each_block_a_few_times_at_most(tmp_path, monkeypatch)
     flat = LoadedModel.flat
 
     def counted(self, *args):
-        found = flat(self, *args)
-        built.append(len(found.blocks))
-        return found
+        flattened = flat(self, *args)
+        built.append(len(flattened.blocks))
+        return flattened
 
     monkeypatch.setattr(LoadedModel, "flat", counted)
     report = inspect_simulink(drawn.write(tmp_path))
@@ -132,7 +132,7 @@ def large(count=3):
     return drawn
 
 
-def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path, monkeypatch, capsys):
+def test_subsystems_of_a_too_large_model_are_listed_nevertheless(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(builder, "_MAX_NODES", 250)
     path = large().write(tmp_path)
     report = inspect_simulink(path)
@@ -147,7 +147,7 @@ def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path,
     assert "S2" in shown
 
 
-def test_a_search_that_ends_early_says_so(tmp_path, monkeypatch, capsys):
+def test_a_search_that_ends_early_is_reported(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(builder, "_MAX_NODES", 500)
     monkeypatch.setattr(importable_subsystems, "_MAX_OPERATIONS", 1000)
     monkeypatch.setattr(importable_subsystems, "_MIN_OPERATIONS", 100)
@@ -182,7 +182,7 @@ def test_a_model_without_outputs_names_its_subsystems(tmp_path):
     assert [one.path for one in report.subsystems] == ["Part"]
 
 
-def test_the_command_says_why_a_script_gives_a_variable_no_value(tmp_path, capsys):
+def test_the_command_explains_why_a_script_gives_a_variable_no_value(tmp_path, capsys):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     chain(drawn, "k")
     (tmp_path / "init.m").write_text("k = sqrt(nowhere);")

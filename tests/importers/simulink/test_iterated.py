@@ -44,13 +44,13 @@ GIVEN = {"gain": 0.5, "start": 2.0}
 
 
 def summed(passes, reset, base=1, u=U):
-    x, found = 2.0, []
+    x, sums = 2.0, []
     for one in u:
         x = 2.0 if reset else x
         for number in range(passes):
             x += 0.5 * one + number + base
-        found.append(x)
-    return found
+        sums.append(x)
+    return sums
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
@@ -67,8 +67,8 @@ def test_a_for_iterator_hands_its_memory_from_pass_to_pass(layout, reset, tmp_pa
 
 def test_the_iteration_may_be_counted_from_0_and_by_a_variable(tmp_path):
     drawn = loop(summing, IterationLimit="n+1", IndexMode="Zero-based")
-    found = run(imported(drawn, tmp_path, parameters=[{**GIVEN, "n": 2}]), {"u": U})["y"]
-    np.testing.assert_allclose(found, summed(3, False, base=0), atol=1e-12)
+    output = run(imported(drawn, tmp_path, parameters=[{**GIVEN, "n": 2}]), {"u": U})["y"]
+    np.testing.assert_allclose(output, summed(3, False, base=0), atol=1e-12)
 
 
 @pytest.mark.parametrize("feed", ["Constant", "Gain"])
@@ -83,17 +83,17 @@ def test_the_limit_may_come_from_a_constant_outside(feed, tmp_path):
     drawn.block("Gain", "G", Gain="1")
     drawn.chain(*(["N"] if feed == "Constant" else ["N", "G"]), "Loop:2")
     path = drawn.write(tmp_path)
-    found = import_simulink(path, parameters=[{**GIVEN, "n": 5}])
+    result = import_simulink(path, parameters=[{**GIVEN, "n": 5}])
     if feed == "Constant":
-        np.testing.assert_allclose(run(found.model, {"u": U})["y"], summed(5, False), atol=1e-12)
+        np.testing.assert_allclose(run(result.model, {"u": U})["y"], summed(5, False), atol=1e-12)
     else:
         with pytest.raises(InputError, match="its iteration count is not constant"):
             imported(drawn, tmp_path, parameters=[{**GIVEN, "n": 5}])
 
 
 def test_the_report_counts_each_block_once(tmp_path):
-    found = import_simulink(loop(summing, IterationLimit="50").write(tmp_path), parameters=[GIVEN]).report
-    assert (found.supported, found.total) == (6, 6)
+    report = import_simulink(loop(summing, IterationLimit="50").write(tmp_path), parameters=[GIVEN]).report
+    assert (report.supported, report.total) == (6, 6)
 
 
 def test_a_literal_in_a_loop_is_promoted_once(tmp_path):
@@ -130,15 +130,15 @@ def test_a_do_while_iterator_ends_when_its_condition_fails(layout, tmp_path):
     drawn = loop(search, "WhileIterator", WhileBlockType="do-while", MaxIters="20", ShowIterationPort="on",
                  ResetStates="reset", ports=(1, 1))  # fmt: skip
     u = np.array([4.0, 1.0, 100.0, 2.0, 9.0])
-    found = run(imported(drawn, tmp_path, layout), {"u": u})
+    outputs = run(imported(drawn, tmp_path, layout), {"u": u})
     for k, one in enumerate(u):
         x, count = 1.0, 0
         while count < 20:
             x, count = 0.5 * (x + one / x), count + 1
             if abs(x * x - one) <= 1e-6:
                 break
-        assert found["root"][k] == pytest.approx(x, rel=1e-14)
-        assert found["passes"][k] == count
+        assert outputs["root"][k] == pytest.approx(x, rel=1e-14)
+        assert outputs["passes"][k] == count
 
 
 def counting(inner):
@@ -164,7 +164,7 @@ def test_a_while_iterator_needs_a_condition_to_begin_and_holds_its_output(reset,
     u = np.array([3.0, 5.5, 50.0, 0.0, -2.0, 7.0, 2.2, 100.0])
     go = np.array([0.0, 1, 1, 1, 0, 1, 0, 1])
     model = imported(drawn, tmp_path, parameters=[{"step": 0.9}])
-    found = run(model, {"u": u, "go": go})["y"]
+    output = run(model, {"u": u, "go": go})["y"]
     z, y = 0.0, 0.0
     for k, limit in enumerate(u):
         z = 0.0 if reset else z
@@ -172,22 +172,22 @@ def test_a_while_iterator_needs_a_condition_to_begin_and_holds_its_output(reset,
         while on and count < 6:
             z += 0.9
             y, count, on = z, count + 1, z < limit
-        assert found[k] == pytest.approx(y, abs=1e-12), k
+        assert output[k] == pytest.approx(y, abs=1e-12), k
     exact, differences = slopes(model, {"u": u, "go": go}, "step", "y")
     np.testing.assert_allclose(exact, differences, atol=1e-7)
 
 
-def test_a_loop_without_an_end_says_how_to_bound_it(tmp_path):
+def test_the_error_for_an_endless_loop_explains_how_to_bound_it(tmp_path):
     drawn = loop(search, "WhileIterator", WhileBlockType="do-while", MaxIters="-1", ShowIterationPort="on",
                  ResetStates="reset", ports=(1, 1))  # fmt: skip
     with pytest.raises(InputError, match=r'iterations is unbounded; set "Loop/Iterator:MaxIters"'):
         imported(drawn, tmp_path)
-    found = run(imported(drawn, tmp_path, parameters=[{"Loop/Iterator:MaxIters": 30}]), {"u": [16.0]})
-    assert found["root"][0] == pytest.approx(4.0)
+    outputs = run(imported(drawn, tmp_path, parameters=[{"Loop/Iterator:MaxIters": 30}]), {"u": [16.0]})
+    assert outputs["root"][0] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize(
-    ("kind", "settings", "told"),
+    ("kind", "settings", "reason"),
     [
         ("ForIterator", {"IterationLimit": "1001"}, "1001 iterations in a step; it must be between 1 and 1000"),
         ("ForIterator", {"IterationLimit": "0"}, "0 iterations"),
@@ -197,12 +197,12 @@ def test_a_loop_without_an_end_says_how_to_bound_it(tmp_path):
         ("ForEach", {"NeedActiveIterationSignal": "on"}, "NeedActiveIterationSignal"),
     ],
 )
-def test_loops_that_cannot_be_unrolled_are_told(kind, settings, told, tmp_path):
-    with pytest.raises(InputError, match=f"Loop: .*{told}"):
+def test_loops_that_cannot_be_unrolled_are_reported(kind, settings, reason, tmp_path):
+    with pytest.raises(InputError, match=f"Loop: .*{reason}"):
         imported(loop(summing, kind, **settings), tmp_path, parameters=[GIVEN])
 
 
-def test_a_limit_without_a_value_is_told_by_name(tmp_path):
+def test_a_limit_without_a_value_is_reported_by_name(tmp_path):
     with pytest.raises(InputError, match="variable lost: undefined; used by Loop"):
         imported(loop(summing, IterationLimit="lost"), tmp_path, parameters=[GIVEN])
 
@@ -252,7 +252,7 @@ def test_loops_within_loops_hand_on_their_memory(inner_reset, outer_reset, tmp_p
         inner.line("T", "O", "y")
 
     drawn = loop(content, IterationLimit="2", ResetStates="reset" if outer_reset else "held")
-    found = run(imported(drawn, tmp_path, parameters=[GIVEN]), {"u": U})["y"]
+    output = run(imported(drawn, tmp_path, parameters=[GIVEN]), {"u": U})["y"]
     x, o = 2.0, 0.0
     for k, u in enumerate(U):
         x, o = (2.0, 0.0) if outer_reset else (x, o)
@@ -261,7 +261,7 @@ def test_loops_within_loops_hand_on_their_memory(inner_reset, outer_reset, tmp_p
             for number in (1, 2, 3):
                 x += 0.5 * u + number
             o += x
-        assert found[k] == pytest.approx(o, abs=1e-11), k
+        assert output[k] == pytest.approx(o, abs=1e-11), k
 
 
 def test_a_conditional_subsystem_in_a_loop_holds_its_output_from_pass_to_pass(tmp_path):
@@ -288,12 +288,12 @@ def test_a_conditional_subsystem_in_a_loop_holds_its_output_from_pass_to_pass(tm
         inner.outport("y")
         inner.line("Odd", "y")
 
-    found = run(imported(loop(content, IterationLimit="4"), tmp_path), {"u": U})["y"]
+    output = run(imported(loop(content, IterationLimit="4"), tmp_path), {"u": U})["y"]
     z = 1.0
     for k, u in enumerate(U):
         for number in (1, 3):
             z += number + u
-        assert found[k] == pytest.approx(z, abs=1e-12), k
+        assert output[k] == pytest.approx(z, abs=1e-12), k
 
 
 def test_a_loop_that_is_enabled_holds_all_while_it_is_not(tmp_path):
@@ -305,7 +305,7 @@ def test_a_loop_that_is_enabled_holds_all_while_it_is_not(tmp_path):
     drawn.inport("c")
     drawn.line("c", "Loop#enable")
     c = np.array([0, 1, 1, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1], dtype=float)
-    found = run(imported(drawn, tmp_path, parameters=[GIVEN]), {"u": U, "c": c})["y"]
+    output = run(imported(drawn, tmp_path, parameters=[GIVEN]), {"u": U, "c": c})["y"]
     x, y, was = 2.0, 0.0, 0.0
     for k, u in enumerate(U):
         if c[k]:
@@ -314,7 +314,7 @@ def test_a_loop_that_is_enabled_holds_all_while_it_is_not(tmp_path):
                 x += 0.5 * u + number
             y = x
         was = c[k]
-        assert found[k] == pytest.approx(y, abs=1e-12), k
+        assert output[k] == pytest.approx(y, abs=1e-12), k
 
 
 def test_a_data_store_is_written_and_read_from_pass_to_pass(tmp_path):
@@ -331,11 +331,11 @@ def test_a_data_store_is_written_and_read_from_pass_to_pass(tmp_path):
 
     drawn = loop(content, IterationLimit="3")
     drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="m", InitialValue="1")
-    found = run(imported(drawn, tmp_path), {"u": U})["y"]
-    np.testing.assert_allclose(found, 1 + np.cumsum(3 * U + 6), atol=1e-12)
+    output = run(imported(drawn, tmp_path), {"u": U})["y"]
+    np.testing.assert_allclose(output, 1 + np.cumsum(3 * U + 6), atol=1e-12)
 
 
-def test_a_loop_by_itself_is_told_to_need_what_is_around_it(tmp_path):
+def test_a_loop_without_its_surroundings_is_refused(tmp_path):
     drawn = loop(summing)
     with pytest.raises(InputError, match="Loop: it is in an iterated subsystem; import the enclosing system"):
         imported(drawn, tmp_path, subsystem="Loop")
@@ -386,11 +386,11 @@ WAVES = {f"u{at}": np.random.default_rng(at).normal(size=15) for at in (1, 2, 3)
 def test_each_element_has_memories_of_its_own(layout, tmp_path):
     lists = {"InputPartitionDimension": ["1", "1"], "InputPartitionWidth": ["1", "1"]}
     model = imported(each(lists=lists), tmp_path, layout, parameters=[{"k": 0.3}])
-    found = run(model, WAVES)
+    outputs = run(model, WAVES)
     x = np.ones(3)
     for k in range(15):
         x = x + 0.3 * (np.array([WAVES[f"u{at}"][k] for at in (1, 2, 3)]) - x)
-        assert [found[f"y[{at}]"][k] for at in (1, 2, 3)] == pytest.approx(x)
+        assert [outputs[f"y[{at}]"][k] for at in (1, 2, 3)] == pytest.approx(x)
     assert len(model.graph.states) == 3
     exact, differences = slopes(model, WAVES, "k", "y[2]")
     np.testing.assert_allclose(exact, differences, atol=1e-7)
@@ -412,9 +412,9 @@ def test_the_parameters_of_a_mask_can_be_parted_as_well(tmp_path):
     drawn = each(content, Mask({"g": "gains", "h": "2"}), {"SubsysMaskParameterPartition": ["on", "off"]},
                  ShowIterationIndex="on", IndexMode="One-based")  # fmt: skip
     model = imported(drawn, tmp_path, parameters=[{"k": 0.5, "gains": [1.0, 10.0, 100.0]}])
-    found = run(model, WAVES)
+    outputs = run(model, WAVES)
     for at, gain in ((1, 2.0), (2, 20.0), (3, 200.0)):
-        np.testing.assert_allclose(found[f"y[{at}]"], gain * WAVES[f"u{at}"] + 0.5 + at)
+        np.testing.assert_allclose(outputs[f"y[{at}]"], gain * WAVES[f"u{at}"] + 0.5 + at)
     exact, differences = slopes(model, WAVES, "gains", "y[3]")
     np.testing.assert_allclose(exact, differences, atol=1e-6)
 
@@ -442,15 +442,15 @@ def matrices(width, dimension, concatenation, size):
 def test_matrices_are_parted_and_put_together_along_their_dimensions(width, dimension, concatenation, tmp_path):
     A = np.arange(24.0).reshape(4, 6)
     model = imported(matrices(width, dimension, concatenation, 4), tmp_path, parameters=[{"A": A}])
-    found = run(model, samples=1)
+    outputs = run(model, samples=1)
     axis = int(dimension) - 1
     parts = np.split(2 * A, A.shape[axis] // int(width), axis=axis)
     expected = np.concatenate(parts, axis=int(concatenation) - 1).ravel(order="F")
-    assert [found[name][0] for name in model.graph.outputs] == expected.tolist()
+    assert [outputs[name][0] for name in model.graph.outputs] == expected.tolist()
 
 
 @pytest.mark.parametrize(
-    ("lists", "settings", "told"),
+    ("lists", "settings", "reason"),
     [
         ({"InputPartitionWidth": ["2", "1"]}, {}, "its 3 elements cannot be partitioned into parts of 2"),
         ({"InputPartitionDimension": ["2", "1"]}, {}, "partitioned along dimension 2"),
@@ -461,8 +461,8 @@ def test_matrices_are_parted_and_put_together_along_their_dimensions(width, dime
         ({}, {"StateHandling": "Common"}, "share their states"),
     ],
 )
-def test_parts_that_cannot_be_made_are_told(lists, settings, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_impossible_parts_are_reported(lists, settings, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         imported(each(lists=lists, **settings), tmp_path, parameters=[{"k": 0.3}])
 
 
@@ -471,7 +471,7 @@ def test_the_number_of_elements_can_be_stated(tmp_path):
     assert model.graph.outputs == ("y[1]", "y[2]")
 
 
-def test_inputs_and_parameters_of_different_numbers_are_told(tmp_path):
+def test_different_numbers_of_inputs_and_parameters_are_reported(tmp_path):
     mask = Mask({"g": "[1 2]"})
     drawn = each(mask=mask, lists={"SubsysMaskParameterPartition": ["on"]})
     message = "model.slx Each/For Each: its inputs and its parameters require different iteration counts."

@@ -33,15 +33,15 @@ from kennfeld.matlab.parser import parse_expression
     ],
 )  # fmt: skip
 def test_labels_of_states_are_taken_apart(text, actions):
-    found = parse_state_label(text)
-    assert found.name == "A"
-    assert [(one.kind, one.code, one.event) for one in found.actions] == actions
+    label = parse_state_label(text)
+    assert label.name == "A"
+    assert [(one.kind, one.code, one.event) for one in label.actions] == actions
 
 
 def test_actions_without_a_keyword_are_those_at_entry_and_during():
-    found = parse_state_label("A\ny = 1;\nexit: y = 0;", "MATLAB")
-    assert found.bare
-    assert [one.kind for one in found.actions] == ["entry", "during", "exit"]
+    label = parse_state_label("A\ny = 1;\nexit: y = 0;", "MATLAB")
+    assert label.bare
+    assert [one.kind for one in label.actions] == ["entry", "during", "exit"]
 
 
 @pytest.mark.parametrize(
@@ -59,16 +59,16 @@ def test_actions_without_a_keyword_are_those_at_entry_and_during():
     ],
 )
 def test_labels_of_transitions_are_taken_apart(text, parts):
-    found = parse_transition_label(text)
-    assert (found.event, found.condition, found.condition_action, found.action) == parts
-    assert not found.fault
+    label = parse_transition_label(text)
+    assert (label.event, label.condition, label.condition_action, label.action) == parts
+    assert not label.fault
 
 
 @pytest.mark.parametrize(
-    ("text", "told"), [("[x", "[ is never closed"), ("[x] y = 1", "unexpected 'y = 1'"), ("[x][y]", "two parts")]
+    ("text", "message"), [("[x", "[ is never closed"), ("[x] y = 1", "unexpected 'y = 1'"), ("[x][y]", "two parts")]
 )
-def test_labels_that_cannot_be_read_say_why(text, told):
-    assert told in parse_transition_label(text).fault
+def test_unreadable_labels_are_reported_with_the_reason(text, message):
+    assert message in parse_transition_label(text).fault
 
 
 def test_comments_in_quotes_stay():
@@ -105,10 +105,10 @@ def _bare(tree):
 
 
 def test_statements_of_c_are_parted_by_semicolons_commas_and_lines():
-    found = parse_c_statements("x = 1, y += 2; z++\n--w; E; f(1,\n 2)\nv = 3\n + 4;")
+    statements = parse_c_statements("x = 1, y += 2; z++\n--w; E; f(1,\n 2)\nv = 3\n + 4;")
     x, y, z, w, v = (m.Name(name) for name in "xyzwv")
     one, two = m.Number(1.0), m.Number(2.0)
-    assert found == (
+    assert statements == (
         m.Assign((x,), one), m.Assign((y,), m.Binary("+", y, two)), m.Assign((z,), m.Binary("+", z, one)),
         m.Assign((w,), m.Binary("-", w, one)), m.Evaluate(m.Name("E")), m.Evaluate(m.Call(m.Name("f"), (one, two))),
         m.Assign((v,), m.Binary("+", m.Number(3.0), m.Number(4.0))),
@@ -116,7 +116,7 @@ def test_statements_of_c_are_parted_by_semicolons_commas_and_lines():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("y = ", "unexpected 'the end'"),
         ("y = a b", "unexpected 'b'"),
@@ -128,13 +128,13 @@ def test_statements_of_c_are_parted_by_semicolons_commas_and_lines():
         ("y = $x$", "unexpected"),
     ],
 )
-def test_statements_that_are_no_c_say_why(text, told):
+def test_statements_other_than_c_are_reported_with_the_reason(text, message):
     with pytest.raises(ActionSyntaxError) as caught:
         parse_c_statements(text)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_matlab_in_charts_knows_how_to_count():
-    found = ActionLanguage("MATLAB").statements("x++; y(2) -= 3*z\nw *= 2;", "A")
+    statements = ActionLanguage("MATLAB").statements("x++; y(2) -= 3*z\nw *= 2;", "A")
     plain = ActionLanguage("MATLAB").statements("x = x + 1; y(2) = y(2) - (3*z);\nw = w * (2);", "A")
-    assert found == plain
+    assert statements == plain

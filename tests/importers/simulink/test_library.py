@@ -14,9 +14,9 @@ U = np.random.default_rng(7).normal(size=30)
 T = 0.1
 
 
-def pid(folder, given, model=None, **parameters):
+def pid(folder, workspace, model=None, **parameters):
     drawn = alone("Reference", special="PID 1dof", model=model, P="Kp", I="Ki", D="Kd", N="20", **parameters)
-    return imported(drawn, folder, parameters=[given])
+    return imported(drawn, folder, parameters=[workspace])
 
 
 GAINS = {"Kp": 2.0, "Ki": 3.0, "Kd": 0.1}
@@ -27,13 +27,13 @@ GAINS = {"Kp": 2.0, "Ki": 3.0, "Kd": 0.1}
 def test_a_discrete_pid_controller(form, method, tmp_path):
     model = pid(tmp_path, {**GAINS, "N": 5.0}, TimeDomain="Discrete-time", SampleTime="0.1", Form=form,
                 IntegratorMethod=method)  # fmt: skip
-    found = run(model, {"u1": U})["y1"]
+    output = run(model, {"u1": U})["y1"]
     scale = 2.0 if form == "Ideal" else 1.0
     total, last, x = 0.0, 0.0, 0.0
     for k, u in enumerate(U):
         now = {"Forward Euler": total, "Backward Euler": total + T * u, "Trapezoidal": total + T / 2 * u}[method]
         slope = 20 * (scale * 0.1 * u - x)
-        assert found[k] == pytest.approx(2 * u + scale * 3 * now + slope, rel=1e-12)
+        assert output[k] == pytest.approx(2 * u + scale * 3 * now + slope, rel=1e-12)
         total = {"Forward Euler": total + T * u, "Backward Euler": now, "Trapezoidal": now + T / 2 * u}[method]
         x += T * slope
         last = u
@@ -46,16 +46,16 @@ def test_a_discrete_pid_controller(form, method, tmp_path):
 def test_a_continuous_pid_controller_is_its_transfer_function(tmp_path):
     model = pid(tmp_path, GAINS, Model(solver="ode5", step="0.005"), Controller="PID")
     t = 0.005 * np.arange(300)
-    found = run(model, {"u1": np.ones(300)})["y1"]
+    output = run(model, {"u1": np.ones(300)})["y1"]
     n = 20.0  # P + I/s + D N s / (s + N)
     b = [2 + 0.1 * n, 2 * n + 3, 3 * n]
     expected = scipy.signal.lsim((b, [1, n, 0]), np.ones(300), t)[1]
-    np.testing.assert_allclose(found, expected, atol=1e-6)
+    np.testing.assert_allclose(output, expected, atol=1e-6)
 
 
 def test_parts_of_a_pid_controller(tmp_path):
-    found = run(pid(tmp_path, GAINS, Controller="P", LimitOutput="on", UpperSaturationLimit="1"), {"u1": U})["y1"]
-    np.testing.assert_allclose(found, np.minimum(2 * U, 1))
+    output = run(pid(tmp_path, GAINS, Controller="P", LimitOutput="on", UpperSaturationLimit="1"), {"u1": U})["y1"]
+    np.testing.assert_allclose(output, np.minimum(2 * U, 1))
     with pytest.raises(InputError, match="SatLimitsSource 'external'"):
         pid(tmp_path, GAINS, LimitOutput="on", SatLimitsSource="external")
 
@@ -82,19 +82,19 @@ def parts(beyond):
 def test_a_table_in_parts_is_the_table_as_a_whole(beyond, tmp_path):
     Z = np.array([[1.0, 2.0, 4.0], [3.0, 8.0, 0.0], [5.0, -1.0, 2.0]])
     columns = {"a": 2 * U + 1, "b": 3 * U[::-1]}
-    found = run(imported(parts(beyond), tmp_path, parameters=[{"Z": Z}]), columns)["y"]
+    output = run(imported(parts(beyond), tmp_path, parameters=[{"Z": Z}]), columns)["y"]
     whole = alone("Lookup_n-D", 2, Table="Z", BreakpointsForDimension1="[0 1 3]", BreakpointsForDimension2="[-1 1 3]",
                   ExtrapMethod=beyond)  # fmt: skip
     model = imported(whole, tmp_path, parameters=[{"Z": Z}])
     expected = run(model, {"u1": columns["a"], "u2": columns["b"]})["y1"]
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(output, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_a_table_object_holds_values_and_breakpoints(tmp_path):
     drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", DataSpecification="Lookup table object",
                   LookupTableObject="Eta", ExtrapMethod="Clip")  # fmt: skip
-    given = {"Eta": {"Table": [1.0, 2.0, 0.0], "Breakpoints1": [-1.0, 0.0, 2.0]}}
-    model = imported(drawn, tmp_path, parameters=[given])
+    parameters = {"Eta": {"Table": [1.0, 2.0, 0.0], "Breakpoints1": [-1.0, 0.0, 2.0]}}
+    model = imported(drawn, tmp_path, parameters=[parameters])
     assert list(model.values) == ["Eta"]
     np.testing.assert_allclose(run(model, {"u1": U})["y1"], np.interp(U, [-1, 0, 2], [1, 2, 0]))
 
@@ -109,8 +109,8 @@ def test_a_table_at_cells_that_other_blocks_make_is_by_number(tmp_path):
     drawn.line("f", "M:2")
     drawn.chain("M", "y")
     model = imported(drawn, tmp_path, parameters=[{"Z": [1.0, 4.0, 2.0]}])
-    found = run(model, {"k": [0.0, 1.0, 1.0], "f": [0.5, 0.25, 1.0]})["y"]
-    assert found.tolist() == [2.5, 3.5, 2.0]
+    output = run(model, {"k": [0.0, 1.0, 1.0], "f": [0.5, 0.25, 1.0]})["y"]
+    assert output.tolist() == [2.5, 3.5, 2.0]
 
 
 @pytest.mark.parametrize("ends", [("Clip", "Linear"), ("Linear", "Clip")])
@@ -121,14 +121,14 @@ def test_prelookups_may_differ_beyond_their_ends(ends, tmp_path):
             block.parameters["ExtrapMethod"] = ends["AB".index(block.name)]
     Z = np.array([[1.0, 2.0, 4.0], [3.0, 8.0, 0.0], [5.0, -1.0, 2.0]])
     columns = {"a": 2 * U + 1, "b": 3 * U[::-1]}
-    found = run(imported(drawn, tmp_path, parameters=[{"Z": Z}]), columns)["y"]
+    output = run(imported(drawn, tmp_path, parameters=[{"Z": Z}]), columns)["y"]
     points = np.array([0.0, 1.0, 3.0]), np.array([-1.0, 1.0, 3.0])
     inside = [np.clip(x, p[0], p[-1]) if end == "Clip" else x
               for x, p, end in zip(columns.values(), points, ends, strict=True)]  # fmt: skip
     expected = scipy.interpolate.RegularGridInterpolator(points, Z, bounds_error=False, fill_value=None)(
         np.stack(inside, axis=1)
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(output, expected, rtol=1e-12, atol=1e-12)
 
 
 def eta(values=(1.0, 2.0, 0.0), points=(-1.0, 0.0, 2.0), name="Eta"):
@@ -156,14 +156,14 @@ def test_a_calibration_file_gives_a_table_its_axes(kind, settings, before, tmp_p
 def test_the_axes_of_a_calibration_file_count_for_the_nearest_point_too(tmp_path):
     drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[5 6 7]",
                   InterpMethod="Nearest")  # fmt: skip
-    found = run(imported(drawn, tmp_path, parameters=[eta()]), {"u1": [-3.0, -0.4, 0.9, 1.1, 9.0]})["y1"]
-    assert found.tolist() == [1.0, 2.0, 2.0, 0.0, 0.0]
+    output = run(imported(drawn, tmp_path, parameters=[eta()]), {"u1": [-3.0, -0.4, 0.9, 1.1, 9.0]})["y1"]
+    assert output.tolist() == [1.0, 2.0, 2.0, 0.0, 0.0]
 
 
 def test_a_part_of_a_struct_takes_its_value_by_its_full_name(tmp_path):
     drawn = alone("Gain", Gain="data.K*data.b")
-    given = [{"data": {"K": 2.0, "b": 3.0}}, ParameterSet([Scalar("data.K", 5.0)])]
-    model = imported(drawn, tmp_path, parameters=given)
+    parameters = [{"data": {"K": 2.0, "b": 3.0}}, ParameterSet([Scalar("data.K", 5.0)])]
+    model = imported(drawn, tmp_path, parameters=parameters)
     assert run(model, {"u1": [1.0]})["y1"].tolist() == [15.0]
     assert model.values["data.K"].value == 5.0
 
@@ -227,7 +227,7 @@ def test_a_bus_may_hold_what_is_computed_from_another_of_its_signals(tmp_path):
 
 
 @pytest.mark.parametrize("called", ["Own Mask", "Integrator", "Switch"])
-def test_a_link_to_a_library_that_is_not_there_says_which(called, tmp_path):
+def test_a_link_to_a_missing_library_names_it(called, tmp_path):
     drawn = alone("Reference", special=called)
     with pytest.raises(
         InputError, match=r"B: it links to the library lib, which was not found. Put lib.slx next to the model"
@@ -248,17 +248,17 @@ MORE = [
 @pytest.mark.parametrize(("kind", "inputs", "parameters", "rule", "given"), MORE)
 def test_further_blocks_of_the_library(kind, inputs, parameters, rule, given, tmp_path):
     columns = {f"u{at + 1}": V if one is None else np.full(30, one) for at, one in enumerate(given)}
-    found = run(imported(alone("Reference", inputs, special=kind, **parameters), tmp_path), columns)["y1"]
-    np.testing.assert_allclose(found, np.asarray(rule(U, V), dtype=float))
+    output = run(imported(alone("Reference", inputs, special=kind, **parameters), tmp_path), columns)["y1"]
+    np.testing.assert_allclose(output, np.asarray(rule(U, V), dtype=float))
 
 
 def test_a_rate_limit_may_be_an_input(tmp_path):
     drawn = alone("Reference", 3, special="Rate Limiter Dynamic")
-    found = run(imported(drawn, tmp_path), {"u1": np.abs(U) + 1, "u2": V, "u3": -np.abs(V)})["y1"]
+    output = run(imported(drawn, tmp_path), {"u1": np.abs(U) + 1, "u2": V, "u3": -np.abs(V)})["y1"]
     y = 0.0
     for k in range(30):
         y += np.clip(V[k] - y, -abs(V[k]) * T, (abs(U[k]) + 1) * T)
-        assert found[k] == pytest.approx(y)
+        assert output[k] == pytest.approx(y)
 
 
 def test_values_one_after_the_other(tmp_path):
@@ -280,8 +280,8 @@ def test_a_function_call_generator_runs_a_subsystem_at_its_sample_time(tmp_path)
     drawn.outport("y")
     drawn.chain("u", "S", "y")
     drawn.line("Call", "S#trigger")
-    found = run(imported(drawn, tmp_path), {"u": U})["y"]
-    np.testing.assert_allclose(found, 2 * np.repeat(U[::3], 3))
+    output = run(imported(drawn, tmp_path), {"u": U})["y"]
+    np.testing.assert_allclose(output, 2 * np.repeat(U[::3], 3))
 
 
 def test_concatenation_assignment_and_manual_switches(tmp_path):
@@ -303,21 +303,21 @@ def test_concatenation_assignment_and_manual_switches(tmp_path):
     drawn.line("K", "Bus:2", name="q")
     drawn.line("Bus", "Set:1")
     drawn.chain("Set", "Q")
-    found = run(imported(drawn, tmp_path), {"a": U, "b": V})
+    outputs = run(imported(drawn, tmp_path), {"a": U, "b": V})
     for name, expected in (("vector[1]", U), ("vector[2]", V), ("p", U), ("q", V), ("m", V)):
-        np.testing.assert_array_equal(found[name], expected)
+        np.testing.assert_array_equal(outputs[name], expected)
 
 
 @pytest.mark.parametrize(
     "text", ["[1 2", "1:1e12", "inf:0", "nan:2", "zeros(1e9)", "f(", "x(0)", "[1 2;3]", "{1}", "'a'"]
 )
-def test_a_parameter_that_makes_no_sense_is_told_with_its_block(text, tmp_path):
+def test_a_meaningless_parameter_is_reported_with_its_block(text, tmp_path):
     drawn = alone("Gain", Gain=text)
     with pytest.raises(InputError, match="B: its Gain"):
         imported(drawn, tmp_path, parameters=[{"x": [1.0, 2.0]}])
 
 
-def test_sizes_that_do_not_fit_are_told_with_the_block(tmp_path):
+def test_sizes_that_do_not_fit_are_reported_with_the_block(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.block("Constant", "A", Value="[1 2 3]")
     drawn.block("Constant", "B", Value="[1 2]")
@@ -330,7 +330,7 @@ def test_sizes_that_do_not_fit_are_told_with_the_block(tmp_path):
         imported(drawn, tmp_path)
 
 
-def test_a_subsystem_whose_content_is_in_another_file_says_in_which(tmp_path):
+def test_a_subsystem_with_its_content_in_another_file_names_the_file(tmp_path):
     drawn = alone("SubSystem", ReferencedSubsystem="shared_part")
     with pytest.raises(InputError, match="B: its content is in the file shared_part, which was not found"):
         imported(drawn, tmp_path)

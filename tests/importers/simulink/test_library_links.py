@@ -11,15 +11,15 @@ from tests.importers.simulink.simulink_files import LAYOUTS, Mask, Model
 
 def library(name="mylib"):
     """A library with a masked subsystem, a plain block, and a block in a block."""
-    made = Model(name, kind="Library", defaults={"Gain": {"Multiplication": "Element-wise(K.*u)"}})
-    ramp = made.subsystem("Ramp\nup", mask=Mask({"slope": "1", "start": "0"}, "Ramp"))
+    drawn = Model(name, kind="Library", defaults={"Gain": {"Multiplication": "Element-wise(K.*u)"}})
+    ramp = drawn.subsystem("Ramp\nup", mask=Mask({"slope": "1", "start": "0"}, "Ramp"))
     ramp.inport("u")
     ramp.block("Gain", "K", Gain="slope")
     ramp.outport("y")
     ramp.chain("u", "K", "y")
-    made.block("Gain", "Half", Gain="0.5", SaturateOnIntegerOverflow="off")
-    made.subsystem("Group").block("Constant", "a/b", Value="7")
-    return made
+    drawn.block("Gain", "Half", Gain="0.5", SaturateOnIntegerOverflow="off")
+    drawn.subsystem("Group").block("Constant", "a/b", Value="7")
+    return drawn
 
 
 def resolved(model, folder, layout="slx parts", folders=()):
@@ -32,18 +32,18 @@ def test_a_link_takes_the_content_of_the_library_with_its_own_parameters(layout,
     model = Model()
     engine = model.subsystem("Engine")
     engine.link("Ramp 1", "mylib/Ramp up", "Ramp", slope="k1*2")
-    found = resolved(model, tmp_path, layout)
-    block = found.document.root.at("Engine/Ramp 1")
+    result = resolved(model, tmp_path, layout)
+    block = result.document.root.at("Engine/Ramp 1")
     assert (block.type, block.name, block.path) == ("SubSystem", "Ramp 1", "Engine/Ramp 1")
     assert {p.name: p.expression for p in block.mask.parameters} == {"slope": "k1*2", "start": "0"}
-    inner = found.document.root.at("Engine/Ramp 1/K")
+    inner = result.document.root.at("Engine/Ramp 1/K")
     assert (inner.path, inner.value("Gain"), inner.value("Multiplication")) == (
         "Engine/Ramp 1/K",
         "slope",
         "Element-wise(K.*u)",
     )
     assert len(block.system.lines) == 2
-    assert (dict(found.missing), found.problems) == ({}, ())
+    assert (dict(result.missing), result.problems) == ({}, ())
 
 
 def test_a_link_to_a_plain_block_is_that_block(tmp_path):
@@ -67,21 +67,21 @@ def test_libraries_are_looked_for_in_further_folders_and_links_lead_on(tmp_path)
     model = Model()
     model.link("T", "outer/Twice")
     model.link("A", "outer/Again")
-    found = resolved(model, tmp_path, folders=[tmp_path / "libs"])
-    assert found.document.root.at("T/first/K").path == "T/first/K"
-    assert found.document.root.at("T/first").mask.parameters[0].expression == "9"
-    again = found.document.root.at("A")
+    result = resolved(model, tmp_path, folders=[tmp_path / "libs"])
+    assert result.document.root.at("T/first/K").path == "T/first/K"
+    assert result.document.root.at("T/first").mask.parameters[0].expression == "9"
+    again = result.document.root.at("A")
     assert (again.type, again.value("Gain"), again.reference.source) == ("Gain", "3", "outer/Again")
-    assert set(found.files) == {"outer", "mylib"}
+    assert set(result.files) == {"outer", "mylib"}
 
 
 def test_links_of_simulink_itself_stay_links(tmp_path):
     model = Model()
     model.link("C", "simulink/Logic and Bit\nOperations/Compare\nTo Constant", "Compare To Constant", const="3")
-    found = resolved(model, tmp_path)
-    block = found.document.root.at("C")
+    result = resolved(model, tmp_path)
+    block = result.document.root.at("C")
     assert (block.type, block.reference.type, block.value("const")) == ("Reference", "Compare To Constant", "3")
-    assert (dict(found.missing), found.problems) == ({}, ())
+    assert (dict(result.missing), result.problems) == ({}, ())
 
 
 def test_links_without_a_file_are_listed_with_the_blocks_that_use_them(tmp_path):
@@ -89,85 +89,85 @@ def test_links_without_a_file_are_listed_with_the_blocks_that_use_them(tmp_path)
     model.link("A", "nolib/X")
     model.subsystem("S").link("B", "nolib/X")
     model.link("C", "../../etc/passwd")
-    found = resolved(model, tmp_path)
-    assert found.missing["nolib/X"] == ("A", "S/B")
-    assert found.document.root.at("A").type == "Reference"
-    assert len(found.missing) == 2
+    result = resolved(model, tmp_path)
+    assert result.missing["nolib/X"] == ("A", "S/B")
+    assert result.document.root.at("A").type == "Reference"
+    assert len(result.missing) == 2
 
 
 def test_a_library_may_link_to_itself_by_its_own_name(tmp_path):
-    made = library()
-    made.link("Other", "$bdroot/Half", Gain="5")
-    made.write(tmp_path)
+    blocks = library()
+    blocks.link("Other", "$bdroot/Half", Gain="5")
+    blocks.write(tmp_path)
     model = Model()
     model.link("O", "mylib/Other")
-    found = resolved(model, tmp_path)
-    assert (found.document.root.at("O").type, found.document.root.at("O").value("Gain")) == ("Gain", "5")
+    result = resolved(model, tmp_path)
+    assert (result.document.root.at("O").type, result.document.root.at("O").value("Gain")) == ("Gain", "5")
 
 
 def test_libraries_that_use_their_own_name_may_link_to_one_another(tmp_path):
     for name, other in (("first", "second/Outer"), ("second", "$bdroot/Inner")):
-        made = Model(name, kind="Library")
-        made.block("Gain", "Inner", Gain="5" if name == "second" else "3")
-        made.link("Outer", "$bdroot/Middle")
-        made.link("Middle", other)
-        made.write(tmp_path)
+        blocks = Model(name, kind="Library")
+        blocks.block("Gain", "Inner", Gain="5" if name == "second" else "3")
+        blocks.link("Outer", "$bdroot/Middle")
+        blocks.link("Middle", other)
+        blocks.write(tmp_path)
     model = Model("top")
     model.link("O", "first/Outer")
     model.link("I", "$bdroot/Group/K")
     model.subsystem("Group").block("Gain", "K", Gain="7")
-    found = resolved(model, tmp_path)
-    assert (found.problems, dict(found.missing)) == ((), {})
-    assert [found.document.root.at(name).value("Gain") for name in "OI"] == ["5", "7"]
+    result = resolved(model, tmp_path)
+    assert (result.problems, dict(result.missing)) == ((), {})
+    assert [result.document.root.at(name).value("Gain") for name in "OI"] == ["5", "7"]
 
 
-def test_an_unknown_block_of_a_library_is_told_with_the_nearest(tmp_path):
+def test_an_unknown_block_of_a_library_is_reported_with_the_nearest(tmp_path):
     library().write(tmp_path)
     model = Model()
     model.link("A", "mylib/Hallf")
-    found = resolved(model, tmp_path)
-    assert [str(problem) for problem in found.problems] == [
+    result = resolved(model, tmp_path)
+    assert [str(problem) for problem in result.problems] == [
         "model.slx A: links to mylib/Hallf, which mylib.slx does not contain. Did you mean Half?"
     ]
 
 
-def test_a_loop_of_libraries_is_told_with_its_chain(tmp_path):
+def test_a_loop_of_libraries_is_reported_with_its_chain(tmp_path):
     for name, other in (("one", "two"), ("two", "one")):
-        made = Model(name, kind="Library")
-        made.subsystem("S").link("L", f"{other}/S")
-        made.link("straight", f"{other}/straight")
-        made.write(tmp_path)
+        blocks = Model(name, kind="Library")
+        blocks.subsystem("S").link("L", f"{other}/S")
+        blocks.link("straight", f"{other}/straight")
+        blocks.write(tmp_path)
     model = Model()
     model.link("A", "one/S")
     model.link("B", "one/straight")
-    said = [str(problem) for problem in resolved(model, tmp_path).problems]
-    assert said[0].startswith("model.slx A/L/L: links to itself: one/S -> two/S -> one/S")
-    assert said[1].startswith("model.slx B: links to itself: one/straight -> two/straight -> one/straight")
+    messages = [str(problem) for problem in resolved(model, tmp_path).problems]
+    assert messages[0].startswith("model.slx A/L/L: links to itself: one/S -> two/S -> one/S")
+    assert messages[1].startswith("model.slx B: links to itself: one/straight -> two/straight -> one/straight")
 
 
 def test_links_that_multiply_without_end_are_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(library_links, "_MAX_BLOCKS", 1000)
     for at in range(25):
-        made = Model(f"lib{at}", kind="Library")
-        inner = made.subsystem("S")
+        blocks = Model(f"lib{at}", kind="Library")
+        inner = blocks.subsystem("S")
         for number in range(4):
             inner.link(f"L{number}", f"lib{at + 1}/S")
-        made.write(tmp_path)
+        blocks.write(tmp_path)
     model = Model()
     model.link("A", "lib0/S")
-    found = resolved(model, tmp_path)
-    assert any("blocks after resolving its links" in str(problem) for problem in found.problems)
+    result = resolved(model, tmp_path)
+    assert any("blocks after resolving its links" in str(problem) for problem in result.problems)
 
 
-def test_a_broken_library_is_told_once(tmp_path):
+def test_a_broken_library_is_reported_once(tmp_path):
     (tmp_path / "bad.slx").write_bytes(b"PK\3\4 and no more")
     model = Model()
     model.link("A", "bad/X")
     model.link("B", "bad/X")
-    found = resolved(model, tmp_path)
-    assert len(found.problems) == 1
-    assert str(found.problems[0]).startswith("bad.slx: is a damaged zip archive")
-    assert found.missing["bad/X"] == ("A", "B")
+    result = resolved(model, tmp_path)
+    assert len(result.problems) == 1
+    assert str(result.problems[0]).startswith("bad.slx: is a damaged zip archive")
+    assert result.missing["bad/X"] == ("A", "B")
 
 
 @pytest.mark.parametrize("written", ["plant", "plant.slx"])
@@ -180,17 +180,17 @@ def test_a_referenced_model_becomes_the_content_of_its_block(written, tmp_path):
     model = Model()
     model.block("ModelReference", "P", ports=(1, 1), ModelNameDialog=written)
     model.block("ModelReference", "Q", ports=(1, 1), ModelNameDialog="nowhere")
-    found = resolved(model, tmp_path)
-    assert found.document.root.at("P/S/G").path == "P/S/G"
-    assert found.models[written].workspace.text == "K = 2;"
-    assert found.missing["nowhere"] == ("Q",)
+    result = resolved(model, tmp_path)
+    assert result.document.root.at("P/S/G").path == "P/S/G"
+    assert result.models[written].workspace.text == "K = 2;"
+    assert result.missing["nowhere"] == ("Q",)
 
 
-def test_a_model_that_refers_to_itself_is_told(tmp_path):
+def test_a_model_that_refers_to_itself_is_reported(tmp_path):
     model = Model()
     model.block("ModelReference", "P", ModelNameDialog="model")
-    found = resolved(model, tmp_path)
-    assert "links to itself: model -> model" in str(found.problems[0])
+    result = resolved(model, tmp_path)
+    assert "links to itself: model -> model" in str(result.problems[0])
 
 
 def test_the_document_that_is_resolved_stays_as_it_was(tmp_path):

@@ -23,22 +23,22 @@ def wide(kind, sizes, outputs=1, **parameters):
 
 def columns(**arrays):
     """The columns of inports by name; arrays are Float[samples, ...], elements columns first."""
-    found = {}
+    channels = {}
     for name, array in arrays.items():
         flat = array.reshape(len(array), -1, order="F") if array.ndim > 1 else array[:, None]
         if flat.shape[1] == 1:
-            found[name] = flat[:, 0]
+            channels[name] = flat[:, 0]
         else:
-            found |= {f"{name}[{at + 1}]": flat[:, at] for at in range(flat.shape[1])}
-    return found
+            channels |= {f"{name}[{at + 1}]": flat[:, at] for at in range(flat.shape[1])}
+    return channels
 
 
-def gathered(found, name="y1"):
+def gathered(outputs, name="y1"):
     """The elements of an output, Float[samples, elements]."""
-    if name in found:
-        return found[name][:, None]
-    count = sum(key.startswith(f"{name}[") for key in found)
-    return np.stack([found[f"{name}[{at + 1}]"] for at in range(count)], axis=1)
+    if name in outputs:
+        return outputs[name][:, None]
+    count = sum(key.startswith(f"{name}[") for key in outputs)
+    return np.stack([outputs[f"{name}[{at + 1}]"] for at in range(count)], axis=1)
 
 
 Y0, U2 = RNG.normal(size=(N, 4)), RNG.normal(size=(N, 2))
@@ -48,23 +48,23 @@ ONE, M = RNG.normal(size=N), RNG.normal(size=(N, 2, 3))
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_elements_at_fixed_places_are_replaced(layout, tmp_path):
     drawn = wide("Assignment", (4, 2), IndexOptions="Index vector (dialog)", Indices="[4 2]", OutputSizes="1")
-    found = gathered(run(imported(drawn, tmp_path, layout), columns(u1=Y0, u2=U2)))
+    output = gathered(run(imported(drawn, tmp_path, layout), columns(u1=Y0, u2=U2)))
     expected = Y0.copy()
     expected[:, [3, 1]] = U2
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(output, expected)
 
 
 def test_a_scalar_goes_to_all_places_and_a_start_counts_on(tmp_path):
     ends = {"IndexOptions": "Index vector (dialog)", "Indices": "[0 3]", "IndexMode": "Zero-based"}
     drawn = wide("Assignment", (4, 1), **ends)
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=ONE)))
-    np.testing.assert_array_equal(found, np.stack([ONE, Y0[:, 1], Y0[:, 2], ONE], axis=1))
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=ONE)))
+    np.testing.assert_array_equal(output, np.stack([ONE, Y0[:, 1], Y0[:, 2], ONE], axis=1))
     drawn = wide("Assignment", (4, 2), IndexOptions="Starting index (dialog)", Indices="3")
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=U2)))
-    np.testing.assert_array_equal(found, np.concatenate([Y0[:, :2], U2], axis=1))
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=U2)))
+    np.testing.assert_array_equal(output, np.concatenate([Y0[:, :2], U2], axis=1))
     drawn = wide("Assignment", (4, 1), IndexOptions="Assign all", Indices="")
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=ONE)))
-    np.testing.assert_array_equal(found, np.repeat(ONE[:, None], 4, axis=1))
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=ONE)))
+    np.testing.assert_array_equal(output, np.repeat(ONE[:, None], 4, axis=1))
 
 
 @pytest.mark.parametrize("option", ["Index vector (port)", "Starting index (port)"])
@@ -73,28 +73,28 @@ def test_places_may_be_signals(option, tmp_path):
     drawn = wide("Assignment", (4, 2, 1), IndexMode="Zero-based", IndexOptions=option, Indices="1")
     if option.startswith("Index"):
         drawn = wide("Assignment", (4, 1, 1), IndexMode="Zero-based", IndexOptions=option, Indices="1")
-    given = U2 if option.startswith("Starting") else U2[:, :1]
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=given, u3=places)))
+    replacement = U2 if option.startswith("Starting") else U2[:, :1]
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=replacement, u3=places)))
     expected = Y0.copy()
     for k, place in enumerate(places.astype(int)):
-        for at in range(given.shape[1]):
+        for at in range(replacement.shape[1]):
             if place + at < 4:
-                expected[k, place + at] = given[k, at]
-    np.testing.assert_array_equal(found, expected)
+                expected[k, place + at] = replacement[k, at]
+    np.testing.assert_array_equal(output, expected)
 
 
 def test_a_matrix_takes_places_in_both_dimensions(tmp_path):
     options = {"IndexOptions": "Index vector (dialog),Index vector (port)", "Indices": "2,1", "OutputSizes": "1,1"}
     drawn = wide("Assignment", ("[2 3]", 1, 1), NumberOfDimensions="2", **options)
     place = np.array([1.0, 2, 3, 1, 2, 3])
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=M, u2=ONE, u3=place)))
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=M, u2=ONE, u3=place)))
     expected = M.copy()
     expected[np.arange(N), 1, place.astype(int) - 1] = ONE
-    np.testing.assert_array_equal(found, expected.reshape(N, -1, order="F"))
+    np.testing.assert_array_equal(output, expected.reshape(N, -1, order="F"))
 
 
 @pytest.mark.parametrize(
-    ("parameters", "told"),
+    ("parameters", "reason"),
     [
         ({"IndexOptions": "Index vector (dialog)", "Indices": "9"}, "its index 9 is out of range for 4 elements"),
         ({"OutputInitialize": "Specify size for each dimension in table"}, "would be undefined"),
@@ -102,25 +102,25 @@ def test_a_matrix_takes_places_in_both_dimensions(tmp_path):
         ({"IndexOptions": "Index vector (dialog)", "Indices": "[1 2 3]"}, "it assigns 2 elements to 3 positions"),
     ],
 )
-def test_assignments_that_do_not_fit_are_told(parameters, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_assignments_of_the_wrong_size_are_reported(parameters, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         imported(wide("Assignment", (4, 2), **parameters), tmp_path)
 
 
 def test_a_selection_may_start_at_a_signal(tmp_path):
     drawn = wide("Selector", (4, 1), IndexOptions="Starting index (port)", Indices="1", OutputSizes="2")
     place = np.array([1.0, 2, 3, 1, 2, 3])
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=place)))
-    np.testing.assert_array_equal(found, [Y0[k, p - 1 : p + 1] for k, p in enumerate(place.astype(int))])
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=Y0, u2=place)))
+    np.testing.assert_array_equal(output, [Y0[k, p - 1 : p + 1] for k, p in enumerate(place.astype(int))])
 
 
 def test_rows_and_columns_change_places(tmp_path):
     swapped = M.transpose(0, 2, 1).reshape(N, -1, order="F")
     for kind, parameters in (("PermuteDimensions", {"Order": "[2,1]"}), ("Math", {"Operator": "transpose"})):
-        found = gathered(run(imported(wide(kind, ("[2 3]",), **parameters), tmp_path), columns(u1=M)))
-        np.testing.assert_array_equal(found, swapped)
-    found = gathered(run(imported(wide("Squeeze", ("[2 3]",)), tmp_path), columns(u1=M)))
-    np.testing.assert_array_equal(found, M.reshape(N, -1, order="F"))
+        output = gathered(run(imported(wide(kind, ("[2 3]",), **parameters), tmp_path), columns(u1=M)))
+        np.testing.assert_array_equal(output, swapped)
+    output = gathered(run(imported(wide("Squeeze", ("[2 3]",)), tmp_path), columns(u1=M)))
+    np.testing.assert_array_equal(output, M.reshape(N, -1, order="F"))
     with pytest.raises(InputError, match=r"its Order \[3 1 2\] is not"):
         imported(wide("PermuteDimensions", ("[2 3]",), Order="[3 1 2]"), tmp_path)
 
@@ -130,9 +130,9 @@ def test_a_vector_becomes_a_matrix(tmp_path):
     drawn.block("Product", "P", ports=(2, 1), Multiplication="Matrix(*)")
     drawn.wires[-1].ends = [("P", "in", 1), ("P", "in", 2)]
     drawn.line("P", "y1")
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=Y0)))
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=Y0)))
     square = np.stack([np.array([[a, c], [b, d]]) for a, b, c, d in Y0])
-    np.testing.assert_allclose(found, (square @ square).reshape(N, -1, order="F"), rtol=1e-13)
+    np.testing.assert_allclose(output, (square @ square).reshape(N, -1, order="F"), rtol=1e-13)
 
 
 SQUARE = {n: RNG.normal(size=(N, n, n)) + 3 * np.eye(n) for n in (1, 2, 3, 4)}
@@ -141,29 +141,29 @@ SQUARE = {n: RNG.normal(size=(N, n, n)) + 3 * np.eye(n) for n in (1, 2, 3, 4)}
 @pytest.mark.parametrize("size", [1, 2, 3])
 def test_small_matrices_are_inverted(size, tmp_path):
     drawn = wide("Product", (f"[{size} {size}]",), Inputs="/", Multiplication="Matrix(*)")
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=SQUARE[size])))
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=SQUARE[size])))
     expected = np.linalg.inv(SQUARE[size])
-    np.testing.assert_allclose(found, expected.reshape(N, -1, order="F"), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(output, expected.reshape(N, -1, order="F"), rtol=1e-10, atol=1e-12)
 
 
 def test_a_product_divides_by_a_matrix(tmp_path):
     rows = RNG.normal(size=(N, 2, 3))
     drawn = wide("Product", ("[2 3]", "[3 3]"), Inputs="*/", Multiplication="Matrix(*)")
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=rows, u2=SQUARE[3])))
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=rows, u2=SQUARE[3])))
     expected = rows @ np.linalg.inv(SQUARE[3])
-    np.testing.assert_allclose(found, expected.reshape(N, -1, order="F"), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(output, expected.reshape(N, -1, order="F"), rtol=1e-10, atol=1e-12)
     with pytest.raises(InputError, match="it inverts a matrix of size 4 x 4"):
         imported(wide("Product", ("[4 4]",), Inputs="/", Multiplication="Matrix(*)"), tmp_path)
 
 
 def test_determinants_and_cross_products(tmp_path):
     drawn = wide("Reference", ("[3 3]",), special="Determinant of 3x3 Matrix")
-    found = run(imported(drawn, tmp_path), columns(u1=SQUARE[3]))["y1"]
-    np.testing.assert_allclose(found, np.linalg.det(SQUARE[3]), rtol=1e-12)
+    output = run(imported(drawn, tmp_path), columns(u1=SQUARE[3]))["y1"]
+    np.testing.assert_allclose(output, np.linalg.det(SQUARE[3]), rtol=1e-12)
     a, b = RNG.normal(size=(2, N, 3))
     drawn = wide("Reference", (3, 3), special="Cross Product")
-    found = gathered(run(imported(drawn, tmp_path), columns(u1=a, u2=b)))
-    np.testing.assert_allclose(found, np.cross(a, b), rtol=1e-12)
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=a, u2=b)))
+    np.testing.assert_allclose(output, np.cross(a, b), rtol=1e-12)
 
 
 def test_the_slope_through_an_inverse_is_that_of_finite_differences(tmp_path):
@@ -181,8 +181,8 @@ def test_the_slope_through_an_inverse_is_that_of_finite_differences(tmp_path):
     drawn.line("C", "P:2")
     drawn.chain("P", "S", "y")
     model = imported(drawn, tmp_path, parameters=[{"k": 0.7}])
-    found = run(model, {"u": ONE})["y"]
-    np.testing.assert_allclose(found, ONE * (np.array([1, 2]) @ np.linalg.inv([[2, 0.7], [1, 3]])).sum(), rtol=1e-12)
+    output = run(model, {"u": ONE})["y"]
+    np.testing.assert_allclose(output, ONE * (np.array([1, 2]) @ np.linalg.inv([[2, 0.7], [1, 3]])).sum(), rtol=1e-12)
     exact, differences = slopes(model, {"u": ONE}, "k", "y")
     np.testing.assert_allclose(exact, differences, rtol=1e-6, atol=1e-9)
 

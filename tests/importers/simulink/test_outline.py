@@ -43,27 +43,27 @@ def path(request, tmp_path):
     )
 
 
-def test_interfaces_and_blocks_are_told(path):
-    found = summarize_model(path)
-    assert [(port.name, port.unit) for port in found.inputs] == [("n", "rpm"), ("load", "")]
-    assert [(port.name, port.unit) for port in found.outputs] == [("y", "")]
-    assert found.blocks["Gain"] == 2
-    assert list(found.blocks.values()) == sorted(found.blocks.values(), reverse=True)
-    kinds = {inner.path: (inner.kind, inner.inputs, inner.outputs, inner.blocks) for inner in found.subsystems}
+def test_interfaces_and_blocks_are_listed(path):
+    outline = summarize_model(path)
+    assert [(port.name, port.unit) for port in outline.inputs] == [("n", "rpm"), ("load", "")]
+    assert [(port.name, port.unit) for port in outline.outputs] == [("y", "")]
+    assert outline.blocks["Gain"] == 2
+    assert list(outline.blocks.values()) == sorted(outline.blocks.values(), reverse=True)
+    kinds = {inner.path: (inner.kind, inner.inputs, inner.outputs, inner.blocks) for inner in outline.subsystems}
     assert kinds["Torque"] == ("masked, enabled", ("u",), ("y",), 4)
     assert kinds["F"] == ("MATLAB Function", ("u",), ("y",), 2)
     assert kinds["R"][3] == 1
-    assert found.charts == (("Shift", "Chart", 1, 1),)
-    assert found.functions == (("F", 2),)
+    assert outline.charts == (("Shift", "Chart", 1, 1),)
+    assert outline.functions == (("F", 2),)
 
 
-def test_links_and_sources_say_where_they_come_from(path):
-    found = summarize_model(path)
-    links = {link.source: link.found for link in found.connections}
+def test_links_and_sources_name_their_origin(path):
+    outline = summarize_model(path)
+    links = {link.source: link.found for link in outline.connections}
     assert links["mylib/Ramp"].startswith("mylib.")
     assert links["plant.slx"] == "plant.slx"
     assert (links["simulink/Sources/Compare To Zero"], links["other/Thing"]) == ("Simulink", "not found")
-    sources = [(source.kind, source.name, source.content) for source in found.sources]
+    sources = [(source.kind, source.name, source.content) for source in outline.sources]
     assert sources == [
         ("model workspace", "in the file", "2 variables"),
         ("callback", "InitFcn", "k = 1; ... (2 lines)"),
@@ -73,19 +73,19 @@ def test_links_and_sources_say_where_they_come_from(path):
 
 
 def test_an_outline_is_json(path):
-    said = json.loads(json.dumps(summarize_model(path).as_dict()))
-    assert said["charts"] == [{"path": "Shift", "kind": "Chart", "states": 1, "transitions": 1}]
-    assert said["solver"]["name"] == "ode4"
+    outline = json.loads(json.dumps(summarize_model(path).as_dict()))
+    assert outline["charts"] == [{"path": "Shift", "kind": "Chart", "states": 1, "transitions": 1}]
+    assert outline["solver"]["name"] == "ode4"
 
 
-def test_what_is_missing_or_broken_beside_the_model_is_told(tmp_path):
+def test_missing_and_broken_files_of_the_model_are_reported(tmp_path):
     path = engine().write(tmp_path)
     assert {source.content for source in summarize_model(path).sources} >= {"not found"}
     (tmp_path / "engine.sldd").write_bytes(b"PK\3\4")
     (tmp_path / "mylib.slx").write_bytes(b"PK\3\4")
-    found = summarize_model(path)
-    assert [source.content for source in found.sources if source.kind == "data dictionary"] == ["unreadable"]
-    assert sorted(str(problem).partition(":")[0] for problem in found.problems) == ["engine.sldd", "mylib.slx"]
+    outline = summarize_model(path)
+    assert [source.content for source in outline.sources if source.kind == "data dictionary"] == ["unreadable"]
+    assert sorted(str(problem).partition(":")[0] for problem in outline.problems) == ["engine.sldd", "mylib.slx"]
 
 
 def test_a_broken_model_is_refused(tmp_path):
@@ -94,9 +94,9 @@ def test_a_broken_model_is_refused(tmp_path):
         summarize_model(tmp_path / "m.slx")
 
 
-def test_a_real_model_is_told(tmp_path):
+def test_a_real_model_is_described(tmp_path):
     if not DATA.is_dir():
         pytest.skip(f"the models are not at {DATA}")
-    found = summarize_model(DATA / "AbstractFuelControl_M1.slx")
-    assert (found.version, found.solver.name) == ("R2017b", "ode15s")
-    assert sum(found.blocks.values()) == 301
+    outline = summarize_model(DATA / "AbstractFuelControl_M1.slx")
+    assert (outline.version, outline.solver.name) == ("R2017b", "ode15s")
+    assert sum(outline.blocks.values()) == 301

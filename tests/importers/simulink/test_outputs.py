@@ -1,4 +1,4 @@
-"""What the outputs of a model are: outports, else what is recorded, else what is shown."""
+"""Outputs of a model: outports, else recorded signals, else displayed ones."""
 
 import numpy as np
 import pytest
@@ -33,12 +33,12 @@ def doubled(*, scope=True):
 def test_without_outports_the_signals_of_scopes_and_displays_are_the_outputs(tmp_path):
     model = imported(doubled(), tmp_path)
     assert model.graph.outputs == ("double", "Thrice")
-    found = run(model, {"u": U})
-    np.testing.assert_array_equal(found["double"], 2 * U)
-    np.testing.assert_array_equal(found["Thrice"], 3 * U)
+    outputs = run(model, {"u": U})
+    np.testing.assert_array_equal(outputs["double"], 2 * U)
+    np.testing.assert_array_equal(outputs["Thrice"], 3 * U)
 
 
-def test_what_is_recorded_goes_before_what_is_shown(tmp_path):
+def test_recorded_signals_come_before_displayed_ones(tmp_path):
     drawn = doubled()
     drawn.block("ToWorkspace", "W", ports=(1, 0), VariableName="kept")
     drawn.line("In", "W")
@@ -64,18 +64,18 @@ def test_a_bus_in_a_scope_is_taken_apart(tmp_path):
     assert imported(drawn, tmp_path).graph.outputs == ("both.a", "both.b")
 
 
-def test_a_display_of_what_cannot_be_built_is_left_out(tmp_path):
+def test_a_display_of_an_unsupported_signal_is_left_out(tmp_path):
     drawn = doubled()
     drawn.block("S-Function", "Sync", ports=(0, 1))
     drawn.block("Display", "Ticks", ports=(1, 0))
     drawn.line("Sync", "Ticks")
-    found = import_simulink(drawn.write(tmp_path, "slx parts"))
-    assert found.model is not None
-    assert found.model.graph.outputs == ("double", "Thrice")
-    assert "skipped Ticks: the displayed signal is not supported" in found.report.substitutions
-    assert [(one.path, one.stops) for one in found.report.unsupported] == [("Sync", False)]
+    result = import_simulink(drawn.write(tmp_path, "slx parts"))
+    assert result.model is not None
+    assert result.model.graph.outputs == ("double", "Thrice")
+    assert "skipped Ticks: the displayed signal is not supported" in result.report.substitutions
+    assert [(one.path, one.stops) for one in result.report.unsupported] == [("Sync", False)]
 
 
-def test_a_model_that_shows_nothing_is_told(tmp_path):
+def test_a_model_without_outputs_is_reported(tmp_path):
     with pytest.raises(InputError, match="no outport and no block that records"):
         imported(doubled(scope=False), tmp_path)

@@ -37,38 +37,38 @@ def idle(_, x, alpha, clutch):
     return a * n + b * torque, 6 * n, c["ap"] * p + c["bp"] * alpha
 
 
-def test_the_idle_speed_model_is_whole_and_says_its_parameters():
-    found = import_simulink(DATA / "idle_speed_control.slx", parameters=[IDLE])
-    assert found.report.whole
-    assert (found.report.supported, found.report.total) == (33, 33)
-    assert set(found.model.graph.parameters) == set(IDLE)
-    assert found.model.graph.outputs == ("n", "theta", "p")
-    assert formula(to_text(found.model.graph)).graph == found.model.graph
+def test_the_idle_speed_model_is_whole_and_lists_its_parameters():
+    result = import_simulink(DATA / "idle_speed_control.slx", parameters=[IDLE])
+    assert result.report.whole
+    assert (result.report.supported, result.report.total) == (33, 33)
+    assert set(result.model.graph.parameters) == set(IDLE)
+    assert result.model.graph.outputs == ("n", "theta", "p")
+    assert formula(to_text(result.model.graph)).graph == result.model.graph
 
 
 @pytest.mark.parametrize("clutch", [0.0, 1.0])
 def test_the_idle_speed_model_moves_as_scipy_integrates_it(clutch):
     model = simulink(DATA / "idle_speed_control.slx", parameters=[IDLE])
     t = 0.02 * np.arange(101)
-    found = run(model, {"clutch": np.full(101, clutch), "alpha": np.full(101, 10.0)}, dt=0.02)
+    outputs = run(model, {"clutch": np.full(101, clutch), "alpha": np.full(101, 10.0)}, dt=0.02)
     start = (IDLE["n0"], 0.0, 7300.0)
     expected = scipy.integrate.solve_ivp(idle, (0, 2), start, t_eval=t, args=(10.0, clutch), rtol=1e-11, atol=1e-9).y
     for name, values in zip(("n", "theta", "p"), expected, strict=True):
-        np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-6 * np.abs(values).max())
+        np.testing.assert_allclose(outputs[name], values, rtol=1e-6, atol=1e-6 * np.abs(values).max())
 
 
 def test_the_vehicle_model_is_the_sum_of_its_resistances():
     model = simulink(DATA / "vehicle_model.slx", parameters=[{"config_vehicle": VEHICLE}])
     v, dv = np.array([0.0, 10.0, 30.0]), np.array([1.0, 0.5, -2.0])
-    found = run(model, {"v_ms": v, "dv_mss": dv})
+    outputs = run(model, {"v_ms": v, "dv_mss": dv})
     c = VEHICLE
     air = c["air_density"] / 2 * c["cw_air"] * c["frontal_area"] * v**2
     inertia = c["mass_total"] * c["rot_mass_factor"] * dv
     weight = c["mass_total"] * c["gravity_acceleration"]
     kmh = 3.6 * v
     rolling = np.where(v > np.finfo(float).eps, weight * (c["tire_roll_resistance"] + 5e-7 * kmh + 2e-7 * kmh**2), 0)
-    np.testing.assert_allclose(found["T_wheel_Nm"], (air + inertia + rolling) * c["tire_radius"], rtol=1e-12)
-    np.testing.assert_allclose(found["rpm_wheel_1min"], v / (2 * c["tire_radius"] * np.pi) * 60, rtol=1e-12)
+    np.testing.assert_allclose(outputs["T_wheel_Nm"], (air + inertia + rolling) * c["tire_radius"], rtol=1e-12)
+    np.testing.assert_allclose(outputs["rpm_wheel_1min"], v / (2 * c["tire_radius"] * np.pi) * 60, rtol=1e-12)
     assert "config_vehicle.mass_total" in model.graph.parameters
 
 
@@ -81,15 +81,15 @@ def test_the_vehicle_model_is_the_sum_of_its_resistances():
 )
 def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
     field = f"{top}/Cylinder and Exhaust/fuel system transport delay:MaximumDelay"
-    found = import_simulink(DATA / f"{file}.slx", parameters=[FUEL | {field: 0.6}])
-    assert found.report.whole
-    assert found.report.supported == found.report.total
-    assert found.model.step == 0.005
-    assert formula(to_text(found.model.graph)).graph == found.model.graph
-    assert any("ode15s -> ode4" in one for one in found.report.substitutions)
+    result = import_simulink(DATA / f"{file}.slx", parameters=[FUEL | {field: 0.6}])
+    assert result.report.whole
+    assert result.report.supported == result.report.total
+    assert result.model.step == 0.005
+    assert formula(to_text(result.model.graph)).graph == result.model.graph
+    assert any("ode15s -> ode4" in one for one in result.report.substitutions)
     samples = 900
-    columns = {name: np.full(samples, 8.8 if "hrottle" in name else 1000.0) for name in found.model.graph.inputs}
-    values = run_natively(found.model, columns)
+    columns = {name: np.full(samples, 8.8 if "hrottle" in name else 1000.0) for name in result.model.graph.inputs}
+    values = run_natively(result.model, columns)
     assert values["mode"][0] == 0
     assert abs(values["mu"][-1]) < 1e-3
     if ratio:
@@ -128,21 +128,21 @@ VENTILATOR = {
 
 
 @pytest.mark.slow
-def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_are_given():
+def test_the_ventilator_is_whole_with_library_bound_and_parameters_supplied():
     file = DATA / "VentilatorModel_v8_5.slx"
     missing = import_simulink(file, parameters=[VENTILATOR]).report
     assert not missing.undefined
     assert {one.type for one in missing.unsupported} == {"Reference"}
-    found = import_simulink(file, parameters=[VENTILATOR], bind={one.path: "1.0" for one in missing.unsupported})
-    assert found.report.whole
-    assert found.report.supported == found.report.total == 343
-    columns = {name: np.zeros(20) for name in found.model.graph.inputs}
-    values = run(found.model, columns, dt=1e-3, samples=20)
-    assert all(np.isfinite(values[name]).any() for name in found.model.graph.outputs)
+    result = import_simulink(file, parameters=[VENTILATOR], bind={one.path: "1.0" for one in missing.unsupported})
+    assert result.report.whole
+    assert result.report.supported == result.report.total == 343
+    columns = {name: np.zeros(20) for name in result.model.graph.inputs}
+    values = run(result.model, columns, dt=1e-3, samples=20)
+    assert all(np.isfinite(values[name]).any() for name in result.model.graph.outputs)
 
 
 @pytest.mark.parametrize(
-    ("file", "told"),
+    ("file", "reason"),
     [
         pytest.param(
             "VentilatorModel_v8_5.slx", "36 more: it links to the library Simple_pneu_library", marks=pytest.mark.slow
@@ -153,10 +153,10 @@ def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_a
         ("Autotrans_Model.mdl", "variable TWAIT: undefined; used by ShiftLogic"),
     ],
 )
-def test_the_others_say_what_stops_them(file, told):
+def test_the_errors_of_the_other_models_name_the_obstacle(file, reason):
     with pytest.raises(InputError) as caught:
         simulink(DATA / file)
-    assert any(told in str(finding) for finding in caught.value.findings)
+    assert any(reason in str(finding) for finding in caught.value.findings)
 
 
 GEARS = {
@@ -177,20 +177,20 @@ GEARS = {
         pytest.param("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg", marks=pytest.mark.slow),
     ],
 )
-def test_each_subsystem_that_is_told_to_be_whole_can_be_imported_and_run(file, given, largest):
+def test_each_listed_subsystem_can_be_imported_and_run(file, given, largest):
     report = inspect_simulink(DATA / file, parameters=[given])
     assert report.subsystems
     assert largest in ("", report.subsystems[0].path)
     for one in report.subsystems:
         model = simulink(DATA / file, one.path, [given])
         assert len(model.graph.outputs) >= len(one.outputs)
-        found = run(model, {name: np.linspace(0.5, 1.5, 5) for name in model.graph.inputs}, dt=0.01, samples=5)
-        assert all(found[name].shape == (5,) for name in model.graph.outputs)
+        outputs = run(model, {name: np.linspace(0.5, 1.5, 5) for name in model.graph.inputs}, dt=0.01, samples=5)
+        assert all(outputs[name].shape == (5,) for name in model.graph.outputs)
 
 
 def test_a_part_of_the_transmission_works_by_itself():
-    given = {"thvec": [0.0, 50.0, 100.0], "nevec": [500.0, 3000.0, 6000.0], "emap": np.ones((3, 3)), "Iei": 0.02}
-    model = simulink(DATA / "Autotrans_Model.mdl", "Engine", [given])
+    parameters = {"thvec": [0.0, 50.0, 100.0], "nevec": [500.0, 3000.0, 6000.0], "emap": np.ones((3, 3)), "Iei": 0.02}
+    model = simulink(DATA / "Autotrans_Model.mdl", "Engine", [parameters])
     assert model.graph.outputs
     assert len(model.graph.states) == 1
 
@@ -226,13 +226,15 @@ class Transmission:
     """The model of the transmission written out: speeds by Runge-Kutta, the shift logic by its states."""
 
     def __init__(self):
-        given = {name: np.array(value, dtype=float) for name, value in GEARS.items()}
+        gears_and_maps = {name: np.array(value, dtype=float) for name, value in GEARS.items()}
         gears = np.array([1.0, 2.0, 3.0, 4.0])
-        self.torque = bilinear(given["thvec"], given["nevec"], given["emap"])
-        self.limits = [bilinear(given[f"{way}th"], gears, given[f"{way}tab"]) for way in ("up", "down")]
-        slips, *columns = given["converter_data"].T
+        self.torque = bilinear(gears_and_maps["thvec"], gears_and_maps["nevec"], gears_and_maps["emap"])
+        self.limits = [
+            bilinear(gears_and_maps[f"{way}th"], gears, gears_and_maps[f"{way}tab"]) for way in ("up", "down")
+        ]
+        slips, *columns = gears_and_maps["converter_data"].T
         self.converter = [bilinear(slips, gears[:2], np.stack([column, column], axis=1)) for column in columns]
-        self.vehicle = given["vehicledata"]
+        self.vehicle = gears_and_maps["vehicledata"]
         self.gear, self.shifting, self.ticks = 0, "steady", 0
 
     def slopes(self, x, throttle, brake):
@@ -263,16 +265,16 @@ class Transmission:
             self.gear, self.shifting = max(self.gear - (speed <= down), 1), "steady"
 
     def run(self, throttle, brake, step=0.01):
-        x, found = np.array([1000.0, 0.0]), []
+        x, rows = np.array([1000.0, 0.0]), []
         for at, (pedal, stop) in enumerate(zip(throttle, brake, strict=True)):
             if at % 4 == 0:
                 self.shift(self.speed(x), pedal)
-            found.append([self.speed(x), x[0], self.gear])
+            rows.append([self.speed(x), x[0], self.gear])
             slopes = np.zeros((6, 2))
             for stage, weights in enumerate(scipy.integrate.RK45.A):
                 slopes[stage] = self.slopes(x + step * weights[:stage] @ slopes[:stage], pedal, stop)
             x = x + step * scipy.integrate.RK45.B @ slopes
-        return np.array(found).T
+        return np.array(rows).T
 
 
 @cache
@@ -290,10 +292,10 @@ def drive():
 )
 @pytest.mark.slow
 def test_the_transmission_shifts_as_when_it_is_written_out(file, count):
-    found = import_simulink(DATA / file, parameters=[GEARS])
-    assert found.report.whole
+    result = import_simulink(DATA / file, parameters=[GEARS])
+    assert result.report.whole
     throttle, brake, expected = drive()
-    moved = run_natively(found.model, {"throttle": throttle[:count], "brake": brake[:count]})
+    moved = run_natively(result.model, {"throttle": throttle[:count], "brake": brake[:count]})
     assert set(expected[2]) == {1.0, 2.0, 3.0, 4.0}
     assert np.sum(np.diff(expected[2]) < 0) >= 2
     for name, values in zip(("speed", "RPM", "gear"), expected, strict=True):
@@ -305,7 +307,7 @@ def chart_of_the_controller(name, columns):
     return run(model, columns, dt=0.1)[model.graph.outputs[0]]
 
 
-def test_the_pulse_generator_of_the_controller_breathes_as_its_chart_says():
+def test_the_pulse_generator_of_the_controller_follows_its_chart():
     random = np.random.default_rng(8)
     count = 400
     columns = {"BPM": np.full(count, 20.0), "IE_ratio": np.full(count, 0.5), "trigger": random.random(count) < 0.05}
@@ -327,8 +329,8 @@ def test_the_pulse_generator_of_the_controller_breathes_as_its_chart_says():
         if new is not None:
             state, since = new, k
         expected.append(float(state in ("INSPIRATION", "TRIGGERED")))
-    found = chart_of_the_controller("Pulse Generator", columns)
-    np.testing.assert_array_equal(found, expected)
+    output = chart_of_the_controller("Pulse Generator", columns)
+    np.testing.assert_array_equal(output, expected)
     assert 10 < np.sum(np.diff(expected) != 0) < 200
 
 
@@ -348,8 +350,8 @@ def test_the_largest_volume_of_the_controller_is_that_of_each_breath():
         elif not idle:
             largest = max(largest, volume[k])
         expected.append(known)
-    found = chart_of_the_controller("TV Max", {"BPM": np.full(count, 30.0), "compute": wanted, "TV": volume})
-    np.testing.assert_array_equal(found, expected)
+    output = chart_of_the_controller("TV Max", {"BPM": np.full(count, 30.0), "compute": wanted, "TV": volume})
+    np.testing.assert_array_equal(output, expected)
 
 
 def test_the_correction_of_the_controller_adds_up():
@@ -365,6 +367,6 @@ def test_the_correction_of_the_controller_adds_up():
 
 
 def test_a_chart_is_cut_and_fed_from_a_channel():
-    given = {**GEARS, "fixed_gear": 2.0}
-    model = simulink(DATA / "automatic_transmission.slx", parameters=[given], bind={"ShiftLogic": "gear"})
+    parameters = {**GEARS, "fixed_gear": 2.0}
+    model = simulink(DATA / "automatic_transmission.slx", parameters=[parameters], bind={"ShiftLogic": "gear"})
     assert "gear" in model.graph.inputs

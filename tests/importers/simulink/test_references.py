@@ -16,39 +16,39 @@ U = np.random.default_rng(3).normal(size=20)
 
 def part(name="filter", gain="k", **options):
     """A file with a subsystem: a gain and a sum with the step before."""
-    made = Model(name, kind="Subsystem", **options)
-    made.inport("x")
-    made.block("Gain", "K", Gain=gain)
-    made.block("UnitDelay", "Z", SampleTime="-1")
-    made.block("Sum", "S", ports=(2, 1))
-    made.outport("y")
-    made.line("x", "K")
-    made.line("K", "S:1")
-    made.line("Z", "S:2")
-    made.line("S", "Z", "y")
-    return made
+    diagram = Model(name, kind="Subsystem", **options)
+    diagram.inport("x")
+    diagram.block("Gain", "K", Gain=gain)
+    diagram.block("UnitDelay", "Z", SampleTime="-1")
+    diagram.block("Sum", "S", ports=(2, 1))
+    diagram.outport("y")
+    diagram.line("x", "K")
+    diagram.line("K", "S:1")
+    diagram.line("Z", "S:2")
+    diagram.line("S", "Z", "y")
+    return diagram
 
 
 def user(*names, **parameters):
     """A model with subsystems in a row, the content of each in a file."""
-    made = Model(step="0.1", solver="FixedStepDiscrete")
-    made.inport("u")
+    diagram = Model(step="0.1", solver="FixedStepDiscrete")
+    diagram.inport("u")
     before = "u"
     for at, name in enumerate(names, 1):
-        made.block("SubSystem", f"R{at}", ports=(1, 1), ReferencedSubsystem=name, **parameters)
-        made.line(before, f"R{at}")
+        diagram.block("SubSystem", f"R{at}", ports=(1, 1), ReferencedSubsystem=name, **parameters)
+        diagram.line(before, f"R{at}")
         before = f"R{at}"
-    made.outport("y")
-    made.line(before, "y")
-    return made
+    diagram.outport("y")
+    diagram.line(before, "y")
+    return diagram
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 def test_the_content_of_a_subsystem_file_stands_in_its_place(layout, tmp_path):
     part().write(tmp_path, layout)
     model = imported(user("filter", "filter"), tmp_path, layout, parameters=[{"k": 0.5}])
-    found = run(model, {"u": U})["y"]
-    np.testing.assert_allclose(found, np.cumsum(0.5 * np.cumsum(0.5 * U)), atol=1e-13)
+    output = run(model, {"u": U})["y"]
+    np.testing.assert_allclose(output, np.cumsum(0.5 * np.cumsum(0.5 * U)), atol=1e-13)
     exact, differences = slopes(model, {"u": U}, "k", "y")
     np.testing.assert_allclose(exact, differences, atol=1e-8)
 
@@ -57,11 +57,11 @@ def test_each_place_sees_the_names_of_the_mask_around_it(tmp_path):
     part(gain="k").write(tmp_path)
     drawn = user("filter")
     drawn.blocks[1].mask = Mask({"k": "2*c"})
-    found = run(imported(drawn, tmp_path, parameters=[{"c": 1.5}]), {"u": U})["y"]
-    np.testing.assert_allclose(found, np.cumsum(3.0 * U), atol=1e-12)
+    output = run(imported(drawn, tmp_path, parameters=[{"c": 1.5}]), {"u": U})["y"]
+    np.testing.assert_allclose(output, np.cumsum(3.0 * U), atol=1e-12)
 
 
-def test_subsystem_files_are_found_in_further_folders_and_lead_on(tmp_path):
+def test_subsystem_files_in_further_folders_are_followed(tmp_path):
     (tmp_path / "parts").mkdir()
     outer = Model("outer", kind="Subsystem")
     outer.inport("a")
@@ -79,81 +79,81 @@ def test_a_subsystem_file_can_be_imported_by_itself(tmp_path):
     np.testing.assert_allclose(run(model, {"x": U})["y"], np.cumsum(2 * U), atol=1e-12)
 
 
-def test_a_missing_subsystem_file_is_told_with_its_name(tmp_path):
+def test_a_missing_subsystem_file_is_reported_with_its_name(tmp_path):
     with pytest.raises(
         InputError, match=r"R1: .*in the file lost, which was not found or does not match. Put lost.slx"
     ):
         imported(user("lost"), tmp_path)
 
 
-def test_subsystem_files_that_lead_in_a_circle_are_told(tmp_path):
+def test_subsystem_files_that_refer_in_a_circle_are_reported(tmp_path):
     for name, to in (("one", "two"), ("two", "one")):
-        made = Model(name, kind="Subsystem")
-        made.inport("a")
-        made.block("SubSystem", "In", ports=(1, 1), ReferencedSubsystem=to)
-        made.outport("b")
-        made.chain("a", "In", "b")
-        made.write(tmp_path)
-    found = import_simulink(user("one").write(tmp_path))
-    assert found.model is None
-    assert any("one -> two -> one" in str(remark) for remark in found.report.remarks)
+        diagram = Model(name, kind="Subsystem")
+        diagram.inport("a")
+        diagram.block("SubSystem", "In", ports=(1, 1), ReferencedSubsystem=to)
+        diagram.outport("b")
+        diagram.chain("a", "In", "b")
+        diagram.write(tmp_path)
+    result = import_simulink(user("one").write(tmp_path))
+    assert result.model is None
+    assert any("one -> two -> one" in str(remark) for remark in result.report.remarks)
     with pytest.raises(InputError, match="In"):
         imported(user("one"), tmp_path)
 
 
 @pytest.mark.parametrize("path", ["../secret", "/etc/passwd", "a b"])
-def test_a_name_that_is_no_name_of_a_file_is_not_looked_for(path, tmp_path):
+def test_an_invalid_file_name_is_not_searched_for(path, tmp_path):
     with pytest.raises(InputError, match="was not found"):
         imported(user(path), tmp_path)
 
 
-def test_a_model_is_no_subsystem_file(tmp_path):
+def test_a_model_is_not_a_subsystem_file(tmp_path):
     other = part("whole")
     other.kind = "Model"
     other.write(tmp_path)
-    found = import_simulink(user("whole").write(tmp_path))
-    assert found.model is None
-    assert any("whole.slx, which is a model" in str(remark) for remark in found.report.remarks)
+    result = import_simulink(user("whole").write(tmp_path))
+    assert result.model is None
+    assert any("whole.slx, which is a model" in str(remark) for remark in result.report.remarks)
 
 
 def scaled(name, code="", **options):
     """A model of a gain and a table that are variables, which its code gives values."""
-    made = Model(name, step="0.1", solver="FixedStepDiscrete", code=code, **options)
-    made.inport("x")
-    made.block("Gain", "K", Gain="k")
-    made.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[-9 0 9]")
-    made.outport("y")
-    made.outport("z")
-    made.chain("x", "K", "y")
-    made.chain("x", "T", "z")
-    return made
+    diagram = Model(name, step="0.1", solver="FixedStepDiscrete", code=code, **options)
+    diagram.inport("x")
+    diagram.block("Gain", "K", Gain="k")
+    diagram.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[-9 0 9]")
+    diagram.outport("y")
+    diagram.outport("z")
+    diagram.chain("x", "K", "y")
+    diagram.chain("x", "T", "z")
+    return diagram
 
 
 def around(code=""):
     """A model around two others, which come first in the order of the outports."""
-    made = Model("top", step="0.1", solver="FixedStepDiscrete", code=code)
-    made.inport("u")
+    diagram = Model("top", step="0.1", solver="FixedStepDiscrete", code=code)
+    diagram.inport("u")
     for name in ("one", "two"):
-        made.block("ModelReference", name, ports=(1, 2), ModelNameDialog=name)
-        made.line("u", name)
+        diagram.block("ModelReference", name, ports=(1, 2), ModelNameDialog=name)
+        diagram.line("u", name)
         for port in (1, 2):
-            made.outport(f"{name}{port}")
-            made.line(f"{name}:{port}", f"{name}{port}")
-    made.block("Gain", "K", Gain="k")
-    made.outport("y")
-    made.chain("u", "K", "y")
-    return made
+            diagram.outport(f"{name}{port}")
+            diagram.line(f"{name}:{port}", f"{name}{port}")
+    diagram.block("Gain", "K", Gain="k")
+    diagram.outport("y")
+    diagram.chain("u", "K", "y")
+    return diagram
 
 
-def test_variables_of_one_name_in_several_models_are_told_apart(tmp_path):
+def test_variables_of_one_name_in_several_models_are_distinguished(tmp_path):
     scaled("one", "k = 2; Eta = [1 2 3];").write(tmp_path)
     scaled("two", "k = 3; Eta = [4 1 0];").write(tmp_path)
     model = imported(around("k = 5;"), tmp_path)
-    found = run(model, {"u": U})
+    outputs = run(model, {"u": U})
     for name, factor, values in (("one", 2, [1, 2, 3]), ("two", 3, [4, 1, 0])):
-        np.testing.assert_allclose(found[f"{name}1"], factor * U, rtol=1e-13)
-        np.testing.assert_allclose(found[f"{name}2"], np.interp(U, [-9, 0, 9], values), rtol=1e-12)
-    np.testing.assert_allclose(found["y"], 5 * U, rtol=1e-13)
+        np.testing.assert_allclose(outputs[f"{name}1"], factor * U, rtol=1e-13)
+        np.testing.assert_allclose(outputs[f"{name}2"], np.interp(U, [-9, 0, 9], values), rtol=1e-12)
+    np.testing.assert_allclose(outputs["y"], 5 * U, rtol=1e-13)
     assert {name: one.values.tolist() for name, one in model.values.items()} == {
         "k": 5.0, "k_2": 2.0, "k_3": 3.0, "Eta": [1.0, 2.0, 3.0], "Eta_2": [4.0, 1.0, 0.0],
     }  # fmt: skip
@@ -170,24 +170,24 @@ def test_variables_of_one_name_and_value_are_one_parameter(tmp_path):
 def test_a_calibration_file_goes_over_the_variable_of_a_referenced_model_that_is_known_there_alone(tmp_path):
     for name in ("one", "two"):
         scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path)
-    given = ParameterSet([Scalar("k", 7.0), Curve("Eta", [-9, 0, 9], [0.0, 5.0, 5.0])])
-    found = run(imported(around("k = 5;"), tmp_path, parameters=[given]), {"u": U})
-    np.testing.assert_allclose(found["y"], 7 * U, rtol=1e-13)
-    np.testing.assert_allclose(found["one1"], 2 * U, rtol=1e-13)
-    np.testing.assert_allclose(found["two2"], np.interp(U, [-9, 0, 9], [0.0, 5.0, 5.0]), rtol=1e-12)
+    calibration = ParameterSet([Scalar("k", 7.0), Curve("Eta", [-9, 0, 9], [0.0, 5.0, 5.0])])
+    outputs = run(imported(around("k = 5;"), tmp_path, parameters=[calibration]), {"u": U})
+    np.testing.assert_allclose(outputs["y"], 7 * U, rtol=1e-13)
+    np.testing.assert_allclose(outputs["one1"], 2 * U, rtol=1e-13)
+    np.testing.assert_allclose(outputs["two2"], np.interp(U, [-9, 0, 9], [0.0, 5.0, 5.0]), rtol=1e-12)
 
 
 def with_arguments(names, values, listed):
     """A model around a model to whose arguments it gives values."""
-    made = around("a = 4;")
+    diagram = around("a = 4;")
     keys = ("ParameterArgumentNames", "ParameterArgumentValues")
-    for block in made.blocks:
+    for block in diagram.blocks:
         if block.name == "one" and listed:
             block.lists = dict(zip(keys, (names, values), strict=True))
         elif block.name == "one":
             block.parameters |= dict(zip(keys, (",".join(names), ",".join(values)), strict=True))
-    next(block for block in made.blocks if block.name == "K").parameters["Gain"] = "a"
-    return made
+    next(block for block in diagram.blocks if block.name == "K").parameters["Gain"] = "a"
+    return diagram
 
 
 @pytest.mark.parametrize(("layout", "listed"), [("slx parts", True), ("slx parts", False), ("mdl", False)])
@@ -195,10 +195,10 @@ def test_arguments_of_a_referenced_model_take_the_values_of_the_block(layout, li
     for name in ("one", "two"):
         scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path, layout)
     model = imported(with_arguments(["k", "Eta"], ["3*a", "[5,6,a]"], listed), tmp_path, layout)
-    found = run(model, {"u": U})
-    np.testing.assert_allclose(found["one1"], 12 * U, rtol=1e-13)
-    np.testing.assert_allclose(found["one2"], np.interp(U, [-9, 0, 9], [5, 6, 4]), rtol=1e-12)
-    np.testing.assert_allclose(found["two1"], 2 * U, rtol=1e-13)
+    outputs = run(model, {"u": U})
+    np.testing.assert_allclose(outputs["one1"], 12 * U, rtol=1e-13)
+    np.testing.assert_allclose(outputs["one2"], np.interp(U, [-9, 0, 9], [5, 6, 4]), rtol=1e-12)
+    np.testing.assert_allclose(outputs["two1"], 2 * U, rtol=1e-13)
     exact, differences = slopes(model, {"u": U}, "a", "one1")
     np.testing.assert_allclose(exact, differences, atol=1e-8)
 
@@ -206,8 +206,8 @@ def test_arguments_of_a_referenced_model_take_the_values_of_the_block(layout, li
 def test_an_argument_without_a_value_keeps_that_of_the_model(tmp_path):
     for name in ("one", "two"):
         scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path)
-    found = run(imported(with_arguments(["k"], [""], True), tmp_path), {"u": U})
-    np.testing.assert_allclose(found["one1"], 2 * U, rtol=1e-13)
+    outputs = run(imported(with_arguments(["k"], [""], True), tmp_path), {"u": U})
+    np.testing.assert_allclose(outputs["one1"], 2 * U, rtol=1e-13)
 
 
 def test_a_referenced_model_that_is_imported_by_itself_has_its_own_names(tmp_path):
@@ -215,5 +215,5 @@ def test_a_referenced_model_that_is_imported_by_itself_has_its_own_names(tmp_pat
         scaled(name, "k = 2; Eta = [1 2 3];").write(tmp_path)
     drawn = with_arguments(["k"], ["3*a"], True)
     for name, factor in (("one", 12), ("two", 2)):
-        found = run(imported(drawn, tmp_path, subsystem=name), {"x": U})
-        np.testing.assert_allclose(found["y"], factor * U, rtol=1e-13)
+        outputs = run(imported(drawn, tmp_path, subsystem=name), {"x": U})
+        np.testing.assert_allclose(outputs["y"], factor * U, rtol=1e-13)

@@ -39,7 +39,7 @@ def resettable(kind=None, content=accumulator, **model):
 
 
 def resets(kind, k, r=R):
-    """Whether a reset takes place, by the words of the setting."""
+    """Return whether a reset takes place, by the words of the setting."""
     if kind == "level hold":
         return r[k] != 0
     if kind == "level":
@@ -49,28 +49,28 @@ def resets(kind, k, r=R):
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
-def test_a_resettable_subsystem_begins_anew_and_runs_on(layout, tmp_path):
+def test_a_resettable_subsystem_restarts_and_continues(layout, tmp_path):
     model = imported(resettable(), tmp_path, layout, parameters=[{"start": 2.0}])
-    found = run(model, {"u": U, "r": R})["y"]
+    output = run(model, {"u": U, "r": R})["y"]
     x = 2.0
     for k, u in enumerate(U):
         x = 2.0 if resets("level", k) else x
         x += u
-        assert found[k] == pytest.approx(x, abs=1e-12), k
+        assert output[k] == pytest.approx(x, abs=1e-12), k
     exact, differences = slopes(model, {"u": U, "r": R}, "start", "y")
     np.testing.assert_allclose(exact, differences, atol=1e-8)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_kinds_of_resets(kind, tmp_path):
-    found = run(imported(resettable(kind), tmp_path, parameters=[{"start": -1.0}]), {"u": U, "r": R})["y"]
+    output = run(imported(resettable(kind), tmp_path, parameters=[{"start": -1.0}]), {"u": U, "r": R})["y"]
     x = -1.0
     for k, u in enumerate(U):
         x = (-1.0 if resets(kind, k) else x) + u
-        assert found[k] == pytest.approx(x, abs=1e-12), k
+        assert output[k] == pytest.approx(x, abs=1e-12), k
 
 
-def test_a_kind_of_reset_that_is_not_known_is_told(tmp_path):
+def test_an_unknown_kind_of_reset_is_reported(tmp_path):
     with pytest.raises(InputError, match="Sub: its reset 'guess'"):
         imported(resettable("guess"), tmp_path, parameters=[{"start": 0.0}])
 
@@ -89,12 +89,12 @@ def integrators(inner):
 
 def test_integrators_are_reset_as_well(tmp_path):
     drawn = resettable("rising", integrators, solver="ode4")
-    found = run(imported(drawn, tmp_path), {"u": U, "r": R})["y"]
+    output = run(imported(drawn, tmp_path), {"u": U, "r": R})["y"]
     a, b = 1.0, 5.0
     for k, u in enumerate(U):
         if resets("rising", k):
             a, b = 1.0, 5.0
-        assert found[k] == pytest.approx(a + b, abs=1e-12), k
+        assert output[k] == pytest.approx(a + b, abs=1e-12), k
         a, b = a + T * u, b + T * u
 
 
@@ -110,14 +110,14 @@ def nested(inner):
 
 
 def test_a_reset_reaches_what_is_nested_even_while_that_does_not_run(tmp_path):
-    found = run(imported(resettable("level hold", nested), tmp_path, parameters=[{"start": 2.0}]), {"u": U, "r": R})
+    outputs = run(imported(resettable("level hold", nested), tmp_path, parameters=[{"start": 2.0}]), {"u": U, "r": R})
     x, y = 2.0, 0.0
     for k, u in enumerate(U):
         x = 2.0 if R[k] else x
         if u > 0:
             x += u
             y = x
-        assert found["y"][k] == pytest.approx(y, abs=1e-12), k
+        assert outputs["y"][k] == pytest.approx(y, abs=1e-12), k
 
 
 def test_states_that_are_reset_with_an_enabled_subsystem_are_those_within_too(tmp_path):
@@ -147,7 +147,7 @@ def test_states_that_are_reset_with_an_enabled_subsystem_are_those_within_too(tm
     drawn.line("Outer:1", "y")
     drawn.line("Outer:2", "z")
     C = np.tile([1.0, 1.0, 0.0, 0.0, 1.0], 8)
-    found = run(imported(drawn, tmp_path), {"u": U, "c": C})
+    outputs = run(imported(drawn, tmp_path), {"u": U, "c": C})
     a, b, was, y, z = 2.0, 3.0, 0.0, 0.0, 0.0
     for k, u in enumerate(U):
         if C[k]:
@@ -155,7 +155,7 @@ def test_states_that_are_reset_with_an_enabled_subsystem_are_those_within_too(tm
             a, b = a + u, b + u
             y, z = a, b
         was = C[k]
-        assert (found["y"][k], found["z"][k]) == pytest.approx((y, z), abs=1e-12), k
+        assert (outputs["y"][k], outputs["z"][k]) == pytest.approx((y, z), abs=1e-12), k
 
 
 def test_a_subsystem_can_be_enabled_and_resettable(tmp_path):
@@ -164,11 +164,11 @@ def test_a_subsystem_can_be_enabled_and_resettable(tmp_path):
     drawn.blocks[2].system.block("EnablePort", "E", StatesWhenEnabling="held")
     drawn.line("c", "Sub#enable")
     C = np.tile([1.0, 1.0, 0.0, 1.0], 10)
-    found = run(imported(drawn, tmp_path, parameters=[{"start": 2.0}]), {"u": U, "r": R, "c": C})["y"]
+    output = run(imported(drawn, tmp_path, parameters=[{"start": 2.0}]), {"u": U, "r": R, "c": C})["y"]
     x, y = 2.0, 0.0
     for k, u in enumerate(U):
         x = 2.0 if R[k] else x
         if C[k]:
             x += u
             y = x
-        assert found[k] == pytest.approx(y, abs=1e-12), k
+        assert output[k] == pytest.approx(y, abs=1e-12), k

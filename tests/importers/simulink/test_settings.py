@@ -37,9 +37,9 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "parameters", "told"), REFUSED)
-def test_what_is_not_followed_is_refused(kind, parameters, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+@pytest.mark.parametrize(("kind", "parameters", "reason"), REFUSED)
+def test_unsupported_settings_are_refused(kind, parameters, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         imported(alone(kind, **parameters), tmp_path)
 
 
@@ -48,7 +48,7 @@ def test_what_is_not_followed_is_refused(kind, parameters, told, tmp_path):
     [("UnitDelay", {}), ("Delay", {"DelayLength": "1"}), ("DiscreteFilter", {}), ("DiscreteFir", {}), ("Relay", {})],
 )
 @pytest.mark.parametrize("shape", ["3", "[3 2]"])
-def test_the_rows_of_a_frame_are_no_channels(kind, parameters, shape, tmp_path):
+def test_the_rows_of_a_frame_are_not_channels(kind, parameters, shape, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u", PortDimensions=shape)
     drawn.block(kind, "B", ports=(1, 1), **parameters, **FRAMES)
@@ -70,15 +70,15 @@ def test_the_columns_of_a_frame_of_one_row_are_channels(tmp_path):
     drawn.chain("Row", "Z", "D")
     drawn.outport("y")
     drawn.line("D:2", "y")
-    found = run(imported(drawn, tmp_path), {"u1": U, "u2": 2 * U})["y"]
-    np.testing.assert_array_equal(found, [0.0, *2 * U[:-1]])
+    output = run(imported(drawn, tmp_path), {"u1": U, "u2": 2 * U})["y"]
+    np.testing.assert_array_equal(output, [0.0, *2 * U[:-1]])
 
 
 @pytest.mark.parametrize("key", ["OutDataTypeStr", "OutDataTypeMode", "DataType"])
 def test_a_conversion_to_a_truth_value_has_had_several_names(key, tmp_path):
-    given = {"DataType": "auto", "OutDataTypeMode": "Inherit via back propagation"} | {key: "boolean"}
-    found = run(imported(alone("DataTypeConversion", **given), tmp_path), {"u1": [0.0, 2.5, -1.0]})["y1"]
-    np.testing.assert_array_equal(found, [0, 1, 1])
+    settings = {"DataType": "auto", "OutDataTypeMode": "Inherit via back propagation"} | {key: "boolean"}
+    output = run(imported(alone("DataTypeConversion", **settings), tmp_path), {"u1": [0.0, 2.5, -1.0]})["y1"]
+    np.testing.assert_array_equal(output, [0, 1, 1])
 
 
 def test_stored_bits_of_whole_numbers_are_the_numbers(tmp_path):
@@ -91,20 +91,22 @@ def test_stored_bits_of_whole_numbers_are_the_numbers(tmp_path):
 
 
 def test_a_ramp_of_an_older_file_begins_at_x0(tmp_path):
-    found = run(imported(alone("Reference", 0, special="Ramp", slope="2", start="0.1", X0="-10"), tmp_path), samples=4)
-    np.testing.assert_allclose(found["y1"], [-10, -10, -9.8, -9.6], atol=1e-12)
+    outputs = run(
+        imported(alone("Reference", 0, special="Ramp", slope="2", start="0.1", X0="-10"), tmp_path), samples=4
+    )
+    np.testing.assert_allclose(outputs["y1"], [-10, -10, -9.8, -9.6], atol=1e-12)
 
 
 def test_a_controller_with_an_input_for_its_derivative_is_refused(tmp_path):
-    given = {"TimeDomain": "Discrete-time", "UseExternalDerivativeSource": "on"}
+    settings = {"TimeDomain": "Discrete-time", "UseExternalDerivativeSource": "on"}
     with pytest.raises(InputError, match="UseExternalDerivativeSource 'on'"):
-        imported(alone("Reference", 2, special="PID 1dof", **given), tmp_path)
+        imported(alone("Reference", 2, special="PID 1dof", **settings), tmp_path)
 
 
 def test_the_inverse_hyperbolic_sine_of_large_numbers(tmp_path):
     u = np.array([-1e12, -1e8, -30.0, -0.1, 0.0, 0.1, 30.0, 1e12])
-    found = run(imported(alone("Trigonometry", Operator="asinh"), tmp_path), {"u1": u})["y1"]
-    np.testing.assert_allclose(found, np.arcsinh(u), rtol=1e-14)
+    output = run(imported(alone("Trigonometry", Operator="asinh"), tmp_path), {"u1": u})["y1"]
+    np.testing.assert_allclose(output, np.arcsinh(u), rtol=1e-14)
 
 
 def test_elements_of_a_data_store_are_refused(tmp_path):
@@ -134,8 +136,8 @@ def test_a_merge_begins_with_its_own_value_or_that_of_the_outputs_before_it(own,
     drawn.outport("y")
     drawn.line("M", "y")
     model = imported(drawn, tmp_path, parameters=[{"start": 7.0}])
-    found = run(model, {"u": [-1.0, 0.0, 1.0, -1.0]})["y"]
-    np.testing.assert_array_equal(found, [expected, expected, 3, 3])
+    output = run(model, {"u": [-1.0, 0.0, 1.0, -1.0]})["y"]
+    np.testing.assert_array_equal(output, [expected, expected, 3, 3])
 
 
 @pytest.mark.parametrize(("last", "highest"), [("off", 2.0), ("on", 4.0)])
@@ -150,8 +152,8 @@ def test_a_flat_table_behind_a_prelookup_goes_by_the_cell_alone(last, highest, t
     drawn.line("P:1", "T:1")
     drawn.line("P:2", "T:2")
     drawn.line("T", "y")
-    found = run(imported(drawn, tmp_path), {"u": [-1.0, 0.5, 1.0, 2.9, 3.0, 9.0]})["y"]
-    np.testing.assert_array_equal(found, [1, 1, 2, 2, highest, highest])
+    output = run(imported(drawn, tmp_path), {"u": [-1.0, 0.5, 1.0, 2.9, 3.0, 9.0]})["y"]
+    np.testing.assert_array_equal(output, [1, 1, 2, 2, highest, highest])
 
 
 @pytest.mark.parametrize("option", ["Row vector (2-D)", "Column vector (2-D)"])
@@ -172,7 +174,7 @@ def test_rows_behind_each_other_are_a_row(option, tmp_path):
     drawn.line("C", "P:1" if row else "P:2")
     drawn.line("K", "P:2" if row else "P:1")
     drawn.chain("P", "S", "y")
-    found = run(imported(drawn, tmp_path), {"u[1]": [1.0], "u[2]": [5.0]})
+    outputs = run(imported(drawn, tmp_path), {"u[1]": [1.0], "u[2]": [5.0]})
     K, x = np.arange(1.0, 17.0).reshape(4, 4, order="F"), np.array([1.0, 5.0, 1.0, 5.0])
     expected = x @ K if row else K @ x
-    np.testing.assert_allclose([value[0] for name, value in found.items() if name.startswith("y")], expected)
+    np.testing.assert_allclose([value[0] for name, value in outputs.items() if name.startswith("y")], expected)

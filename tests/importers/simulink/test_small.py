@@ -41,17 +41,17 @@ def test_the_width_of_vectors_and_buses(layout, tmp_path):
     drawn.line("Bus", "WB", "V")
     drawn.line("V", "S")
     columns = {"u[1]": U, "u[2]": 2 * U, "u[3]": 3 * U, "v": U}
-    found = run(imported(drawn, tmp_path, layout), columns)
-    assert (found["w"] == 3).all()
-    assert (found["wb"] == 4).all()
-    np.testing.assert_allclose(found["s"], 7 * U)
+    outputs = run(imported(drawn, tmp_path, layout), columns)
+    assert (outputs["w"] == 3).all()
+    assert (outputs["wb"] == 4).all()
+    np.testing.assert_allclose(outputs["s"], 7 * U)
 
 
-def test_a_probe_tells_what_it_is_asked_for(tmp_path):
+def test_a_probe_returns_what_it_is_asked_for(tmp_path):
     drawn = alone("Probe", 1, 4)
     drawn.blocks[1].parameters |= {"PortDimensions": "[2 3]", "SampleTime": "0.2"}
-    found = run(imported(drawn, tmp_path), {f"u1[{at}]": U for at in range(1, 7)})
-    values = [found[name][0] for name in ("y1", "y2[1]", "y2[2]", "y3", "y4[1]", "y4[2]")]
+    outputs = run(imported(drawn, tmp_path), {f"u1[{at}]": U for at in range(1, 7)})
+    values = [outputs[name][0] for name in ("y1", "y2[1]", "y2[2]", "y3", "y4[1]", "y4[2]")]
     assert values == [6, 0.2, 0, 0, 2, 3]
     asked = alone("Probe", 1, 1, ProbeSampleTime="off", ProbeComplexSignal="off", ProbeSignalDimensions="off")
     assert run(imported(asked, tmp_path), {"u1": U})["y1"][0] == 1
@@ -60,12 +60,12 @@ def test_a_probe_tells_what_it_is_asked_for(tmp_path):
 
 
 def test_real_signals_have_parts_like_complex_ones(tmp_path):
-    found = run(imported(alone("ComplexToRealImag", 1, 2), tmp_path), {"u1": U})
-    np.testing.assert_array_equal(found["y1"], U)
-    assert not found["y2"].any()
-    found = run(imported(alone("ComplexToMagnitudeAngle", 1, 2), tmp_path), {"u1": U})
-    np.testing.assert_array_equal(found["y1"], np.abs(U))
-    np.testing.assert_array_equal(found["y2"], np.angle(U))
+    outputs = run(imported(alone("ComplexToRealImag", 1, 2), tmp_path), {"u1": U})
+    np.testing.assert_array_equal(outputs["y1"], U)
+    assert not outputs["y2"].any()
+    outputs = run(imported(alone("ComplexToMagnitudeAngle", 1, 2), tmp_path), {"u1": U})
+    np.testing.assert_array_equal(outputs["y1"], np.abs(U))
+    np.testing.assert_array_equal(outputs["y2"], np.angle(U))
 
 
 REFUSED = [
@@ -77,9 +77,9 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "inputs", "parameters", "told"), REFUSED)
-def test_what_a_graph_cannot_say_is_refused_with_the_reason(kind, inputs, parameters, told, tmp_path):
-    with pytest.raises(InputError, match=f"B: {told}"):
+@pytest.mark.parametrize(("kind", "inputs", "parameters", "reason"), REFUSED)
+def test_blocks_that_a_graph_cannot_express_are_refused_with_the_reason(kind, inputs, parameters, reason, tmp_path):
+    with pytest.raises(InputError, match=f"B: {reason}"):
         imported(alone(kind, inputs, **parameters), tmp_path)
 
 
@@ -94,9 +94,9 @@ def test_checks_and_notes_are_passed_over(tmp_path):
     drawn.link("Check", "simulink/Model Verification/Check Static Lower Bound", "Checks_SMin", ports=(1, 0), min="0")
     drawn.link("Info", "simulink/Model-Wide Utilities/Model Info", "CMBlock", ports=(0, 0))
     drawn.wires[0].ends.append(("Check", "in", 1))
-    found = import_simulink(drawn.write(tmp_path))
-    assert found.report.whole
-    assert found.report.supported == found.report.total
+    result = import_simulink(drawn.write(tmp_path))
+    assert result.report.whole
+    assert result.report.supported == result.report.total
     checked = alone("Reference", 1, 1, special="Checks_SMin", export="on")
     with pytest.raises(InputError, match="it outputs the result of its check, which is not supported"):
         imported(checked, tmp_path)
@@ -124,13 +124,13 @@ UNITS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "given", "wanted", "rule"), UNITS)
-def test_units_are_converted(kind, given, wanted, rule, tmp_path):
-    found = linked(kind, tmp_path, [U], IU=given, OU=wanted)["y1"]
-    np.testing.assert_allclose(found, rule(U), rtol=1e-9, atol=1e-12)
+@pytest.mark.parametrize(("kind", "unit", "wanted", "rule"), UNITS)
+def test_units_are_converted(kind, unit, wanted, rule, tmp_path):
+    output = linked(kind, tmp_path, [U], IU=unit, OU=wanted)["y1"]
+    np.testing.assert_allclose(output, rule(U), rtol=1e-9, atol=1e-12)
 
 
-def test_a_unit_that_is_not_known_is_told(tmp_path):
+def test_an_unknown_unit_is_reported(tmp_path):
     with pytest.raises(InputError, match=r"unknown unit 'furlong' in IU. Known units: m, km, ft"):
         linked("Length Conversion", tmp_path, [U], IU="furlong", OU="m")
 
@@ -174,10 +174,10 @@ def test_a_row_of_a_truth_table_is_chosen_by_its_digits(tmp_path):
     table = RNG.integers(0, 9, size=(8, 2))
     drawn = alone("CombinatorialLogic", TruthTable=np.array2string(table, separator=" ").replace("]\n", "];"))
     drawn.blocks[1].parameters["PortDimensions"] = "3"
-    found = run(imported(drawn, tmp_path), {"u1[1]": A, "u1[2]": B, "u1[3]": C})
+    outputs = run(imported(drawn, tmp_path), {"u1[1]": A, "u1[2]": B, "u1[3]": C})
     rows = (4 * A + 2 * B + C).astype(int)
-    np.testing.assert_array_equal(found["y1[1]"], table[rows, 0])
-    np.testing.assert_array_equal(found["y1[2]"], table[rows, 1])
+    np.testing.assert_array_equal(outputs["y1[1]"], table[rows, 0])
+    np.testing.assert_array_equal(outputs["y1[2]"], table[rows, 1])
     drawn.blocks[1].parameters["PortDimensions"] = "2"
     with pytest.raises(InputError, match="a table of 8 rows does not match 2 inputs"):
         imported(drawn, tmp_path)
@@ -190,11 +190,11 @@ TABLE = {(0, 0, 0): (0, 1), (0, 0, 1): (1, 0), (0, 1, 0): (0, 1), (0, 1, 1): (0,
 
 @pytest.mark.parametrize("init", [0, 1])
 def test_a_flip_flop_is_set_and_reset(init, tmp_path):
-    found = linked("SRFlipFlop", tmp_path, [A, B], 2, initial_condition=str(init))
+    outputs = linked("SRFlipFlop", tmp_path, [A, B], 2, initial_condition=str(init))
     q = init
     for k in range(COUNT):
         q, other = TABLE[int(A[k]), int(B[k]), q]
-        assert (found["y1"][k], found["y2"][k]) == (q, other), k
+        assert (outputs["y1"][k], outputs["y2"][k]) == (q, other), k
 
 
 def test_flip_flops_with_a_clock(tmp_path):
@@ -223,11 +223,11 @@ def test_counters_run_at_their_sample_time_and_begin_again(tmp_path):
 @pytest.mark.parametrize("op", ["min", "max"])
 def test_a_running_extreme_is_reset(op, tmp_path):
     reset = np.array([0.0, 0, 0, 1, 0] * 8)
-    found = linked("MinMax Running Resettable", tmp_path, [U, reset], Function=op, vinit="0.1")["y1"]
+    output = linked("MinMax Running Resettable", tmp_path, [U, reset], Function=op, vinit="0.1")["y1"]
     best = 0.1
     for k in range(COUNT):
         best = 0.1 if reset[k] else {"min": min, "max": max}[op](best, U[k])
-        assert found[k] == best, k
+        assert output[k] == best, k
 
 
 def test_counting_down_stops_at_0(tmp_path):
@@ -263,16 +263,16 @@ def test_an_inport_may_be_drawn_more_than_once(layout, tmp_path):
     drawn.line("v again", "P:2")
     drawn.chain("S", "y")
     drawn.line("P", "w")
-    found = run(imported(drawn, tmp_path, layout), {"u": U, "v": A})
-    np.testing.assert_allclose(found["y"], U)
-    np.testing.assert_allclose(found["w"], A * A)
+    outputs = run(imported(drawn, tmp_path, layout), {"u": U, "v": A})
+    np.testing.assert_allclose(outputs["y"], U)
+    np.testing.assert_allclose(outputs["w"], A * A)
 
 
 def test_a_multiport_switch_takes_the_last_port_for_any_other_number(tmp_path):
     number = np.array([-2.0, 0.0, 0.9, 1.0, 1.9, 2.0, 3.0, 4.0])
     columns = {"u1": number} | {f"u{at}": np.full(8, 10.0 * at) for at in (2, 3, 4)}
-    found = run(imported(alone("MultiPortSwitch", 4, Inputs=3), tmp_path), columns)["y1"]
-    assert found.tolist() == [40, 40, 40, 20, 20, 30, 40, 40]
+    output = run(imported(alone("MultiPortSwitch", 4, Inputs=3), tmp_path), columns)["y1"]
+    assert output.tolist() == [40, 40, 40, 20, 20, 30, 40, 40]
     zero = alone("MultiPortSwitch", 4, Inputs=3, DataPortOrder="Zero-based contiguous")
     assert run(imported(zero, tmp_path), columns)["y1"].tolist() == [40, 20, 20, 30, 30, 40, 40, 40]
 
@@ -284,14 +284,14 @@ def test_the_numbers_of_a_multiport_switch_may_be_listed(default, tmp_path):
     drawn = alone("MultiPortSwitch", 4, Inputs=2 if extra else 3, DataPortOrder="Specify indices",
                   DataPortIndices="{[3 -2],5}" if extra else "{[3 -2],5,k}", DataPortForDefault=default)  # fmt: skip
     columns = {"u1": number} | {f"u{at}": np.full(6, 10.0 * at) for at in (2, 3, 4)}
-    found = run(imported(drawn, tmp_path, parameters=[{"k": 4.0}]), columns)["y1"]
-    assert found.tolist() == [20, 40, 20, 40, 30, 40]
+    output = run(imported(drawn, tmp_path, parameters=[{"k": 4.0}]), columns)["y1"]
+    assert output.tolist() == [20, 40, 20, 40, 30, 40]
     with pytest.raises(InputError, match="DataPortIndices must be a list of cases in braces, got 3"):
         imported(alone("MultiPortSwitch", 4, DataPortOrder="Specify indices", DataPortIndices="3"), tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("kind", "inputs", "parameters", "told"),
+    ("kind", "inputs", "parameters", "reason"),
     [
         ("MultiPortSwitch", 1, {}, "it has no data port"),
         ("Gain", 1, {"Gain": "[]"}, "its Gain is empty"),
@@ -300,12 +300,12 @@ def test_the_numbers_of_a_multiport_switch_may_be_listed(default, tmp_path):
         ("MultiPortSwitch", 3, {"DataPortOrder": "Specify indices", "DataPortIndices": "{1:2e4,2}"}, "at most"),
     ],
 )
-def test_settings_that_make_no_sense_are_told(kind, inputs, parameters, told, tmp_path):
-    with pytest.raises(InputError, match=f"B: .*{told}"):
+def test_settings_without_a_meaning_are_reported(kind, inputs, parameters, reason, tmp_path):
+    with pytest.raises(InputError, match=f"B: .*{reason}"):
         imported(alone(kind, inputs, **parameters), tmp_path)
 
 
-def test_what_no_setting_makes_possible_counts_as_unsupported_wherever_it_stands(tmp_path):
+def test_an_unsupported_block_without_readers_is_reported(tmp_path):
     drawn = alone("Gain", Gain="2")
     drawn.block("RandomNumber", "Noise", ports=(0, 1))
     drawn.block("Terminator", "End")

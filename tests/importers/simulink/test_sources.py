@@ -25,37 +25,39 @@ def test_a_digital_clock_runs_at_its_sample_time(tmp_path):
 
 
 def test_a_sine_wave_may_count_samples(tmp_path):
-    found = source("Sin", tmp_path, SineType="Sample based", Samples="8", Offset="2", Amplitude="3", Bias="1",
+    output = source("Sin", tmp_path, SineType="Sample based", Samples="8", Offset="2", Amplitude="3", Bias="1",
                    SampleTime="0.2")  # fmt: skip
     hits = np.arange(COUNT) // 2
-    np.testing.assert_allclose(found, 3 * np.sin(2 * np.pi * (hits + 2) / 8) + 1, atol=1e-12)
+    np.testing.assert_allclose(output, 3 * np.sin(2 * np.pi * (hits + 2) / 8) + 1, atol=1e-12)
     with pytest.raises(InputError, match="it counts samples, but its sample time is inherited"):
         source("Sin", tmp_path, SineType="Sample based")
 
 
 def test_a_chirp_is_that_of_scipy(tmp_path):
-    found = source("Reference", tmp_path, special="chirp", f1="0.5", f2="3", T="4")
-    np.testing.assert_allclose(found, scipy.signal.chirp(TIME, 0.5, 4, 3, phi=-90), atol=1e-11)
+    output = source("Reference", tmp_path, special="chirp", f1="0.5", f2="3", T="4")
+    np.testing.assert_allclose(output, scipy.signal.chirp(TIME, 0.5, 4, 3, phi=-90), atol=1e-11)
 
 
 @pytest.mark.parametrize(("units", "factor"), [("Hertz", 2 * np.pi), ("rad/sec", 1.0)])
 def test_a_generator_makes_sine_waves(units, factor, tmp_path):
-    found = source("SignalGenerator", tmp_path, Amplitude="2", Frequency="0.7", Units=units)
-    np.testing.assert_allclose(found, 2 * np.sin(0.7 * factor * TIME), atol=1e-12)
+    output = source("SignalGenerator", tmp_path, Amplitude="2", Frequency="0.7", Units=units)
+    np.testing.assert_allclose(output, 2 * np.sin(0.7 * factor * TIME), atol=1e-12)
     with pytest.raises(InputError, match=r"its wave form 'random' is not supported, only sine and square\. Bind it to"):
         source("SignalGenerator", tmp_path, WaveForm="random")
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_a_sequence_repeats_its_lines(layout, tmp_path):
-    found = source("Reference", tmp_path, layout, special="Repeating table", rep_seq_t="[0 0.5 2]", rep_seq_y="[1 3 0]")
+    output = source(
+        "Reference", tmp_path, layout, special="Repeating table", rep_seq_t="[0 0.5 2]", rep_seq_y="[1 3 0]"
+    )
     expected = np.interp(np.mod(TIME + 1e-10, 2), [0, 0.5, 2], [1, 3, 0])
-    np.testing.assert_allclose(found, expected, atol=1e-8)
+    np.testing.assert_allclose(output, expected, atol=1e-8)
 
 
 def test_a_sequence_may_jump(tmp_path):
-    found = source("Reference", tmp_path, special="Repeating table", rep_seq_t="[0 1 1 2]", rep_seq_y="[0 0 5 5]")
-    np.testing.assert_array_equal(found, np.where(np.mod(np.arange(COUNT), 20) < 10, 0, 5))
+    output = source("Reference", tmp_path, special="Repeating table", rep_seq_t="[0 1 1 2]", rep_seq_y="[0 0 5 5]")
+    np.testing.assert_array_equal(output, np.where(np.mod(np.arange(COUNT), 20) < 10, 0, 5))
 
 
 POINTS = "[0 1; 1 3; 1 -2; 3 4]"
@@ -63,29 +65,29 @@ POINTS = "[0 1; 1 3; 1 -2; 3 4]"
 
 @pytest.mark.parametrize("last", ["Extrapolation", "Setting to zero", "Holding final value"])
 def test_a_matrix_in_the_model_is_a_signal_over_time(last, tmp_path):
-    found = source("FromWorkspace", tmp_path, VariableName=POINTS, OutputAfterFinalValue=last)
+    output = source("FromWorkspace", tmp_path, VariableName=POINTS, OutputAfterFinalValue=last)
     t = TIME
     after = t > 1 - 1e-9
     expected = np.where(after, -2 + 3 * (t - 1), 1 + 2 * t)
     beyond = {"Extrapolation": -2 + 3 * (t - 1), "Setting to zero": 0 * t, "Holding final value": 0 * t + 4}[last]
-    np.testing.assert_allclose(found, np.where(t > 3 + 1e-6, beyond, expected), atol=1e-12)
+    np.testing.assert_allclose(output, np.where(t > 3 + 1e-6, beyond, expected), atol=1e-12)
 
 
 def test_values_are_held_where_they_are_not_interpolated(tmp_path):
-    found = source("FromWorkspace", tmp_path, VariableName="[0 1; 1 3; 2 -2]", Interpolate="off")
-    np.testing.assert_array_equal(found, np.select([TIME + 1e-9 < 1, TIME + 1e-9 < 2], [1, 3], -2))
+    output = source("FromWorkspace", tmp_path, VariableName="[0 1; 1 3; 2 -2]", Interpolate="off")
+    np.testing.assert_array_equal(output, np.select([TIME + 1e-9 < 1, TIME + 1e-9 < 2], [1, 3], -2))
 
 
 def test_a_matrix_may_have_several_signals_and_come_from_a_variable(tmp_path):
     drawn = alone("FromWorkspace", 0, VariableName="recorded")
     model = imported(drawn, tmp_path, parameters=[{"recorded": np.array([[0, 1, 5], [6, 7, -1.0]])}])
-    found = run(model, samples=COUNT)
-    np.testing.assert_allclose(found["y1[1]"], 1 + TIME, atol=1e-12)
-    np.testing.assert_allclose(found["y1[2]"], 5 - TIME, atol=1e-12)
+    outputs = run(model, samples=COUNT)
+    np.testing.assert_allclose(outputs["y1[1]"], 1 + TIME, atol=1e-12)
+    np.testing.assert_allclose(outputs["y1[2]"], 5 - TIME, atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("parameters", "told"),
+    ("parameters", "reason"),
     [
         ({}, "its signal is recorded and not part of the model"),
         ({"VariableName": "[1 2; 3 4]"}, "its points must begin at 0 s, got 1 s"),
@@ -94,8 +96,8 @@ def test_a_matrix_may_have_several_signals_and_come_from_a_variable(tmp_path):
         ({"VariableName": "[1 2 3]"}, "its signal is not a matrix"),
     ],
 )
-def test_signals_that_are_not_in_the_model_are_to_be_bound(parameters, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_signals_that_are_not_in_the_model_are_to_be_bound(parameters, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         source("FromWorkspace", tmp_path, **parameters)
 
 
@@ -134,14 +136,14 @@ def test_sources(tmp_path):
     drawn.link("R", "simulink/Sources/Ramp", "Ramp", ports=(0, 1), slope="2", start="0.5", InitialOutput="1")
     drawn.outport("r")
     drawn.line("R", "r")
-    found = run(imported(drawn, tmp_path), samples=14)
+    outputs = run(imported(drawn, tmp_path), samples=14)
     k = np.arange(14)
-    np.testing.assert_allclose(found["y0"], 0.1 * k)
-    np.testing.assert_array_equal(found["y1"], np.where(k >= 5, 4, 1))
-    np.testing.assert_allclose(found["y2"], 2 * np.sin(0.3 * k + 0.5) + 1)
-    np.testing.assert_array_equal(found["y3"], np.where((k >= 2) & ((k - 2) % 6 < 3), 5, 0))
-    np.testing.assert_array_equal(found["y4"], k % 4 < 1)
-    np.testing.assert_allclose(found["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
+    np.testing.assert_allclose(outputs["y0"], 0.1 * k)
+    np.testing.assert_array_equal(outputs["y1"], np.where(k >= 5, 4, 1))
+    np.testing.assert_allclose(outputs["y2"], 2 * np.sin(0.3 * k + 0.5) + 1)
+    np.testing.assert_array_equal(outputs["y3"], np.where((k >= 2) & ((k - 2) % 6 < 3), 5, 0))
+    np.testing.assert_array_equal(outputs["y4"], k % 4 < 1)
+    np.testing.assert_allclose(outputs["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
 
 
 @pytest.mark.parametrize(("width", "step"), [("35", 0.05), ("50", 0.5)])
@@ -166,8 +168,8 @@ def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
         drawn.outport(f"y {form}")
         drawn.line(form, f"y {form}")
     model = imported(drawn, tmp_path, parameters=[{"A": 2.5}])
-    found, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
-    np.testing.assert_allclose(found["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
-    np.testing.assert_array_equal(found["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
+    outputs, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
+    np.testing.assert_allclose(outputs["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
+    np.testing.assert_array_equal(outputs["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
     exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
     np.testing.assert_allclose(exact, differences, atol=1e-8)

@@ -39,13 +39,13 @@ def store(reader, writer):
 
 
 @pytest.mark.parametrize(("reader", "writer", "late"), [("2", "1", 0), ("1", "2", 1), ("", "", 1), ("-1", "3", 1)])
-def test_priorities_say_whether_a_data_store_is_read_before_it_is_written(reader, writer, late, tmp_path):
-    found = run(imported(store(reader, writer), tmp_path, parameters=[{"start": 2.0}]), {"u": U})["y"]
+def test_priorities_decide_whether_a_data_store_is_read_before_it_is_written(reader, writer, late, tmp_path):
+    output = run(imported(store(reader, writer), tmp_path, parameters=[{"start": 2.0}]), {"u": U})["y"]
     expected = np.concatenate([[2.0], 2 + np.cumsum(U)])
-    np.testing.assert_allclose(found, expected[1:] if late == 0 else expected[:-1])
+    np.testing.assert_allclose(output, expected[1:] if late == 0 else expected[:-1])
 
 
-def test_what_no_priority_decides_is_told(tmp_path):
+def test_an_order_that_no_priority_decides_is_reported(tmp_path):
     report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
     assert any("data store" in one and "R" in one for one in report.substitutions)
     assert any("Assign a Priority to both" in str(one) for one in report.notes)
@@ -68,14 +68,14 @@ def tasks(reader, writer, mode, priorities):
 
 
 def in_order(reader, writer, first):
-    """What is read where one of the two runs first in each step."""
-    held, shown, read = 5.0, 5.0, []
+    """Return the values that are read if one of the two runs first in each step."""
+    stored, shown, read = 5.0, 5.0, []
     for k, value in enumerate(U):
         for who in ("reader", "writer") if first == "reader" else ("writer", "reader"):
             if who == "reader" and k % reader == 0:
-                shown = held
+                shown = stored
             elif who == "writer" and k % writer == 0:
-                held = value
+                stored = value
         read.append(shown)
     return read
 
@@ -130,11 +130,11 @@ def test_a_data_store_of_a_signal_object_without_a_value_starts_at_0(tmp_path):
     drawn.outport("z")
     drawn.line("R", "z")
     (tmp_path / "init.m").write_text("A = Simulink.Signal; A.Dimensions = [1 2];")
-    found = run(imported(drawn, tmp_path, parameters=[tmp_path / "init.m"]), {"u1": [5.0]})
-    assert [found["z[1]"][0], found["z[2]"][0]] == [0.0, 0.0]
+    outputs = run(imported(drawn, tmp_path, parameters=[tmp_path / "init.m"]), {"u1": [5.0]})
+    assert [outputs["z[1]"][0], outputs["z[2]"][0]] == [0.0, 0.0]
 
 
-def test_a_data_store_without_a_memory_is_told(tmp_path):
+def test_a_data_store_without_a_memory_is_reported(tmp_path):
     drawn = alone("Gain")
     drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="lost")
     drawn.outport("z")
@@ -149,22 +149,22 @@ def delayed(kind, longest, **more):
 
 def test_a_variable_time_delay_looks_back_by_its_second_input(tmp_path):
     time = np.linspace(0.1, 0.55, 30)
-    found = run(imported(delayed("Variable time delay", "1"), tmp_path), {"u1": U, "u2": time})["y1"]
+    output = run(imported(delayed("Variable time delay", "1"), tmp_path), {"u1": U, "u2": time})["y1"]
     t = 0.1 * np.arange(30)
     expected = np.where(t - time < 1e-9, -5.0, np.interp(t - time, t, U))
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(output, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("zero", ["off", "on"])
 def test_a_time_delay_of_less_than_a_step_goes_on_as_a_line_or_looks_at_its_input(zero, tmp_path):
     time = np.tile([0.0, 0.02, 0.07, -0.3, 0.1], 6)
-    found = run(imported(delayed("Variable time delay", "1", ZeroDelay=zero), tmp_path), {"u1": U, "u2": time})["y1"]
+    output = run(imported(delayed("Variable time delay", "1", ZeroDelay=zero), tmp_path), {"u1": U, "u2": time})["y1"]
     share = np.maximum(time, 0.0) / 0.1
-    assert found[0] == (U[0] if zero == "on" else -5.0)
+    assert output[0] == (U[0] if zero == "on" else -5.0)
     for k in range(2, 30):
         newest, before = (U[k], U[k - 1]) if zero == "on" else (U[k - 1], U[k - 2])
         ahead = 0.0 if zero == "on" else 1.0
-        assert found[k] == pytest.approx(newest + (share[k] - ahead) * (before - newest), abs=1e-12), k
+        assert output[k] == pytest.approx(newest + (share[k] - ahead) * (before - newest), abs=1e-12), k
 
 
 def test_a_transport_delay_is_a_pipe_that_takes_its_time(tmp_path):
@@ -174,14 +174,14 @@ def test_a_transport_delay_is_a_pipe_that_takes_its_time(tmp_path):
     np.testing.assert_allclose(even[4:], U[:-4], atol=1e-9)
     assert set(even[:4]) == {-5.0}
     slowing = 0.5 + 0.2 * t
-    found = run(model, {"u1": t, "u2": slowing})["y1"]
+    output = run(model, {"u1": t, "u2": slowing})["y1"]
     # the way covered is 5 log((0.5 + 0.2 t) / 0.5); one pipe back the time was ...
     entered = ((0.5 + 0.2 * t) * np.exp(-0.2) - 0.5) / 0.2
-    np.testing.assert_allclose(found[entered > 0], entered[entered > 0], atol=2e-3)
-    assert set(found[entered < 0]) == {-5.0}
+    np.testing.assert_allclose(output[entered > 0], entered[entered > 0], atol=2e-3)
+    assert set(output[entered < 0]) == {-5.0}
 
 
-def test_a_delay_that_reaches_too_far_says_how_to_shorten_it(tmp_path):
+def test_the_error_for_a_too_long_delay_explains_how_to_shorten_it(tmp_path):
     with pytest.raises(InputError, match="MaximumDelay of 900 s is 9000 steps") as caught:
         imported(delayed("Variable time delay", "900"), tmp_path)
     assert '"B:MaximumDelay"' in str(caught.value)
@@ -192,7 +192,7 @@ def test_a_delay_that_reaches_too_far_says_how_to_shorten_it(tmp_path):
 # where values come from
 
 
-def test_scripts_give_values_units_and_what_they_say_beside_them(tmp_path):
+def test_scripts_give_values_units_and_comments(tmp_path):
     script = (
         "T = 0.5; % time constant\nK = Simulink.Parameter;\nK.Value = 2*T;\nK.Min = 0;\nK.Max = 7;\nK.Unit = 'Nm';\n"
     )
@@ -206,8 +206,8 @@ def test_scripts_give_values_units_and_what_they_say_beside_them(tmp_path):
     gain = model.values["K"]
     assert (gain.value, float(gain.lower), float(gain.upper), gain.unit) == (1.0, 0.0, 7.0, "Nm")
     assert model.values["T"].description == "time constant"
-    found = run(model, {"u1": [1.5]})
-    assert (found["y1"][0], found["z"][0]) == (3.0, 2.5)
+    outputs = run(model, {"u1": [1.5]})
+    assert (outputs["y1"][0], outputs["z"][0]) == (3.0, 2.5)
     assert model.values["map.z"].axes[0].name == "map.x"
 
 
@@ -216,15 +216,15 @@ def test_the_code_of_callbacks_and_of_the_model_workspace_gives_values(tmp_path)
     empty = Model(step="0.1", solver="FixedStepDiscrete", callbacks=callbacks, code="b = 20;")
     drawn = alone("Gain", Gain="a + b + c", model=empty)
     assert run(imported(drawn, tmp_path), {"u1": [1.0]})["y1"].tolist() == [121.0]
-    given = ParameterSet([Scalar("c", 7.0)])
-    assert run(imported(drawn, tmp_path, parameters=[given]), {"u1": [1.0]})["y1"].tolist() == [28.0]
+    calibration = ParameterSet([Scalar("c", 7.0)])
+    assert run(imported(drawn, tmp_path, parameters=[calibration]), {"u1": [1.0]})["y1"].tolist() == [28.0]
 
 
-def test_functions_of_whole_arrays_are_evaluated_as_numbers_and_that_is_told(tmp_path):
+def test_functions_of_whole_arrays_are_evaluated_as_numbers_with_a_remark(tmp_path):
     drawn = alone("Gain", Gain="interp1([0 1 2], [10 20 40], q)*max(cumsum([1 q]))")
-    found = import_simulink(drawn.write(tmp_path), parameters=[{"q": 1.5}])
-    assert run(found.model, {"u1": [1.0]})["y1"].tolist() == [75.0]
-    assert list(found.report.frozen) == ["interp1([0 1 2], [10 20 40], q)*max(cumsum([1 q]))"]
+    result = import_simulink(drawn.write(tmp_path), parameters=[{"q": 1.5}])
+    assert run(result.model, {"u1": [1.0]})["y1"].tolist() == [75.0]
+    assert list(result.report.frozen) == ["interp1([0 1 2], [10 20 40], q)*max(cumsum([1 q]))"]
 
 
 def test_values_under_the_name_of_a_field_go_over_its_literal(tmp_path):
@@ -241,18 +241,18 @@ def test_values_under_the_name_of_a_field_go_over_its_literal(tmp_path):
 def test_the_torque_model_as_blocks_is_the_one_as_formula(layout, tmp_path):
     rng = np.random.default_rng(1)
     n, q, d = np.linspace(700, 6000, 6), np.linspace(10, 100, 5), np.linspace(-10, 50, 7)
-    given = {"n": n, "q": q, "d": d, "CurveEtaDeltaSpark": np.cos(d / 60)}
-    given |= {name: rng.normal(size=(6, 5)) for name in ("MapOptTorque", "MapOptIgnition", "MapDragTorque")}
-    model = imported(torque(), tmp_path, layout, parameters=[given])
+    parameters = {"n": n, "q": q, "d": d, "CurveEtaDeltaSpark": np.cos(d / 60)}
+    parameters |= {name: rng.normal(size=(6, 5)) for name in ("MapOptTorque", "MapOptIgnition", "MapDragTorque")}
+    model = imported(torque(), tmp_path, layout, parameters=[parameters])
     written = formula(TORQUE)
     columns = {
         "Speed": rng.uniform(500, 6500, 50),
         "Rel_Airmass": rng.uniform(0, 110, 50),
         "Ignition": rng.uniform(-30, 30, 50),
     }
-    found, expected = run(model, columns), run(written, columns, parameters=model.values)
-    np.testing.assert_array_equal(found["TorquePredict"], expected["TorquePredict"])
-    np.testing.assert_array_equal(found["trqOpt"], expected["trqOpt"])
+    outputs, expected = run(model, columns), run(written, columns, parameters=model.values)
+    np.testing.assert_array_equal(outputs["TorquePredict"], expected["TorquePredict"])
+    np.testing.assert_array_equal(outputs["trqOpt"], expected["trqOpt"])
     assert set(model.graph.nodes) == set(written.graph.nodes)
     assert model.graph.outputs == ("TorquePredict",)
     assert {"trqOpt", "dragTorque", "Engine/deltaSpark", "Engine/etaSpark"} <= set(model.graph.names)
@@ -275,7 +275,7 @@ def test_a_model_is_printed_as_formula_text_that_gives_the_same_graph(tmp_path):
     assert again.step == 0.05
 
 
-def test_names_that_would_be_two_things_are_told_apart(tmp_path):
+def test_ambiguous_names_are_distinguished(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("K")
     drawn.block("Gain", "y", Gain="K")
@@ -325,7 +325,7 @@ def test_masks_with_code_are_followed(code, gain, exact, tmp_path):
     inner.chain("x", "G", "y")
     drawn.outport("y")
     drawn.chain("u", "S", "y")
-    found = import_simulink(drawn.write(tmp_path), parameters=[{"K": 1.5}])
-    assert run(found.model, {"u": [1.0]})["y"].tolist() == [gain]
-    assert (list(found.model.graph.parameters) == ["K"]) == exact
-    assert bool(found.report.frozen) != exact
+    result = import_simulink(drawn.write(tmp_path), parameters=[{"K": 1.5}])
+    assert run(result.model, {"u": [1.0]})["y"].tolist() == [gain]
+    assert (list(result.model.graph.parameters) == ["K"]) == exact
+    assert bool(result.report.frozen) != exact

@@ -27,7 +27,7 @@ def cells(u, points):
 def test_a_prelookup_finds_the_cell_and_the_fraction(last, beyond, tmp_path):
     u = np.concatenate([U, POINTS])
     drawn = alone("PreLookup", 1, 2, BreakpointsData="[0 1 3 4]", ExtrapMethod=beyond, UseLastBreakpoint=last)
-    found = run(imported(drawn, tmp_path), {"u1": u})
+    outputs = run(imported(drawn, tmp_path), {"u1": u})
     index, fraction = cells(u, POINTS)
     if beyond == "Clip":
         fraction = np.clip(fraction, 0, 1)
@@ -36,8 +36,8 @@ def test_a_prelookup_finds_the_cell_and_the_fraction(last, beyond, tmp_path):
                 np.where(fraction == 1, 3, index) * 1,
                 np.where((fraction == 1) & (index == 2), 0, fraction),
             )
-    np.testing.assert_array_equal(found["y1"], index)
-    np.testing.assert_allclose(found["y2"], fraction, atol=1e-14)
+    np.testing.assert_array_equal(outputs["y1"], index)
+    np.testing.assert_allclose(outputs["y2"], fraction, atol=1e-14)
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
@@ -46,10 +46,10 @@ def test_breakpoints_may_be_an_input(layout, tmp_path):
     next(one for one in drawn.blocks if one.name == "u2").parameters["PortDimensions"] = "4"
     shift = RNG.normal(size=COUNT)
     columns = {f"u2[{at}]": point + shift for at, point in enumerate(POINTS, 1)}
-    found = run(imported(drawn, tmp_path, layout), {"u1": U, **columns})
+    outputs = run(imported(drawn, tmp_path, layout), {"u1": U, **columns})
     index, fraction = cells(U - shift, POINTS)
-    np.testing.assert_array_equal(found["y1"], index)
-    np.testing.assert_allclose(found["y2"], fraction, atol=1e-12)
+    np.testing.assert_array_equal(outputs["y1"], index)
+    np.testing.assert_allclose(outputs["y2"], fraction, atol=1e-12)
 
 
 def parts(bus="off", chosen=0):
@@ -89,8 +89,8 @@ def bilinear(table, a, b):
 @pytest.mark.parametrize("bus", ["on", "off"])
 def test_an_interpolation_takes_cells_and_fractions_also_as_buses(bus, tmp_path):
     model = imported(parts(bus), tmp_path, parameters=[{"Z": Z[:, :, 0]}])
-    found = run(model, {"a": A, "b": B})["y"]
-    np.testing.assert_allclose(found, bilinear(Z[:, :, 0], A, B), atol=1e-12)
+    output = run(model, {"a": A, "b": B})["y"]
+    np.testing.assert_allclose(output, bilinear(Z[:, :, 0], A, B), atol=1e-12)
     exact, differences = slopes(model, {"a": A, "b": B}, "Z", "y")
     np.testing.assert_allclose(exact, differences, atol=1e-8)
 
@@ -98,10 +98,10 @@ def test_an_interpolation_takes_cells_and_fractions_also_as_buses(bus, tmp_path)
 def test_parts_of_a_table_are_chosen_by_number(tmp_path):
     number = np.array([0.0, 1.0, 1.7, -3.0, 9.0] * 5)
     model = imported(parts(chosen=1), tmp_path, parameters=[{"Z": Z}])
-    found = run(model, {"a": A, "b": B, "n": number})["y"]
+    output = run(model, {"a": A, "b": B, "n": number})["y"]
     part = np.clip(np.floor(number), 0, 1).astype(int)
     both = np.stack([bilinear(Z[:, :, at], A, B) for at in (0, 1)])
-    np.testing.assert_allclose(found, both[part, np.arange(COUNT)], atol=1e-12)
+    np.testing.assert_allclose(output, both[part, np.arange(COUNT)], atol=1e-12)
 
 
 def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
@@ -109,17 +109,17 @@ def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
     drawn = alone("LookupNDDirect", 2, NumberOfTableDimensions="2", Table="Z")
     table = Z[:, :, 0]
     model = imported(drawn, tmp_path, parameters=[{"Z": table}])
-    found = run(model, {"u1": place[0], "u2": place[1] + 0.5})["y1"]
+    output = run(model, {"u1": place[0], "u2": place[1] + 0.5})["y1"]
     rows, columns = np.clip(place[0], 0, 2).astype(int), np.clip(place[1], 0, 3).astype(int)
-    np.testing.assert_array_equal(found, table[rows, columns])
+    np.testing.assert_array_equal(output, table[rows, columns])
     drawn = alone("LookupNDDirect", 1, NumberOfTableDimensions="2", Table="Z", InputsSelectThisObjectFromTable="Column")
-    found = run(imported(drawn, tmp_path, parameters=[{"Z": table}]), {"u1": place[1]})
+    output = run(imported(drawn, tmp_path, parameters=[{"Z": table}]), {"u1": place[1]})
     for at in range(3):
-        np.testing.assert_array_equal(found[f"y1[{at + 1}]"], table[at, columns])
+        np.testing.assert_array_equal(output[f"y1[{at + 1}]"], table[at, columns])
 
 
 @pytest.mark.parametrize(
-    ("kind", "inputs", "parameters", "told"),
+    ("kind", "inputs", "parameters", "reason"),
     [
         (
             "LookupNDDirect",
@@ -142,8 +142,8 @@ def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
         ("Lookup_n-D", 1, {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"}, "'Akima spline' is not"),
     ],
 )
-def test_lookups_that_are_not_supported_say_why(kind, inputs, parameters, told, tmp_path):
-    with pytest.raises(InputError, match=told):
+def test_unsupported_lookups_are_refused_with_the_reason(kind, inputs, parameters, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
         imported(alone(kind, inputs, **parameters), tmp_path)
 
 
@@ -153,11 +153,11 @@ W = RNG.normal(size=(5, 4))
 
 def natural(points, values, x, beyond):
     """A natural spline of scipy, along the first dimension, and what goes on beyond its ends."""
-    made = scipy.interpolate.CubicSpline(points, values, bc_type="natural")
+    spline = scipy.interpolate.CubicSpline(points, values, bc_type="natural")
     inside = np.clip(x, points[0], points[-1])
-    y = made(inside) if beyond != "Cubic spline" else made(x)
+    y = spline(inside) if beyond != "Cubic spline" else spline(x)
     if beyond == "Linear":
-        y = y + made(inside, 1) * (x - inside)
+        y = y + spline(inside, 1) * (x - inside)
     return y
 
 
@@ -168,8 +168,8 @@ def test_a_spline_is_that_of_scipy(beyond, layout, tmp_path):
                   InterpMethod="Cubic spline", ExtrapMethod=beyond)  # fmt: skip
     model = imported(drawn, tmp_path, layout, parameters=[{"Eta": W[:, 0]}])
     u = np.concatenate([U * 1.5, X1])
-    found = run(model, {"u1": u})["y1"]
-    np.testing.assert_allclose(found, natural(X1, W[:, 0], u, beyond), rtol=1e-11, atol=1e-11)
+    output = run(model, {"u1": u})["y1"]
+    np.testing.assert_allclose(output, natural(X1, W[:, 0], u, beyond), rtol=1e-11, atol=1e-11)
     exact, differences = slopes(model, {"u1": u}, "Eta", "y1")
     np.testing.assert_allclose(exact, differences, atol=1e-7)
     assert (np.abs(exact) > 1e-6).sum(axis=1).max() == 5
@@ -185,10 +185,10 @@ def test_a_spline_of_two_dimensions_goes_along_the_first_one_first(beyond, tmp_p
     a, b = RNG.uniform(-1, 6, size=(2, 8))
     assert (a > X1[-1]).any()
     assert (b < X2[0]).any() or (b > X2[-1]).any()
-    found = run(model, {"u1": a, "u2": b})["y1"]
+    output = run(model, {"u1": a, "u2": b})["y1"]
     lines = [natural(X1, W, one, beyond) for one in a]
     expected = [float(natural(X2, line, one, beyond)) for line, one in zip(lines, b, strict=True)]
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(output, expected, rtol=1e-10, atol=1e-10)
     exact, differences = slopes(model, {"u1": a[:3], "u2": b[:3]}, "Map", "y1")
     np.testing.assert_allclose(exact, differences, atol=1e-7)
 
@@ -203,8 +203,8 @@ def test_a_spline_through_two_points_is_a_line_and_one_through_very_many_is_refu
 
 
 def test_a_slider_is_a_gain(tmp_path):
-    found = run(imported(alone("Reference", special="Slider Gain", gain="2.5"), tmp_path), {"u1": U})["y1"]
-    np.testing.assert_allclose(found, 2.5 * U)
+    output = run(imported(alone("Reference", special="Slider Gain", gain="2.5"), tmp_path), {"u1": U})["y1"]
+    np.testing.assert_allclose(output, 2.5 * U)
 
 
 MATRIX = np.array([[1.0, 2.0], [5.0, 3.0]])
@@ -246,10 +246,10 @@ def transposed():
 def test_a_matrix_and_its_transpose_are_two_tables(given, tmp_path):
     model = imported(transposed(), tmp_path, parameters=[given])
     columns = {"u": RNG.uniform(-1, 2, COUNT), "v": RNG.uniform(-1, 2, COUNT)}
-    found = run(model, columns)
-    np.testing.assert_allclose(found["yB"], between_corners(MATRIX, **columns), rtol=1e-12)
+    outputs = run(model, columns)
+    np.testing.assert_allclose(outputs["yB"], between_corners(MATRIX, **columns), rtol=1e-12)
     for name in ("yA", "yS"):
-        np.testing.assert_allclose(found[name], between_corners(MATRIX.T, **columns), rtol=1e-12)
+        np.testing.assert_allclose(outputs[name], between_corners(MATRIX.T, **columns), rtol=1e-12)
     assert {name: one.values.tolist() for name, one in model.values.items()} == {
         "M'": MATRIX.T.tolist(), "M": MATRIX.tolist(),
     }  # fmt: skip
@@ -262,10 +262,10 @@ def test_axes_and_limits_of_a_transposed_table_change_over(tmp_path):
     drawn.inport("u")
     drawn.inport("v")
     map_of(drawn, "A", "M'")
-    given = Map("M", [0, 10], [0, 1, 2], np.arange(6.0).reshape(2, 3), lower=-np.arange(6.0).reshape(2, 3))
-    found = imported(drawn, tmp_path, parameters=[ParameterSet([given])]).values["M'"]
-    assert [axis.breakpoints.tolist() for axis in found.axes] == [[0, 1, 2], [0, 10]]
-    np.testing.assert_array_equal(found.lower, given.lower.T)
+    original = Map("M", [0, 10], [0, 1, 2], np.arange(6.0).reshape(2, 3), lower=-np.arange(6.0).reshape(2, 3))
+    table = imported(drawn, tmp_path, parameters=[ParameterSet([original])]).values["M'"]
+    assert [axis.breakpoints.tolist() for axis in table.axes] == [[0, 1, 2], [0, 10]]
+    np.testing.assert_array_equal(table.lower, original.lower.T)
 
 
 def test_a_row_that_is_transposed_stays_the_variable(tmp_path):
@@ -284,9 +284,9 @@ def test_a_variable_may_be_a_table_and_numbers(first, tmp_path):
         drawn.block(kind, kind, **kinds[kind])
         drawn.outport(f"y{kind}")
         drawn.chain("u", kind, f"y{kind}")
-    found = run(imported(drawn, tmp_path, parameters=[{"R": [1.0, 2.0, 0.0]}]), {"u": U})
-    np.testing.assert_allclose(found["yLookup_n-D"], np.interp(U, [0, 1, 3], [1, 2, 0]), atol=1e-12)
-    np.testing.assert_allclose(found["yGain[2]"], 2 * U)
+    outputs = run(imported(drawn, tmp_path, parameters=[{"R": [1.0, 2.0, 0.0]}]), {"u": U})
+    np.testing.assert_allclose(outputs["yLookup_n-D"], np.interp(U, [0, 1, 3], [1, 2, 0]), atol=1e-12)
+    np.testing.assert_allclose(outputs["yGain[2]"], 2 * U)
 
 
 @pytest.mark.parametrize(

@@ -74,29 +74,29 @@ ENTRIES = {
 
 @pytest.fixture
 def path(tmp_path):
-    made = tmp_path / "data.sldd"
-    made.write_bytes(written(ENTRIES, ["further.sldd"]))
+    dictionary = tmp_path / "data.sldd"
+    dictionary.write_bytes(written(ENTRIES, ["further.sldd"]))
     (tmp_path / "further.sldd").write_bytes(written({"K": 7, "more": 8}))
-    return made
+    return dictionary
 
 
 def test_values_are_those_of_the_text(path):
-    found = {name: one.value for name, one in read_dictionary(path).data.entries.items()}
+    values = {name: one.value for name, one in read_dictionary(path).data.entries.items()}
     numbers = {
         "K": [[2.5]], "n": [[3]], "on": [[1]], "row": [[1, 2.5, 4]], "A": [[1, 2, 3], [4, 5, 0.6]], "u": [[60000]],
         "column": [[1], [-2], [np.inf]], "single": [[2.5]], "flags": [[1, 0, 1]], "P": [[9.81]], "more": [[8]],
         "T": [[10, 20]],
     }  # fmt: skip
     for name, expected in numbers.items():
-        np.testing.assert_array_equal(found[name], expected)
-    assert (found["name"], found["string"]) == ("turbo", "word")
-    assert found["empty"].size == 0
-    assert found["S"]["b"]["c"].tolist() == [[1, 2]]
-    assert [one["v"].item() for one in found["Several"]] == [1, 2]
-    assert (found["Cell"][0].item(), found["Cell"][1]) == (1, "two")
+        np.testing.assert_array_equal(values[name], expected)
+    assert (values["name"], values["string"]) == ("turbo", "word")
+    assert values["empty"].size == 0
+    assert values["S"]["b"]["c"].tolist() == [[1, 2]]
+    assert [one["v"].item() for one in values["Several"]] == [1, 2]
+    assert (values["Cell"][0].item(), values["Cell"][1]) == (1, "two")
 
 
-def test_objects_say_their_limits_units_and_breakpoints(path):
+def test_objects_have_limits_units_and_breakpoints(path):
     read = read_dictionary(path)
     P, T = read.data.entries["P"], read.data.entries["T"]
     assert (P.minimum, P.maximum, P.unit, P.description) == (0, 100, "m/s^2", "g")
@@ -114,13 +114,13 @@ def test_a_model_takes_values_enumerations_and_its_configuration_from_it(path, t
     drawn.block("Integrator", "I", ports=(1, 1))
     drawn.outport("y")
     drawn.chain("u", "G", "I", "y")
-    found = import_simulink(drawn.write(tmp_path))
-    assert (found.report.solver, found.report.step) == ("ode1", 0.25)
-    np.testing.assert_allclose(run(found.model, {"u": np.ones(3)})["y"], [0, 2.5, 5.0])
+    result = import_simulink(drawn.write(tmp_path))
+    assert (result.report.solver, result.report.step) == ("ode1", 0.25)
+    np.testing.assert_allclose(run(result.model, {"u": np.ones(3)})["y"], [0, 2.5, 5.0])
 
 
 @pytest.mark.parametrize(
-    ("raw", "told"),
+    ("raw", "reason"),
     [
         (b'{"__MW_TEXT_PARTS__": 3}', "is not a data dictionary"),
         (b'{"__MW_TEXT_PARTS__": {"__MW_TEXT_PART__/data/chunk0": {}}}', "is not a data dictionary"),
@@ -129,10 +129,10 @@ def test_a_model_takes_values_enumerations_and_its_configuration_from_it(path, t
         (b'{"__MW_TEXT_PARTS__": ' + b"[" * 200_000, "nested too deeply|no data dictionary"),
     ],
 )
-def test_broken_ones_are_told(raw, told, tmp_path):
+def test_broken_dictionaries_are_reported(raw, reason, tmp_path):
     path = tmp_path / "x.sldd"
     path.write_bytes(raw)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reason):
         read_dictionary(path)
 
 
@@ -150,13 +150,13 @@ def test_broken_ones_are_told(raw, told, tmp_path):
         ([1, {"b": 2}], "is unknown"),
     ],
 )
-def test_a_value_that_cannot_be_read_is_told_by_name(value, why, tmp_path):
+def test_an_unreadable_value_is_reported_by_name(value, why, tmp_path):
     path = tmp_path / "x.sldd"
     path.write_bytes(written({"a": value, "b": 2}))
-    found = read_dictionary(path).data
-    assert found.entries["b"].value.item() == 2
-    assert why in found.unreadable["a"]
-    assert "a" not in found.entries
+    data = read_dictionary(path).data
+    assert data.entries["b"].value.item() == 2
+    assert why in data.unreadable["a"]
+    assert "a" not in data.entries
 
 
 @pytest.mark.parametrize(
@@ -179,6 +179,6 @@ def test_numbers_are_read_in_all_forms(value, numbers, tmp_path):
 def test_a_list_of_several_kinds_is_a_cell_array(tmp_path):
     path = tmp_path / "x.sldd"
     path.write_bytes(written({"a": [1, "two", [3, 4]], "b": 2}))
-    found = read_dictionary(path).data.entries
-    first, second, third = found["a"].value
-    assert (first.item(), second, third.tolist(), found["b"].value.item()) == (1, "two", [[3, 4]], 2)
+    entries = read_dictionary(path).data.entries
+    first, second, third = entries["a"].value
+    assert (first.item(), second, third.tolist(), entries["b"].value.item()) == (1, "two", [[3, 4]], 2)

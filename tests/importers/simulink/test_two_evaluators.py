@@ -229,8 +229,8 @@ DOCUMENTED = [
 def test_both_give_what_is_documented(name, texts, expected):
     arguments = [evaluate(text) for text in texts]
     for side in (in_scripts, in_code):
-        [found] = side(name, arguments, 1)
-        np.testing.assert_array_equal(found.astype(float), expected)
+        [output] = side(name, arguments, 1)
+        np.testing.assert_array_equal(output.astype(float), expected)
 
 
 REFUSED = [
@@ -280,13 +280,15 @@ LEFT = {
 
 @pytest.mark.parametrize("name", LEFT)
 def test_multiples_of_broken_numbers_leave_no_remainder(name, tmp_path):
-    found = outputs(f"function y = f(u, v)\ny = {name}(u, v);\nend\n", tmp_path, MULTIPLES, STEPS)
-    np.testing.assert_allclose(found, LEFT[name], rtol=1e-12, atol=0)
+    output = outputs(f"function y = f(u, v)\ny = {name}(u, v);\nend\n", tmp_path, MULTIPLES, STEPS)
+    np.testing.assert_allclose(output, LEFT[name], rtol=1e-12, atol=0)
     numbers = [evaluate(f"{name}({a}, {b})").item() for a, b in zip(MULTIPLES, STEPS, strict=True)]
     np.testing.assert_allclose(numbers, LEFT[name], rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("name", LEFT)
 def test_the_block_leaves_no_remainder_of_multiples(name, tmp_path):
-    found = run(imported(alone("Math", inputs=2, Operator=name), tmp_path), {"u1": MULTIPLES[:7], "u2": STEPS[:7]})
-    np.testing.assert_allclose(found["y1"], LEFT[name][:7], rtol=1e-12, atol=0)
+    outputs_of_block = run(
+        imported(alone("Math", inputs=2, Operator=name), tmp_path), {"u1": MULTIPLES[:7], "u2": STEPS[:7]}
+    )
+    np.testing.assert_allclose(outputs_of_block["y1"], LEFT[name][:7], rtol=1e-12, atol=0)

@@ -1,4 +1,4 @@
-"""What the user must define: undefined variables as sections of a project file."""
+"""Undefined variables as sections of a project file."""
 
 import tomllib
 
@@ -44,17 +44,17 @@ def report_of(folder):
 
 
 def test_undefined_variables_come_with_shape_field_and_reason(tmp_path):
-    found = {item.name: item for item in report_of(tmp_path).definitions}
-    assert {name: item.shape for name, item in found.items()} == {
+    definitions = {item.name: item for item in report_of(tmp_path).definitions}
+    assert {name: item.shape for name, item in definitions.items()} == {
         "K": None, "M": (2, 3), "X": (4,), "par.limit": ()
     }  # fmt: skip
-    assert found["K"].fields == ("G:Gain",)
-    assert found["par.limit"].fields == ("S/Sw:Threshold",)
-    assert found["K"].reason == "assignment failed in init.m line 2"
-    assert found["M"].reason == ""
+    assert definitions["K"].fields == ("G:Gain",)
+    assert definitions["par.limit"].fields == ("S/Sw:Threshold",)
+    assert definitions["K"].reason == "assignment failed in init.m line 2"
+    assert definitions["M"].reason == ""
 
 
-def test_the_error_names_the_files_that_were_not_found(tmp_path):
+def test_the_error_names_the_missing_files(tmp_path):
     (tmp_path / "init.m").write_text(SCRIPT)
     drawn = drawing()
     drawn.dictionary = "lost.sldd"

@@ -96,9 +96,9 @@ CONDITIONS = {"First": "mode == 1", "Second": "mode == 2"}
 @pytest.mark.parametrize("source", [scripted, dictionary])
 def test_variant_objects_hold_conditions(source, tmp_path):
     path = plant("First", "Second").write(tmp_path)
-    found = import_simulink(path, parameters=[source(tmp_path), GIVEN])
-    np.testing.assert_allclose(run(found.model, {"u": U})["y"], 100 * U + 7)
-    assert "Plant: the variant Second (mode == 2) is active" in found.report.substitutions
+    result = import_simulink(path, parameters=[source(tmp_path), GIVEN])
+    np.testing.assert_allclose(run(result.model, {"u": U})["y"], 100 * U + 7)
+    assert "Plant: the variant Second (mode == 2) is active" in result.report.substitutions
 
 
 def test_variant_objects_of_the_model_workspace(tmp_path):
@@ -118,7 +118,7 @@ def test_the_mask_around_can_choose(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("labels", "settings", "told"),
+    ("labels", "settings", "reason"),
     [
         (("1", "2 > 1"), {}, "several of its variants are active: 1, 2 > 1"),
         (("0", "false"), {}, "none of its variants is active"),
@@ -127,17 +127,17 @@ def test_the_mask_around_can_choose(tmp_path):
         (("[1 0]", "0"), {}, "must be scalar, got 2 values"),
     ],
 )
-def test_a_choice_that_cannot_be_made_is_told(labels, settings, told, tmp_path):
-    with pytest.raises(InputError, match=rf"Plant: .*{told.replace('[', '.')}"):
+def test_an_undecidable_choice_is_reported(labels, settings, reason, tmp_path):
+    with pytest.raises(InputError, match=rf"Plant: .*{reason.replace('[', '.')}"):
         imported(plant(*labels, **settings), tmp_path, parameters=[GIVEN])
 
 
-def test_a_variable_without_a_value_is_told_by_name(tmp_path):
+def test_a_variable_without_a_value_is_reported_by_name(tmp_path):
     with pytest.raises(InputError, match="variable mode: undefined; used by Plant"):
         imported(plant("mode == 1", "mode == 2"), tmp_path, parameters=[GIVEN])
 
 
-def test_the_model_variants_of_old_releases_are_told(tmp_path):
+def test_the_model_variants_of_old_releases_are_reported(tmp_path):
     drawn = Model()
     drawn.block("ModelReference", "M", ports=(0, 1), ModelNameDialog="other", Variant="on")
     drawn.outport("y")
@@ -159,7 +159,7 @@ def test_a_variant_subsystem_can_be_imported_by_itself(tmp_path):
         simulink(path, "Plant")
 
 
-def test_a_port_of_a_choice_that_the_variant_does_not_have_is_told(tmp_path):
+def test_a_port_missing_in_the_chosen_variant_is_reported(tmp_path):
     drawn = plant("1", "0")
     drawn.blocks[2].system.blocks[2].system.inport("c")
     with pytest.raises(InputError, match="its variant Choice 10 has a port c"):
@@ -173,11 +173,11 @@ def test_a_choice_can_be_conditional(tmp_path):
     drawn.inport("on")
     drawn.line("on", "Plant#enable")
     on = np.tile([0.0, 1.0, 1.0], 4)
-    found = run(imported(drawn, tmp_path), {"u": U, "on": on})["y"]
+    output = run(imported(drawn, tmp_path), {"u": U, "on": on})["y"]
     y = 0.0
     for k in range(12):
         y = 10 * U[k] + 7 if on[k] else y
-        assert found[k] == pytest.approx(y)
+        assert output[k] == pytest.approx(y)
 
 
 def test_a_choice_can_be_a_referenced_model(tmp_path):
@@ -204,8 +204,8 @@ def test_a_variant_source_passes_on_the_active_input(layout, mode, tmp_path):
     drawn.line("u", "V:1", "K")
     drawn.line("K", "V:2")
     drawn.line("V", "y")
-    found = run(imported(drawn, tmp_path, layout, parameters=[{"mode": mode}]), {"u": U})["y"]
-    np.testing.assert_allclose(found, U if mode == 1 else 3 * U)
+    output = run(imported(drawn, tmp_path, layout, parameters=[{"mode": mode}]), {"u": U})["y"]
+    np.testing.assert_allclose(output, U if mode == 1 else 3 * U)
 
 
 def sink(joined):
@@ -227,10 +227,10 @@ def sink(joined):
 
 @pytest.mark.parametrize("mode", [1, 2])
 def test_a_variant_sink_leads_to_the_active_output(mode, tmp_path):
-    found = run(imported(sink(True), tmp_path, parameters=[{"mode": mode}]), {"u": U})["y"]
-    np.testing.assert_allclose(found, mode * U)
+    output = run(imported(sink(True), tmp_path, parameters=[{"mode": mode}]), {"u": U})["y"]
+    np.testing.assert_allclose(output, mode * U)
 
 
-def test_what_reads_the_output_of_an_inactive_variant_is_told(tmp_path):
+def test_readers_of_the_output_of_an_inactive_variant_are_reported(tmp_path):
     with pytest.raises(InputError, match=r"V: .*inactive variant"):
         imported(sink(False), tmp_path, parameters=[{"mode": 2}])
