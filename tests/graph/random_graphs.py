@@ -74,14 +74,14 @@ class Case:
         random = np.random.default_rng(self.seed + 1)
         changed = [self.parameters[n] for n in self.free]
         changed = [p.with_values(p.values + by * random.standard_normal(p.values.shape)) for p in changed]
-        held = self.parameters.with_parameters(*changed)
-        points = {key: free_axes(held)[key].axis.breakpoints for key in self.axes}
+        changed_set = self.parameters.with_parameters(*changed)
+        points = {key: free_axes(changed_set)[key].axis.breakpoints for key in self.axes}
         moved = {key: x + 0.3 * np.diff(x).min() * random.uniform(-1, 1, x.size) for key, x in points.items()}
-        return replace(self, parameters=with_breakpoints(held, moved))
+        return replace(self, parameters=with_breakpoints(changed_set, moved))
 
 
 def sizes_of(names, parameters):
-    """How many values each parameter or axis holds."""
+    """Number of values of each parameter or axis."""
     axes = free_axes(parameters)
     return [parameters[n].size if isinstance(n, str) else len(axes[n].axis) for n in names]
 
@@ -208,11 +208,11 @@ class _Growth:
     def more(self):
         """One more node: a lookup as often as an operation."""
         if self.draw(st.integers(0, 9)) < 4:
-            made = self.lookup()
+            node = self.lookup()
         else:
-            made = self.operation(self.draw(st.sampled_from(self.operations)))
-        self.pool.append(made)
-        self.made.append(made)
+            node = self.operation(self.draw(st.sampled_from(self.operations)))
+        self.pool.append(node)
+        self.made.append(node)
 
     def lookup(self):
         name = self.draw(st.sampled_from(sorted(self.parameters)))
@@ -220,9 +220,9 @@ class _Growth:
 
     def nest(self):
         """A lookup of two lookups, themselves of what there is."""
-        made = self.b.lookup(self.draw(st.sampled_from(["M", "M2", "B2"])), self.lookup(), self.lookup())
-        self.pool.append(made)
-        self.made.append(made)
+        node = self.b.lookup(self.draw(st.sampled_from(["M", "M2", "B2"])), self.lookup(), self.lookup())
+        self.pool.append(node)
+        self.made.append(node)
 
     def operation(self, op):
         args = [self.pick() for _ in range(OPERATIONS[op].arity)]
@@ -230,15 +230,15 @@ class _Growth:
             return self.b.call("pow", _positive(self.b, args[0]), self.b.const(self.draw(st.integers(-4, 5))))
         if self.wild or op not in DOMAIN:
             return self.b.call(op, *args)
-        made = self.b.call(op, *(tame(self.b, a) for a, tame in zip(args, DOMAIN[op], strict=True)))
+        node = self.b.call(op, *(tame(self.b, a) for a, tame in zip(args, DOMAIN[op], strict=True)))
         if self.draw(st.booleans()):
-            return made
+            return node
         # the operation on the raw value, where a condition says that it is defined
         condition = self.b.call("gt", args[0], self.b.const(0.0))
-        return self.b.call("select", condition, self.b.call(op, *args), made)
+        return self.b.call("select", condition, self.b.call(op, *args), node)
 
     def close(self, state, earlier):
-        """What a state starts at and holds next, from earlier states, parameters and inputs."""
+        """Draw the first and the next value of a state from earlier states, parameters and inputs."""
         starts = [self.b.const(0.3), self.b.input("u"), self.b.lookup("K2"), self.b.lookup("C2", self.b.input("w"))]
         starts += [self.b.call("add", s, self.b.lookup("K")) for s in earlier] + earlier
         expression = self.pick()

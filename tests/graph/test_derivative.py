@@ -34,8 +34,8 @@ def slopes(expression, columns=None, **values):
     b = GraphBuilder()
     y = expression(b, *(b.lookup(name) for name in values))
     parameters = ParameterSet([Scalar(name, value) for name, value in values.items()])
-    found = rows(b.finish({"y": y}), parameters, columns or {"x": [0.0]}, free=tuple(values))
-    return found.values[0, 0], found.jacobian[0, 0].tolist()
+    sensitivities = rows(b.finish({"y": y}), parameters, columns or {"x": [0.0]}, free=tuple(values))
+    return sensitivities.values[0, 0], sensitivities.jacobian[0, 0].tolist()
 
 
 def by_differences(graph, parameters, columns, starts, free, h=1e-6):
@@ -64,9 +64,9 @@ def test_every_operation_on_parameters_has_the_slopes_of_finite_differences(op):
     names = "abc"[: OPERATIONS[op].arity]
     for point in POINTS[len(names)]:
         values = dict(zip(names, point, strict=True))
-        value, found = slopes(lambda b, *args: b.call(op, *args), **values)
+        value, gradient = slopes(lambda b, *args: b.call(op, *args), **values)
         assert value == pytest.approx(float(OPERATIONS[op].evaluate(*point)), rel=1e-14)
-        for i, slope in enumerate(found):
+        for i, slope in enumerate(gradient):
             if op == "select" and i == 0:
                 assert slope == 0.0
                 continue
@@ -84,13 +84,13 @@ def test_operations_chain(op):
     def value(k, m):
         return k * float(OPERATIONS[op].evaluate(*[k * m + 0.1, m][: OPERATIONS[op].arity]))
 
-    _, found = slopes(expression, k=0.7, m=0.9)
+    _, gradient = slopes(expression, k=0.7, m=0.9)
     h = 1e-6
     expected = [
         (value(0.7 + h, 0.9) - value(0.7 - h, 0.9)) / (2 * h),
         (value(0.7, 0.9 + h) - value(0.7, 0.9 - h)) / (2 * h),
     ]
-    assert found == pytest.approx(expected, rel=1e-7, abs=1e-8)
+    assert gradient == pytest.approx(expected, rel=1e-7, abs=1e-8)
 
 
 @pytest.mark.parametrize("op", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "atan", "log", "sqrt", "tan", "asin"])
@@ -170,9 +170,9 @@ def test_nothing_leaks_from_the_losing_side_of_an_extreme():
     def expression(b, x, k):
         return b.call("max", b.call("neg", b.call("exp", b.call("div", b.const(1.0), x))), k)
 
-    value, found = slopes(expression, x=1e-4, k=3.0)
+    value, gradient = slopes(expression, x=1e-4, k=3.0)
     assert value == 3.0
-    assert found == [0.0, 1.0]
+    assert gradient == [0.0, 1.0]
 
 
 def test_a_value_used_in_both_branches_and_outside_sums_its_slopes():
@@ -195,10 +195,10 @@ def logistic(b, k, x):
 
 @pytest.mark.parametrize("x", [-300.0, -5.0, -0.5, 0.0, 0.4, 300.0])
 def test_a_logistic_function_saturates_without_leaving_its_range(x):
-    value, found = slopes(lambda b, k: logistic(b, k, b.const(x)), k=4.0)
+    value, gradient = slopes(lambda b, k: logistic(b, k, b.const(x)), k=4.0)
     half = 1 / np.cosh(np.clip(2 * x, -350, 350)) ** 2 / 4  # y (1 - y)
     assert value == pytest.approx((1 + np.tanh(2 * x)) / 2, abs=1e-15)
-    assert found == pytest.approx([x * half], rel=1e-12, abs=1e-100)
+    assert gradient == pytest.approx([x * half], rel=1e-12, abs=1e-100)
 
 
 def nozzle(b, k, p0, p):
@@ -212,10 +212,10 @@ def test_a_nozzle_without_flow_has_slope_zero(p):
 
 
 def test_a_nozzle_with_flow_has_the_slopes_of_its_formula():
-    value, found = slopes(lambda b, k, p0: nozzle(b, k, p0, b.const(2.0)), k=0.3, p0=1.0)
+    value, gradient = slopes(lambda b, k, p0: nozzle(b, k, p0, b.const(2.0)), k=0.3, p0=1.0)
     ratio = 0.5**0.3
     assert value == pytest.approx((1 - ratio) ** 0.5)
-    assert found == pytest.approx([-ratio * np.log(0.5) / (2 * value), -0.3 * ratio / (2 * value)])
+    assert gradient == pytest.approx([-ratio * np.log(0.5) / (2 * value), -0.3 * ratio / (2 * value)])
 
 
 SATURATED = {
@@ -263,22 +263,22 @@ def test_a_value_that_is_not_finite_shows():
     assert slopes(lambda b, x: b.call("div", b.const(1.0), x), x=0.0)[0] == np.inf
 
 
-def test_an_input_that_is_not_a_number_shows_where_it_is_used_alone():
+def test_a_nan_input_affects_only_the_branch_that_uses_it():
     b = GraphBuilder()
     x, k = b.input("x"), b.lookup("K")
     y = b.call("select", b.call("eq", x, x), b.call("mul", x, k), k)
-    found = rows(b.finish({"y": y}), ParameterSet([Scalar("K", 2.0)]), {"x": [3.0, np.nan]})
-    assert found.values[:, 0].tolist() == [6.0, 2.0]
-    assert found.jacobian[:, 0, 0].tolist() == [3.0, 1.0]
+    sensitivities = rows(b.finish({"y": y}), ParameterSet([Scalar("K", 2.0)]), {"x": [3.0, np.nan]})
+    assert sensitivities.values[:, 0].tolist() == [6.0, 2.0]
+    assert sensitivities.jacobian[:, 0, 0].tolist() == [3.0, 1.0]
 
 
 def test_the_slopes_of_a_table_are_its_weights():
     b = GraphBuilder()
     y = b.lookup("M", b.input("x"), b.input("z"))
     table = Map("M", [0, 1, 3], [0, 10], [[0, 1], [2, 3], [4, 5]])
-    found = rows(b.finish({"y": y}), ParameterSet([table]), {"x": [1.5, -1.0], "z": [2.0, 20.0]})
-    assert found.jacobian[0, 0] == pytest.approx([0, 0, 0.6, 0.15, 0.2, 0.05])
-    assert found.jacobian[1, 0] == pytest.approx([0, 1, 0, 0, 0, 0])
+    sensitivities = rows(b.finish({"y": y}), ParameterSet([table]), {"x": [1.5, -1.0], "z": [2.0, 20.0]})
+    assert sensitivities.jacobian[0, 0] == pytest.approx([0, 0, 0.6, 0.15, 0.2, 0.05])
+    assert sensitivities.jacobian[1, 0] == pytest.approx([0, 1, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize(("extrapolation", "slope"), [("clip", 0.0), ("linear", 2.0)])
@@ -286,16 +286,16 @@ def test_the_slopes_of_a_table_are_its_weights():
 def test_a_clipped_lookup_has_slope_zero(extrapolation, slope, x):
     b = GraphBuilder()
     y = b.lookup("C", b.lookup("K"))
-    held = ParameterSet([Scalar("K", x), Curve("C", [0, 1, 3], [0, 2, 6], extrapolation=extrapolation)])
-    assert rows(b.finish({"y": y}), held, {"x": [0.0]}, free=("K",)).jacobian[0, 0, 0] == slope
+    parameters = ParameterSet([Scalar("K", x), Curve("C", [0, 1, 3], [0, 2, 6], extrapolation=extrapolation)])
+    assert rows(b.finish({"y": y}), parameters, {"x": [0.0]}, free=("K",)).jacobian[0, 0, 0] == slope
 
 
 def test_a_lookup_on_a_breakpoint_has_the_slope_of_the_cell_to_its_right():
     b = GraphBuilder()
     y = b.lookup("C", b.lookup("K"))
     for x, slope in ((0.0, 2.0), (1.0, 5.0), (3.0, 5.0)):
-        held = ParameterSet([Scalar("K", x), Curve("C", [0, 1, 3], [0, 2, 12])])
-        assert rows(b.finish({"y": y}), held, {"x": [0.0]}, free=("K",)).jacobian[0, 0, 0] == slope
+        parameters = ParameterSet([Scalar("K", x), Curve("C", [0, 1, 3], [0, 2, 12])])
+        assert rows(b.finish({"y": y}), parameters, {"x": [0.0]}, free=("K",)).jacobian[0, 0, 0] == slope
 
 
 @pytest.mark.parametrize("dimensions", [1, 2, 3, 4])
@@ -310,19 +310,19 @@ def test_a_lookup_of_parameters_has_the_slopes_of_finite_differences(dimensions)
         b.call("add", b.input("x"), b.call("mul", b.lookup(f"K{i}"), b.input("z"))) for i in range(dimensions)
     ]
     graph = b.finish({"y": b.lookup("T", *coordinates)})
-    held = ParameterSet([table, *(Scalar(f"K{i}", 0.3 * i + 0.2) for i in range(dimensions))])
+    parameters = ParameterSet([table, *(Scalar(f"K{i}", 0.3 * i + 0.2) for i in range(dimensions))])
     columns = {"x": random.uniform(-1, 1, 20), "z": random.uniform(-1, 1, 20)}
-    free = tuple(held)
-    found = rows(graph, held, columns, free=free).jacobian
-    np.testing.assert_allclose(found, by_differences(graph, held, columns, (0,), free), atol=1e-7)
+    free = tuple(parameters)
+    jacobian = rows(graph, parameters, columns, free=free).jacobian
+    np.testing.assert_allclose(jacobian, by_differences(graph, parameters, columns, (0,), free), atol=1e-7)
 
 
 def test_two_lookups_of_one_table_sum_their_slopes():
     b = GraphBuilder()
     y = b.call("mul", b.lookup("C", b.input("x")), b.lookup("C", b.input("z")))
-    held = ParameterSet([Curve("C", [0, 1], [2.0, 3.0])])
-    found = rows(b.finish({"y": y}), held, {"x": [0.25], "z": [0.5]}).jacobian[0, 0]
-    assert found == pytest.approx([0.75 * 2.5 + 0.5 * 2.25, 0.25 * 2.5 + 0.5 * 2.25])
+    parameters = ParameterSet([Curve("C", [0, 1], [2.0, 3.0])])
+    gradient = rows(b.finish({"y": y}), parameters, {"x": [0.25], "z": [0.5]}).jacobian[0, 0]
+    assert gradient == pytest.approx([0.75 * 2.5 + 0.5 * 2.25, 0.25 * 2.5 + 0.5 * 2.25])
 
 
 def test_a_fixed_parameter_has_no_slopes():
@@ -347,28 +347,30 @@ def test_sensitivities_run_through_feedback():
     b = GraphBuilder()
     state = b.state()
     b.close(state, b.const(1.0), b.call("mul", state, b.lookup("K")))
-    found = rows(b.finish({"y": state}), ParameterSet([Scalar("K", 0.5)]), {"x": np.zeros(5)})
+    sensitivities = rows(b.finish({"y": state}), ParameterSet([Scalar("K", 0.5)]), {"x": np.zeros(5)})
     powers = np.arange(5)
-    assert found.values[:, 0] == pytest.approx(0.5**powers)
-    assert found.jacobian[:, 0, 0] == pytest.approx(powers * 0.5 ** (powers - 1.0))
+    assert sensitivities.values[:, 0] == pytest.approx(0.5**powers)
+    assert sensitivities.jacobian[:, 0, 0] == pytest.approx(powers * 0.5 ** (powers - 1.0))
 
 
 def test_a_delay_carries_its_sensitivity_for_as_many_steps():
     b = GraphBuilder()
     y = b.prev(b.call("mul", b.lookup("K"), b.input("x")), b.lookup("L"), 3)
-    held = ParameterSet([Scalar("K", 2.0), Scalar("L", 7.0)])
-    found = rows(b.finish({"y": y}), held, {"x": [1.0, 2.0, 3.0, 4.0, 5.0]}, starts=(0, 4), free=("K", "L"))
-    assert found.values[:, 0].tolist() == [7.0, 7.0, 7.0, 2.0, 7.0]
-    assert found.jacobian[:, 0].tolist() == [[0, 1], [0, 1], [0, 1], [1, 0], [0, 1]]
+    parameters = ParameterSet([Scalar("K", 2.0), Scalar("L", 7.0)])
+    sensitivities = rows(
+        b.finish({"y": y}), parameters, {"x": [1.0, 2.0, 3.0, 4.0, 5.0]}, starts=(0, 4), free=("K", "L")
+    )
+    assert sensitivities.values[:, 0].tolist() == [7.0, 7.0, 7.0, 2.0, 7.0]
+    assert sensitivities.jacobian[:, 0].tolist() == [[0, 1], [0, 1], [0, 1], [1, 0], [0, 1]]
 
 
 def test_first_values_may_depend_on_other_states_first_values():
     b = GraphBuilder()
     one = b.prev(b.const(5.0), b.lookup("K"))
     two = b.prev(b.const(6.0), b.call("mul", one, b.lookup("K")), 2)
-    found = rows(b.finish({"y": two}), ParameterSet([Scalar("K", 3.0)]), {"x": np.zeros(4)})
-    assert found.values[:, 0].tolist() == [9.0, 9.0, 6.0, 6.0]
-    assert found.jacobian[:, 0, 0].tolist() == [6.0, 6.0, 0.0, 0.0]
+    sensitivities = rows(b.finish({"y": two}), ParameterSet([Scalar("K", 3.0)]), {"x": np.zeros(4)})
+    assert sensitivities.values[:, 0].tolist() == [9.0, 9.0, 6.0, 6.0]
+    assert sensitivities.jacobian[:, 0, 0].tolist() == [6.0, 6.0, 0.0, 0.0]
 
 
 def test_a_first_value_that_depends_on_itself_is_an_error():
@@ -419,20 +421,20 @@ def test_random_models_have_the_slopes_of_finite_differences(case):
     def moved(h):
         changed = [case.parameters[n].with_values(case.parameters[n].values + h * direction[n]) for n in case.free]
         points = {key: free_axes(case.parameters)[key].axis.breakpoints + h * moves[key] for key in case.axes}
-        held = with_breakpoints(case.parameters.with_parameters(*changed), points)
-        return values(Interpreter(low, held))
+        moved_parameters = with_breakpoints(case.parameters.with_parameters(*changed), points)
+        return values(Interpreter(low, moved_parameters))
 
     flat = np.concatenate([move.ravel() for move in (direction | moves).values()])
-    found = plain.rows(line, offsets_of(case.fitted, case.parameters), case.columns, case.starts)
+    sensitivities = plain.rows(line, offsets_of(case.fitted, case.parameters), case.columns, case.starts)
     with np.errstate(all="ignore"):
-        slope = found.jacobian @ flat
+        slope = sensitivities.jacobian @ flat
         # differences of several widths that agree mean that no kink lies between
         sides = np.array([[moved(h) - exact, exact - moved(-h)] for h in (1e-5, 3e-6)])
         quotients = sides / np.array([1e-5, 3e-6])[:, None, None, None]
         expected = quotients.mean(axis=1)[1]
         gap = np.ptp(quotients, axis=(0, 1)) + change / 3e-6
         smooth = usable & (gap < 1e-3 * (1 + np.abs(expected)))
-    np.testing.assert_allclose(found.values, exact, rtol=1e-14)
+    np.testing.assert_allclose(sensitivities.values, exact, rtol=1e-14)
     assert_close(slope, expected, gap + 1e-9 * (1 + np.abs(expected)), smooth, "slope")
 
 
@@ -445,11 +447,11 @@ def test_more_free_parameters_do_not_change_the_slopes_of_others(case):
     offsets = offsets_of(every, case.parameters)
     whole = plain.rows(differentiate(low.graph, roots, every), offsets, case.columns, case.starts)
     finite = np.isfinite(whole.values).all(axis=1)
-    found = whole.jacobian[finite]
+    jacobian = whole.jacobian[finite]
     for name in every:
         only = plain.rows(differentiate(low.graph, roots, [name]), {name: 0}, case.columns, case.starts).jacobian[
             finite
         ]
-        part = found[:, :, offsets[name] : offsets[name] + case.parameters[name].size]
-        size = np.max(np.abs(found[np.isfinite(found)]), initial=1.0)
+        part = jacobian[:, :, offsets[name] : offsets[name] + case.parameters[name].size]
+        size = np.max(np.abs(jacobian[np.isfinite(jacobian)]), initial=1.0)
         np.testing.assert_allclose(part, only, rtol=1e-9, atol=1e-11 * size)

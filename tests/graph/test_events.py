@@ -6,7 +6,7 @@ from kennfeld.models.formula import formula
 from tests.draws import few_or_many
 
 
-def found(text, *free):
+def event_names(text, *free):
     """Named node and word of each event."""
     graph = formula(text, parameters=[*free, "Gain"]).graph
     return [(event.name, event.word) for event in events(graph, free)]
@@ -32,7 +32,7 @@ def found(text, *free):
     ],
 )
 def test_a_jump_whose_time_depends_on_a_parameter_is_an_event(text):
-    assert found(text, "K")
+    assert event_names(text, "K")
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_a_jump_whose_time_depends_on_a_parameter_is_an_event(text):
     ],
 )
 def test_a_kink_is_none(text):
-    assert found(text, "K", "Time") == []
+    assert event_names(text, "K", "Time") == []
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_kink_is_none(text):
     ],
 )
 def test_a_jump_that_the_data_alone_decide_is_none(text):
-    assert found(text, "K") == []
+    assert event_names(text, "K") == []
 
 
 def test_only_free_parameters_count():
@@ -75,7 +75,7 @@ def test_only_free_parameters_count():
     assert [event.parameters for event in events(graph, ["B"])] == [("B",)]
 
 
-def test_only_what_the_outputs_feel_counts():
+def test_only_events_that_reach_the_outputs_count():
     graph = formula("positive = K * u > 0\ny = if(positive, K * u, 0)\nz = if(positive, 1, y)", parameters=["K"]).graph
     assert events(graph, ["K"], ["y"]) == ()
     assert [event.name for event in events(graph, ["K"], ["z"])] == ["positive"]
@@ -87,11 +87,11 @@ def test_an_event_is_called_after_the_node_that_holds_it():
     text = (
         "angle = integrator(K)\nturns = floor(angle / pi)\nfires = turns > prev(turns, 0)\ny = PT1(if(fires, u, 0), 1)"
     )
-    assert found(text, "K") == [("turns", "floor"), ("fires", ">")]
+    assert event_names(text, "K") == [("turns", "floor"), ("fires", ">")]
 
 
 def test_a_condition_in_memory_is_called_after_the_node_that_reads_it():
-    assert found("y = prev(if(K * u > 1, 5, 0), 0) + 1", "K") == [("y", ">")]
+    assert event_names("y = prev(if(K * u > 1, 5, 0), 0) + 1", "K") == [("y", ">")]
 
 
 def test_asking_twice_gives_the_same():
@@ -108,8 +108,8 @@ def test_asking_twice_gives_the_same():
 )
 def test_a_ramp_is_an_event_if_and_only_if_it_begins_with_a_step(threshold, slope, step):
     text = f"x = K * u\ny = if(x > {threshold}, {slope} * (x - {threshold}) + {step}, 0)"
-    assert found(text, "K") == ([("y", ">")] if step else [])
+    assert event_names(text, "K") == ([("y", ">")] if step else [])
 
 
-def test_a_test_for_nan_is_no_discontinuity():
-    assert found("x = u ^ K\ny = if(x != x, 0, max(x, 0))", "K") == []
+def test_a_test_for_nan_is_not_a_discontinuity():
+    assert event_names("x = u ^ K\ny = if(x != x, 0, max(x, 0))", "K") == []

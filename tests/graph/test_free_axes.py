@@ -26,10 +26,10 @@ def shared(free=True):
 
 
 def test_a_group_axis_is_free_in_all_its_tables_if_it_is_in_one():
-    found = free_axes(shared())
-    assert list(found) == [SPEED]
-    assert found[SPEED].places == (("M", 0), ("C", 0))
-    assert found[SPEED].axis.free
+    shared_axes = free_axes(shared())
+    assert list(shared_axes) == [SPEED]
+    assert shared_axes[SPEED].places == (("M", 0), ("C", 0))
+    assert shared_axes[SPEED].axis.free
 
 
 def test_an_axis_of_one_breakpoint_cannot_move():
@@ -45,8 +45,8 @@ def test_a_group_axis_moves_in_all_its_tables_at_once_and_other_axes_stay():
 
 def test_a_table_may_have_one_free_group_axis_twice():
     axis = Axis([0, 1, 2], name="A", free=True)
-    held = ParameterSet([Map("M", axis, axis, np.zeros((3, 3)))])
-    moved = with_breakpoints(held, {AxisKey("A"): np.array([0.0, 0.5, 2.0])})
+    parameters = ParameterSet([Map("M", axis, axis, np.zeros((3, 3)))])
+    moved = with_breakpoints(parameters, {AxisKey("A"): np.array([0.0, 0.5, 2.0])})
     assert moved["M"].axes[0] == moved["M"].axes[1]
 
 
@@ -88,19 +88,19 @@ def test_a_search_in_a_moved_axis_gives_what_the_moved_table_gives():
     columns = {"x": np.array([-1.0, 0.5, 1.5, 2.5, 9.0]), "z": np.full(5, 0.3)}
     moved = with_breakpoints(shared(), {SPEED: np.array([0.0, 2.0, 3.0])})
     low = lower_lookups(graph, shared())
-    found = Interpreter(low, moved).run(low.graph.nodes, (), columns)[low.graph.names["y"]]
-    np.testing.assert_allclose(found, evaluate(graph, columns, moved)["y"], rtol=1e-15)
+    output = Interpreter(low, moved).run(low.graph.nodes, (), columns)[low.graph.names["y"]]
+    np.testing.assert_allclose(output, evaluate(graph, columns, moved)["y"], rtol=1e-15)
 
 
 def rows(extrapolation, x):
     """Slopes with respect to the breakpoints 0, 1, 3 of a curve 0, 2, 12 at x."""
     b = GraphBuilder()
     graph = b.finish({"y": b.lookup("C", b.input("x"))})
-    held = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12], extrapolation=extrapolation)])
-    low = lower_lookups(graph, held)
+    parameters = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12], extrapolation=extrapolation)])
+    low = lower_lookups(graph, parameters)
     key = AxisKey("C", "x")
     line = differentiate(low.graph, [low.graph.names["y"]], [key])
-    return Interpreter(low, held).rows(line, {key: 0}, {"x": np.array([x])}).jacobian[0, 0].tolist()
+    return Interpreter(low, parameters).rows(line, {key: 0}, {"x": np.array([x])}).jacobian[0, 0].tolist()
 
 
 def test_the_slopes_of_breakpoints_are_minus_the_slope_of_the_curve_times_their_weights():
@@ -118,11 +118,11 @@ def test_beyond_the_ends_a_straight_line_goes_on_and_has_its_slopes():
     assert rows("linear", -1.0) == [-2 * 2.0, -2 * -1.0, 0.0]
 
 
-def test_what_a_free_axis_decides_is_not_computed_ahead():
+def test_nodes_that_depend_on_a_free_axis_are_not_precomputed():
     b = GraphBuilder()
     costly = b.call("exp", b.lookup("C", b.input("x")))
     graph = b.finish({"y": b.call("mul", costly, b.lookup("K"))})
-    held = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12]), Scalar("K", 1.0)])
-    low = lower_lookups(graph, held)
+    parameters = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12]), Scalar("K", 1.0)])
+    low = lower_lookups(graph, parameters)
     assert len(partition_graph(low.graph, ["y"], ["K"]).columns) == 1
     assert not partition_graph(low.graph, ["y"], ["K", AxisKey("C", "x")]).columns

@@ -35,7 +35,7 @@ def test_a_position_is_clipped_or_goes_on():
 
 
 @pytest.mark.parametrize("extrapolation", ["clip", "linear"])
-def test_a_position_of_what_is_not_a_number_is_none(extrapolation):
+def test_the_position_of_nan_is_nan(extrapolation):
     assert np.isnan(position(np.array([np.nan]), POINTS, extrapolation)).all()
     assert np.isnan(position(np.array([np.nan]), POINTS[:1], extrapolation)).all()
 

@@ -23,8 +23,8 @@ def chain(count, backwards):
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_states_start_from_others_in_any_order(backwards):
-    found = evaluate(chain(6, backwards), {"u": [2.0, 9.0, 4.0]}, NOTHING, starts=(0, 2))
-    np.testing.assert_array_equal(found["y"], [7.0, 3.5, 9.0])
+    outputs = evaluate(chain(6, backwards), {"u": [2.0, 9.0, 4.0]}, NOTHING, starts=(0, 2))
+    np.testing.assert_array_equal(outputs["y"], [7.0, 3.5, 9.0])
 
 
 def test_each_node_is_computed_once_for_the_first_values_of_many_states(monkeypatch):
@@ -42,10 +42,10 @@ def test_each_node_is_computed_once_for_the_first_values_of_many_states(monkeypa
 
 
 @pytest.mark.parametrize(("u", "first"), [(1.0, 3.0), (-1.0, np.nan)])
-def test_a_first_value_that_depends_on_itself_is_one_only_where_it_takes_another_way(u, first):
+def test_a_circular_first_value_is_missing_only_on_the_circular_branch(u, first):
     b = GraphBuilder()
     one, other = b.state(), b.state()
     b.close(one, other, b.const(5.0))
     b.close(other, b.call("select", b.call("gt", b.input("u"), b.const(0.0)), b.const(3.0), one), b.const(5.0))
-    found = evaluate(b.finish({"y": one}, {}, ("y",)), {"u": [u, u]}, NOTHING)
-    np.testing.assert_array_equal(found["y"], [first, 5.0])
+    outputs = evaluate(b.finish({"y": one}, {}, ("y",)), {"u": [u, u]}, NOTHING)
+    np.testing.assert_array_equal(outputs["y"], [first, 5.0])

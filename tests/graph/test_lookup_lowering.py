@@ -42,8 +42,8 @@ def test_clipped_and_linear_lookups_of_one_axis_are_two_searches():
     y = b.call("add", b.lookup("A", x), b.lookup("B", x))
     parameters = ParameterSet([Curve("A", SPEED, np.ones(3)), Curve("B", SPEED, np.ones(3), extrapolation="linear")])
     lowered = lower_lookups(b.finish({"y": y}), parameters)
-    found = {node.payload for node in lowered.graph.nodes if node.op == "position"}
-    assert found == {AxisRef(0, "clip"), AxisRef(0, "linear")}
+    positions = {node.payload for node in lowered.graph.nodes if node.op == "position"}
+    assert positions == {AxisRef(0, "clip"), AxisRef(0, "linear")}
 
 
 def test_a_value_block_is_searched_by_position():
@@ -120,16 +120,16 @@ def test_an_axis_of_one_breakpoint_is_never_smoothed():
     assert lowered.nodes[-1].payload.smoothed == (False,)
 
 
-def test_rewrite_folds_what_became_constant():
+def test_rewrite_folds_new_constants():
     b = GraphBuilder()
     y = b.call("add", b.call("sin", b.input("x")), b.prev(b.input("x"), b.const(0.0)))
     graph = b.finish({"y": y})
 
-    def zero_input(made, at, args):
+    def zero_input(builder, at, args):
         op, _, payload = graph.nodes[at]
         if op == "input":
-            return made.const(0.0)
-        return made.call(op, *args) if args else made.node(op, args, payload)
+            return builder.const(0.0)
+        return builder.call(op, *args) if args else builder.node(op, args, payload)
 
     rewritten = rewrite(graph, zero_input)
     assert ops(rewritten) == ["state", "const"]
@@ -140,7 +140,7 @@ def test_rewrite_keeps_names_units_and_outputs():
     b = GraphBuilder()
     x = b.input("x")
     graph = b.finish({"a": x, "y": b.call("sin", x)}, units={"x": "rpm"}, outputs=("a",))
-    again = rewrite(graph, lambda made, at, args: made.node(graph.nodes[at].op, args, graph.nodes[at].payload))
+    again = rewrite(graph, lambda builder, at, args: builder.node(graph.nodes[at].op, args, graph.nodes[at].payload))
     assert again == graph
 
 

@@ -47,7 +47,7 @@ def test_a_folded_operation_may_give_what_is_not_finite():
 
 
 @pytest.mark.parametrize(
-    ("op", "constant", "left", "right"),
+    ("op", "constant", "operand", "right"),
     [
         ("add", 0.0, True, True),
         ("sub", 0.0, False, True),
@@ -57,11 +57,11 @@ def test_a_folded_operation_may_give_what_is_not_finite():
         ("pow", 1.0, False, True),
     ],
 )
-def test_a_neutral_constant_leaves_the_other_operand(op, constant, left, right):
+def test_a_neutral_constant_leaves_the_other_operand(op, constant, operand, right):
     b = GraphBuilder()
     x = b.input("x")
     assert (b.call(op, x, b.const(constant)) == x) == right
-    assert (b.call(op, b.const(constant), x) == x) == left
+    assert (b.call(op, b.const(constant), x) == x) == operand
 
 
 def test_zero_times_a_node_is_not_folded_as_the_node_may_be_infinite():
@@ -93,7 +93,7 @@ def test_graphs_built_in_another_order_are_equal():
     assert built(("u", "v")) == built(("v", "u"))
 
 
-def test_graphs_with_a_constant_that_is_not_a_number_are_equal():
+def test_graphs_with_a_nan_constant_are_equal():
     def graph():
         b = GraphBuilder()
         return b.finish({"y": b.call("add", b.input("x"), b.call("log", b.const(-1.0)))})
@@ -101,7 +101,7 @@ def test_graphs_with_a_constant_that_is_not_a_number_are_equal():
     assert graph() == graph()
 
 
-def test_finish_drops_what_no_name_needs():
+def test_finish_drops_unused_nodes():
     b = GraphBuilder()
     x = b.input("x")
     b.call("sin", x)
@@ -111,7 +111,7 @@ def test_finish_drops_what_no_name_needs():
     assert graph.states == ()
 
 
-def test_finish_keeps_what_states_need_and_renumbers_states():
+def test_finish_keeps_nodes_of_states_and_renumbers_states():
     b = GraphBuilder()
     b.prev(b.input("unused"), b.const(1.0))
     y = b.prev(b.prev(b.input("x"), b.const(2.0)), b.input("start"), 3)
@@ -133,8 +133,8 @@ def test_arguments_come_before_their_node():
 def test_outputs_are_the_names_that_nothing_uses():
     b = GraphBuilder()
     x = b.call("sin", b.input("x"))
-    held = b.call("cos", x)
-    graph = b.finish({"x": x, "held": held, "y": b.call("add", x, b.prev(held, b.const(0.0)))})
+    cosine = b.call("cos", x)
+    graph = b.finish({"x": x, "held": cosine, "y": b.call("add", x, b.prev(cosine, b.const(0.0)))})
     assert graph.outputs == ("y",)
 
 
@@ -145,17 +145,17 @@ def feedback(draw):
     count = draw(st.integers(1, 7))
     some = st.sets(st.integers(0, count - 1), max_size=3)
     read = [b.state() for _ in range(count)]
-    made, uses = [], []
+    states, uses = [], []
     for name in range(count):
         now, before = draw(some), draw(some)
         node = b.lookup(f"K{name}")
-        for used in [made[i] for i in now if i < name] + [read[i] for i in before]:
+        for used in [states[i] for i in now if i < name] + [read[i] for i in before]:
             node = b.call("add", node, used)
-        made.append(node)
+        states.append(node)
         uses.append({i for i in now if i < name} | before)
-    for state, node in zip(read, made, strict=True):
+    for state, node in zip(read, states, strict=True):
         b.close(state, b.const(0.0), node)
-    return b.finish({f"y{i}": node for i, node in enumerate(made)}), uses
+    return b.finish({f"y{i}": node for i, node in enumerate(states)}), uses
 
 
 @few_or_many(feedback(), few=10, many=100)
@@ -172,7 +172,7 @@ def test_a_name_is_an_output_if_all_that_use_it_are_what_it_uses_itself(case):
     assert graph.outputs == tuple(expected)
 
 
-def test_declared_outputs_stand():
+def test_declared_outputs_are_kept():
     b = GraphBuilder()
     x = b.input("x")
     assert b.finish({"a": x, "y": b.call("sin", x)}, outputs=("a",)).outputs == ("a",)

@@ -32,13 +32,13 @@ def slope(op, args, which):
     partial = OPERATIONS[op].partials[which]
     if partial is None:
         return 0.0
-    made = partial(b, tuple(nodes), y)
+    derivative = partial(b, tuple(nodes), y)
     branches = OPERATIONS[op].branches
     condition = branches(b, tuple(nodes))[which] if branches else None
     if condition is not None:
-        made = b.call("select", condition, made, b.const(0.0))
+        derivative = b.call("select", condition, derivative, b.const(0.0))
     columns = {f"x{i}": [x] for i, x in enumerate(args)}
-    return float(evaluate(b.finish({"d": made}), columns, ParameterSet())["d"][0])
+    return float(evaluate(b.finish({"d": derivative}), columns, ParameterSet())["d"][0])
 
 
 @pytest.mark.parametrize("op", sorted(OPERATIONS))
@@ -71,7 +71,7 @@ def test_a_tie_takes_the_first_argument(op):
 
 @pytest.mark.parametrize("op", ["min", "max"])
 @pytest.mark.parametrize("args", [(np.nan, 1.0), (1.0, np.nan), (np.nan, np.nan)])
-def test_extremes_hand_on_what_is_not_a_number(op, args):
+def test_extremes_propagate_nan(op, args):
     assert np.isnan(value(op, *args))
 
 
@@ -115,7 +115,7 @@ def test_zero_is_false(x):
 
 
 @pytest.mark.parametrize("op", ["lt", "le", "gt", "ge", "eq"])
-def test_comparisons_with_what_is_not_a_number_are_false(op):
+def test_comparisons_with_nan_are_false(op):
     assert value(op, np.nan, 1.0) == 0.0
     assert value(op, 1.0, np.nan) == 0.0
     assert value(op, np.nan, np.nan) == 0.0

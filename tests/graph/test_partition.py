@@ -20,7 +20,7 @@ def fed(graph):
 
 
 @few_or_many(cases(), few=8, many=40)
-def test_the_parts_give_what_the_whole_gives(case):
+def test_the_parts_equal_the_whole(case):
     low = lower_lookups(case.graph, case.parameters)
     outputs = tuple(case.graph.names)
     parts = partition_graph(low.graph, outputs, case.fitted)
@@ -60,11 +60,11 @@ def test_no_column_depends_on_a_free_parameter(case):
     low = lower_lookups(case.graph, case.parameters)
     parts = partition_graph(low.graph, tuple(case.graph.names), case.fitted)
 
-    def held(c):
+    def constant_columns(c):
         run = Interpreter(low, c.parameters).run(low.graph.nodes, low.graph.states, c.columns, c.starts)
         return [run[at] for at in parts.columns.values()]
 
-    for before, after in zip(held(case), held(case.with_other_values()), strict=True):
+    for before, after in zip(constant_columns(case), constant_columns(case.with_other_values()), strict=True):
         np.testing.assert_array_equal(before, after)
 
 
@@ -76,7 +76,7 @@ def test_a_search_is_done_again():
     assert [node.op for node in parts.graph.nodes] == ["input", "position", "interpolate"]
 
 
-def test_what_is_searched_for_becomes_a_column_if_it_is_not_cheap():
+def test_costly_coordinates_become_a_column():
     b = GraphBuilder()
     coordinate = b.call("exp", b.input("x"))
     tables = [Curve(name, [0.0, 1.0 + i], [2.0, 3.0]) for i, name in enumerate("CD")]
@@ -86,7 +86,7 @@ def test_what_is_searched_for_becomes_a_column_if_it_is_not_cheap():
     assert [node.op for node in parts.graph.nodes].count("position") == 2
 
 
-def test_what_is_cheap_is_computed_again():
+def test_cheap_nodes_are_computed_again():
     b = GraphBuilder()
     cheap = b.call("sub", b.input("x"), b.input("z"))
     graph = lowered({"y": b.call("mul", cheap, b.lookup("K"))}, b, Scalar("K", 1.0))

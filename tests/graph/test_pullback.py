@@ -24,12 +24,12 @@ def scalars(expression, **values):
     """Slopes of one expression of scalars by a pull-back."""
     b = GraphBuilder()
     y = expression(b, *(b.lookup(name) for name in values))
-    held = ParameterSet([Scalar(name, value) for name, value in values.items()])
-    low = lower_lookups(b.finish({"y": y}), held)
+    parameters = ParameterSet([Scalar(name, value) for name, value in values.items()])
+    low = lower_lookups(b.finish({"y": y}), parameters)
     line = pulled(low.graph, [low.graph.names["y"]], tuple(values))
     assert isinstance(line.slopes, AdjointProgram)
     offsets = {name: at for at, name in enumerate(values)}
-    return Interpreter(low, held).rows(line, offsets, {"x": np.zeros(1)}).jacobian[0, 0].tolist()
+    return Interpreter(low, parameters).rows(line, offsets, {"x": np.zeros(1)}).jacobian[0, 0].tolist()
 
 
 def chain(states):
@@ -89,7 +89,7 @@ def test_nothing_leaks_from_a_branch_not_taken():
 
 
 @few_or_many(cases(), few=8, many=40)
-def test_a_pull_back_gives_what_rows_written_out_give(case):
+def test_a_pull_back_equals_rows_written_out(case):
     low = lower_lookups(case.graph, case.parameters)
     roots = list(low.graph.names.values())
     offsets, at = {}, 0

@@ -38,9 +38,9 @@ def case(graph, samples=500, starts=(0,), *, free=FREE, seed=0, loss="square", v
         target = random.standard_normal(samples)
         target[:: 7 + number] = np.nan
         criteria.append(Criterion(name, target, random.uniform(0.2, 2.0, len(starts)), 0.5 + number, loss, 0.8))
-    held = values or parameters(seed)
+    parameter_values = values or parameters(seed)
     used = tuple(name for name in free if name in graph.parameters)
-    return Case(graph, held, used, columns, tuple(starts), tuple(criteria), seed)
+    return Case(graph, parameter_values, used, columns, tuple(starts), tuple(criteria), seed)
 
 
 def static():

@@ -1,4 +1,4 @@
-"""What the native code shall give, written down in numpy."""
+"""Expected results of the native code, written down in numpy."""
 
 from dataclasses import dataclass
 
@@ -90,7 +90,7 @@ class Scored:
 
 
 def scored(case: Case, criterion: Criterion, values: np.ndarray) -> Scored:
-    """How the values of a criterion's node count."""
+    """Return residual, score and weights of each value of a criterion's node."""
     score = np.concatenate(
         [np.full(b - a, s) for a, b, s in zip(case.starts, case.ends, criterion.scores, strict=True)]
     )

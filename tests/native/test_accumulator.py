@@ -96,7 +96,7 @@ def test_results_do_not_depend_on_the_length_of_chunks(model, sparse, monkeypatc
 
 
 @pytest.mark.parametrize("model", ["lag", "coupled2", "coupled3"])
-def test_backward_and_forward_sweeps_give_what_rows_give(model):
+def test_backward_and_forward_sweeps_equal_the_rows(model):
     code = compiled(case(MODELS[model](), 500, STARTS))
     close(results(code, sparse=True), results(code, sparse=False), 1e-12)
 
@@ -147,7 +147,7 @@ def test_a_sample_without_a_target_counts_for_nothing_even_where_the_model_is_no
     close(results(code)[:3], less[:3], 1e-13)
 
 
-def test_an_input_that_is_not_a_number_makes_the_cost_so():
+def test_a_nan_input_makes_the_cost_nan():
     model = case(static(), 40)
     model.columns["u"][4] = np.nan
     model.criteria[0].target[4] = 1.0
@@ -204,8 +204,8 @@ def test_a_branch_not_taken_leaks_nothing_through_states():
     b = GraphBuilder()
     state = b.state()
     x = b.call("add", b.input("u"), b.call("mul", b.lookup("K"), state))
-    held = b.call("select", b.call("gt", x, b.const(0.0)), b.call("sqrt", x), b.call("mul", state, b.lookup("L")))
-    b.close(state, b.const(0.5), held)
+    chosen = b.call("select", b.call("gt", x, b.const(0.0)), b.call("sqrt", x), b.call("mul", state, b.lookup("L")))
+    b.close(state, b.const(0.5), chosen)
     code = compiled(case(b.finish({"y": state}), 100))
     direct = sums(code.case, code.run(code.interpreter()))
     for sparse in (True, False):
@@ -297,9 +297,9 @@ def test_widths_that_change_are_seen_with_states(monkeypatch):
 @pytest.mark.parametrize("extrapolation", ["clip", "linear"])
 @pytest.mark.parametrize("width", [0.02, 0.2, 3.0])
 def test_smoothed_sums_are_those_of_the_interpreter_and_of_finite_differences(extrapolation, width):
-    held = parameters()
-    held = held.with_parameters(*(p.changed(extrapolation=extrapolation) for p in held.values() if p.axes))
-    code = compiled(case(static(), 60, values=held), smooth=["C", "M", "K"])
+    tables = parameters()
+    tables = tables.with_parameters(*(p.changed(extrapolation=extrapolation) for p in tables.values() if p.axes))
+    code = compiled(case(static(), 60, values=tables), smooth=["C", "M", "K"])
     widths = np.full(len(code.lowered.axes), width)
     summed = code.accumulator(widths=widths)
     plain = code.interpreter(tuple(widths))
@@ -317,8 +317,8 @@ def test_smoothed_sums_are_those_of_the_interpreter_and_of_finite_differences(ex
 def test_a_smoothed_lookup_of_what_is_far_outside_is_clipped():
     b = GraphBuilder()
     y = b.lookup("Outer", b.call("mul", b.lookup("K"), b.input("u")))
-    held = ParameterSet([Scalar("K", 100.0), Curve("Outer", [0.0, 1.0, 3.0], [2.0, 5.0, 7.0])])
-    model = case(b.finish({"y": y}), 10, free=("K", "Outer"), values=held)
+    start = ParameterSet([Scalar("K", 100.0), Curve("Outer", [0.0, 1.0, 3.0], [2.0, 5.0, 7.0])])
+    model = case(b.finish({"y": y}), 10, free=("K", "Outer"), values=start)
     code = compiled(model, smooth=["K"])
     expected = np.where(model.columns["u"] > 0, 7.0, 2.0)
     residual, _ = code.accumulator(widths=np.array([0.2])).rows(code.values)

@@ -37,7 +37,7 @@ def test_doubles_in_a_row_have_an_address():
         (np.zeros(3), "float64 of shape (3,), contiguous"),
     ],
 )
-def test_what_compiled_code_would_misread_is_refused(array, described):
+def test_arrays_that_compiled_code_would_misread_are_refused(array, described):
     with pytest.raises(ArgumentError) as error:
         address(array, 4)
     assert str(error.value) == f"compiled code needs at least 4 contiguous float64, got {described}"
@@ -71,7 +71,7 @@ def test_addresses_are_taken_in_one_place():
 
 
 def variants(values):
-    """The same whole numbers as arrays that are no contiguous native doubles."""
+    """The same integers as arrays other than contiguous native doubles."""
     wide = np.repeat(values, 2, axis=-1)
     frozen = values.copy()
     frozen.setflags(write=False)
@@ -90,22 +90,22 @@ def variants(values):
 KINDS = list(variants(np.zeros(2)))
 
 
-def sums(made, data, targets, scores, values):
+def sums(code, data, targets, scores, values):
     pieces = [Piece(0, data.shape[1], scores)]
-    summed = Accumulator(made.kernel, Samples(list(data), list(targets), pieces))
+    summed = Accumulator(code.kernel, Samples(list(data), list(targets), pieces))
     normal = summed.normal(values)
     return [summed.costs(values), normal.gradient.copy(), normal.matrix.copy()]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_arrays_of_any_type_give_the_sums_of_doubles(kind):
-    made = compiled(case(MODELS["static"](), 40))
-    data = np.round(10 * np.array([made.case.columns[name] for name in made.kernel.layout.inputs]))
-    targets = np.round(10 * np.nan_to_num([c.target for c in made.case.criteria]))
-    scores, values = np.full(len(targets), 2.0), np.round(made.values)
-    expected = sums(made, data, targets, scores, values)
-    given = [variants(array)[kind] for array in (data, targets, scores, values)]
-    for got, wanted in zip(sums(made, *given), expected, strict=True):
+    code = compiled(case(MODELS["static"](), 40))
+    data = np.round(10 * np.array([code.case.columns[name] for name in code.kernel.layout.inputs]))
+    targets = np.round(10 * np.nan_to_num([c.target for c in code.case.criteria]))
+    scores, values = np.full(len(targets), 2.0), np.round(code.values)
+    expected = sums(code, data, targets, scores, values)
+    arrays = [variants(array)[kind] for array in (data, targets, scores, values)]
+    for got, wanted in zip(sums(code, *arrays), expected, strict=True):
         np.testing.assert_array_equal(got, wanted)
 
 
@@ -118,21 +118,21 @@ def test_a_matrix_of_any_type_is_factored(kind):
 
 
 def test_arrays_of_another_length_are_refused():
-    made = compiled(case(MODELS["static"](), 40))
-    columns = [made.case.columns[name] for name in made.kernel.layout.inputs]
-    targets = [c.target for c in made.case.criteria]
+    code = compiled(case(MODELS["static"](), 40))
+    columns = [code.case.columns[name] for name in code.kernel.layout.inputs]
+    targets = [c.target for c in code.case.criteria]
     pieces = [Piece(0, 40, np.ones(len(targets)))]
     with pytest.raises(ArgumentError, match="the kernel reads"):
-        Accumulator(made.kernel, Samples(columns[1:], targets, pieces))
+        Accumulator(code.kernel, Samples(columns[1:], targets, pieces))
     with pytest.raises(ArgumentError, match="scores must have shape"):
         Samples(columns, targets, [Piece(0, 40, np.ones(len(targets) + 1))])
     with pytest.raises(ArgumentError, match="piece from 0 to 41 exceeds the 40 samples"):
         Samples(columns, targets, [Piece(0, 41, np.ones(len(targets)))])
     with pytest.raises(ArgumentError, match="the order visits sample 40, but there are 40"):
         Samples(columns, targets, pieces, np.arange(1, 41, dtype=np.uint32))
-    summed = Accumulator(made.kernel, Samples(columns, targets, pieces))
-    with pytest.raises(ArgumentError, match=f"needs at least {made.values.size} contiguous float64"):
-        summed.costs(made.values[:-1])
+    summed = Accumulator(code.kernel, Samples(columns, targets, pieces))
+    with pytest.raises(ArgumentError, match=f"needs at least {code.values.size} contiguous float64"):
+        summed.costs(code.values[:-1])
     with pytest.raises(ArgumentError, match="at least 3 x 3"):
         Cholesky(3).factor(np.eye(2), np.ones(3))
     with pytest.raises(ArgumentError, match="at least 3 contiguous"):

@@ -43,8 +43,8 @@ def test_solutions_are_those_of_numpy(size):
     random = np.random.default_rng(size)
     matrix, damping = dense(size, random), random.uniform(size=size)
     right = random.standard_normal((3, size))
-    found = Cholesky(size).factor(matrix, damping).solve(right)
-    np.testing.assert_allclose(found, np.linalg.solve(matrix + np.diag(damping), right.T).T, rtol=1e-7, atol=1e-10)
+    solution = Cholesky(size).factor(matrix, damping).solve(right)
+    np.testing.assert_allclose(solution, np.linalg.solve(matrix + np.diag(damping), right.T).T, rtol=1e-7, atol=1e-10)
 
 
 @pytest.mark.parametrize("curve", [0, 9])
@@ -79,7 +79,7 @@ def test_the_two_halves_of_a_solution_are_those_of_the_factor():
 
 
 @pytest.mark.parametrize("spoilt", [-1.0, 0.0, np.nan, np.inf])
-def test_what_is_not_positive_definite_has_no_factor_and_does_no_harm(spoilt):
+def test_an_indefinite_matrix_has_no_factor_and_does_no_harm(spoilt):
     random = np.random.default_rng(1)
     cholesky, matrix = Cholesky(11), dense(11, random)
     broken = matrix.copy()
@@ -95,8 +95,8 @@ def test_zeros_in_one_half_alone_do_no_harm():
     matrix = np.diag(np.arange(1.0, size + 1)) + np.diag(np.full(size - 1, 1e-17), 1)
     right = np.arange(1.0, size + 1)
     for given_matrix in (matrix, matrix.T):
-        made = Cholesky(size).factor(given_matrix, np.zeros(size))
-        np.testing.assert_allclose(made.solve(right), np.ones(size), rtol=1e-12)
+        factor = Cholesky(size).factor(given_matrix, np.zeros(size))
+        np.testing.assert_allclose(factor.solve(right), np.ones(size), rtol=1e-12)
 
 
 def test_a_matrix_may_be_part_of_a_wider_one_and_stored_either_way():

@@ -43,53 +43,53 @@ def test_values_can_be_taken_in_any_order(sizes, seed):
     np.testing.assert_array_equal(taken, values[:, samples])
 
 
-def test_a_row_in_one_array_is_read_where_it_lies():
+def test_a_row_in_one_array_is_not_copied():
     values = np.zeros(3 * BLOCK + 7)
     rows = ColumnTable([values])
     assert rows.addresses[0].tolist() == [values.ctypes.data + 8 * BLOCK * i for i in range(4)]
 
 
-def test_rows_that_are_no_contiguous_doubles_are_made_so():
+def test_rows_are_converted_to_contiguous_doubles():
     values = np.arange(12, dtype=np.float32).reshape(4, 3)
     rows = ColumnTable([values[:, 1], np.arange(8.0)[::2]])
     assert at(rows.addresses[0, 0], 4).tolist() == [1, 4, 7, 10]
     assert at(rows.addresses[1, 0], 4).tolist() == [0, 2, 4, 6]
 
 
-def test_no_rows_have_as_many_samples_as_is_said():
+def test_a_table_without_columns_keeps_its_number_of_samples():
     rows = ColumnTable([], 5)
     assert (rows.count, rows.take(np.array([1, 3])).shape) == (5, (0, 2))
 
 
-def columns_of(made):
-    return [made.case.columns[name] for name in made.kernel.layout.inputs], [c.target for c in made.case.criteria]
+def columns_of(code):
+    return [code.case.columns[name] for name in code.kernel.layout.inputs], [c.target for c in code.case.criteria]
 
 
-def sums(made, samples):
-    summed = Accumulator(made.kernel, samples)
-    costs, normal = summed.costs(made.values), summed.normal(made.values)
+def sums(code, samples):
+    summed = Accumulator(code.kernel, samples)
+    costs, normal = summed.costs(code.values), summed.normal(code.values)
     return [costs, normal.gradient.copy(), normal.matrix.copy()]
 
 
 @pytest.mark.parametrize("model", sorted(MODELS))
 def test_rows_in_several_arrays_give_the_sums_of_rows_in_one(model):
-    made = compiled(case(MODELS[model](), 2 * BLOCK + 300, (0, 900, BLOCK + 5)))
+    code = compiled(case(MODELS[model](), 2 * BLOCK + 300, (0, 900, BLOCK + 5)))
     sizes = [3, BLOCK - 3, 1, BLOCK, 299]
-    data, targets = ([cut(row, sizes) for row in rows] for rows in columns_of(made))
-    for a, b in zip(sums(made, made.samples), sums(made, Samples(data, targets, made.samples.pieces)), strict=True):
+    data, targets = ([cut(row, sizes) for row in rows] for rows in columns_of(code))
+    for a, b in zip(sums(code, code.samples), sums(code, Samples(data, targets, code.samples.pieces)), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("count", [1, 2, 17, 5000, 2 * BLOCK + 300])
 def test_an_order_of_visits_gives_the_sums_of_samples_that_come_in_it(count):
-    made = compiled(case(static(), 2 * BLOCK + 300))
+    code = compiled(case(static(), 2 * BLOCK + 300))
     order = np.random.default_rng(3).permutation(2 * BLOCK + 300)[:count].astype(np.uint32)
-    data, targets = columns_of(made)
+    data, targets = columns_of(code)
     pieces = [Piece(0, count // 2, np.array([0.5])), Piece(count // 2, count, np.array([2.0]))]
     visited = Samples(data, targets, pieces, order)
     assert visited.count == count
     moved = Samples([row[order] for row in data], [row[order] for row in targets], pieces)
-    for a, b in zip(sums(made, visited), sums(made, moved), strict=True):
+    for a, b in zip(sums(code, visited), sums(code, moved), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -99,7 +99,7 @@ def test_rows_must_be_of_equal_length():
 
 
 @few_or_many(lengths, few=20, many=100)
-def test_what_is_copied_can_be_copied_again(sizes):
+def test_copied_rows_can_be_read_again(sizes):
     values = np.zeros(sum(sizes))
     rows = ColumnTable([cut(values, sizes)])
     values[:] = np.arange(values.size)

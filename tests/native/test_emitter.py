@@ -17,16 +17,16 @@ from tests.native.reference import compiled
 from tests.native.segments import cut_code
 
 
-def results(made):
-    summed = made.accumulator()
-    costs = summed.costs(made.values)
-    normal = summed.normal(made.values)
-    return [costs, normal.gradient.copy(), normal.matrix.copy(), *summed.rows(made.values)]
+def results(code):
+    summed = code.accumulator()
+    costs = summed.costs(code.values)
+    normal = summed.normal(code.values)
+    return [costs, normal.gradient.copy(), normal.matrix.copy(), *summed.rows(code.values)]
 
 
 @pytest.mark.parametrize("model", sorted(MODELS))
 @pytest.mark.parametrize("segment", mostly_slow([1, 7, 30], 1))
-def test_code_cut_into_functions_gives_what_one_function_gives(model, segment, monkeypatch):
+def test_code_cut_into_functions_equals_one_function(model, segment, monkeypatch):
     graph = MODELS[model]()
     whole = results(compiled(case(graph, 40, (0, 25))))
     cut_code(monkeypatch, segment)
@@ -72,8 +72,8 @@ def test_random_models_do_not_depend_on_where_the_code_is_cut(case, segment):
     with pytest.MonkeyPatch.context() as patch:
         cut_code(patch, segment)
         assert_close(run(), exact, change, steady(exact, change))
-        made = compiled(case)
-        made.accumulator().costs(made.values)
+        code = compiled(case)
+        code.accumulator().costs(code.values)
 
 
 @pytest.mark.slow
@@ -93,14 +93,14 @@ def test_a_model_of_thousands_of_nodes():
     state = b.state()
     b.close(state, b.const(0.0), b.call("sin", b.call("add", b.call("mul", b.const(0.01), total), state)))
     graph = b.finish({"y": b.call("add", b.call("mul", b.const(0.01), total), state)})
-    made = compiled(case(graph, 6, (0, 4)))
+    code = compiled(case(graph, 6, (0, 4)))
     assert len(graph.nodes) > 4000
-    assert len(made.kernel.line.nodes) > emitter.SEGMENT
-    plain = made.interpreter()
-    exact = made.run(plain)
-    residual, jacobian = made.accumulator().rows(made.values)
-    criterion = made.case.criteria[0]
-    root = np.sqrt(np.repeat(criterion.scores, np.diff([*made.case.starts, 6])))
+    assert len(code.kernel.line.nodes) > emitter.SEGMENT
+    plain = code.interpreter()
+    exact = code.run(plain)
+    residual, jacobian = code.accumulator().rows(code.values)
+    criterion = code.case.criteria[0]
+    root = np.sqrt(np.repeat(criterion.scores, np.diff([*code.case.starts, 6])))
     on = ~np.isnan(criterion.target)
     expected = root * (exact[:, 0, 0] - criterion.target) / criterion.scale
     np.testing.assert_allclose(residual[on], expected[on], rtol=1e-9)
@@ -131,7 +131,7 @@ def test_a_model_without_inputs():
     state = b.state()
     b.close(state, b.const(0.0), b.call("add", state, b.lookup("K")))
     graph = b.finish({"y": state})
-    held = ParameterSet([Scalar("K", 2.0)])
-    low = lower_lookups(graph, held)
-    run = Simulator(low, [low.graph.names["y"]], held).over({}, 4, held, (0, 3))
+    parameters = ParameterSet([Scalar("K", 2.0)])
+    low = lower_lookups(graph, parameters)
+    run = Simulator(low, [low.graph.names["y"]], parameters).over({}, 4, parameters, (0, 3))
     assert run.tolist() == [[0.0, 2.0, 4.0, 0.0]]

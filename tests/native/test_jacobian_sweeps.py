@@ -26,15 +26,15 @@ def chain(latencies):
 
 @pytest.mark.parametrize("latencies", [(1,) * 9, (1, 2, 3) * 3, (3, 1, 1) * 3])
 def test_rows_of_many_states_are_those_of_the_interpreter(latencies):
-    made = compiled(case(chain(latencies), 60, (0, 25)))
-    assert made.kernel.pattern.carried > MANY
-    direct = sums(made.case, made.run(made.interpreter()))
-    normal = made.accumulator().normal(made.values)
+    code = compiled(case(chain(latencies), 60, (0, 25)))
+    assert code.kernel.pattern.carried > MANY
+    direct = sums(code.case, code.run(code.interpreter()))
+    normal = code.accumulator().normal(code.values)
     for got, expected in ((normal.gradient, direct.gradient), (normal.matrix, direct.matrix)):
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
 
 
-def register(cells, latency=1, held=False):
+def register(cells, latency=1, conditional=False):
     """A shift register of what a lookup gives, read at a place that moves; where `held`, it stands still at times."""
     b = GraphBuilder()
     states = [b.state(latency if at % 3 == 1 else 1) for at in range(cells)]
@@ -44,14 +44,14 @@ def register(cells, latency=1, held=False):
     for at, state in enumerate(states):
         total = b.call("select", b.call("gt", place, b.const(float(at))), b.call("mul", state, b.lookup("L")), total)
         before = written if at == 0 else states[at - 1]
-        following = b.call("select", b.call("gt", b.input("v"), b.const(0.0)), before, state) if held else before
+        following = b.call("select", b.call("gt", b.input("v"), b.const(0.0)), before, state) if conditional else before
         b.close(state, b.lookup("K"), following)
     return b.finish({"y": b.call("mul", total, place), "last": states[-1]})
 
 
 @pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize(
-    ("cells", "latency", "held"),
+    ("cells", "latency", "conditional"),
     [
         (9, 1, False),
         pytest.param(24, 1, False, marks=pytest.mark.slow),
@@ -60,18 +60,18 @@ def register(cells, latency=1, held=False):
         pytest.param(20, 2, True, marks=pytest.mark.slow),
     ],
 )
-def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, held, shared, monkeypatch):
+def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, conditional, shared, monkeypatch):
     if shared:
         monkeypatch.setattr(derivative, "MAX_VISITS", -1)
         monkeypatch.setattr(derivative, "SHARED", 0.0)
-    made = compiled(case(register(cells, latency, held), 60, (0, 25)))
-    assert isinstance(made.kernel.line.slopes, AdjointProgram if shared else Written)
-    pattern = made.kernel.pattern
+    code = compiled(case(register(cells, latency, conditional), 60, (0, 25)))
+    assert isinstance(code.kernel.line.slopes, AdjointProgram if shared else Written)
+    pattern = code.kernel.pattern
     assert pattern.carried == cells
-    assert len(pattern.copies) == (0 if held else cells - 1)
-    assert pattern.cells == (2 * cells - 1 if held else 0)
-    exact = made.run(made.interpreter())
-    direct, normal = sums(made.case, exact), made.accumulator().normal(made.values)
+    assert len(pattern.copies) == (0 if conditional else cells - 1)
+    assert pattern.cells == (2 * cells - 1 if conditional else 0)
+    exact = code.run(code.interpreter())
+    direct, normal = sums(code.case, exact), code.accumulator().normal(code.values)
     for got, expected in ((normal.gradient, direct.gradient), (normal.matrix, direct.matrix)):
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
 
@@ -86,12 +86,12 @@ def test_a_value_that_is_not_finite_hands_no_slopes_down_a_register():
         b.close(state, b.lookup("L"), before)
         states.append(before := state)
     finite = b.call("lt", b.call("abs", states[-1]), b.const(1e9))
-    made = compiled(case(b.finish({"y": b.call("select", finite, states[-1], now)}), 40))
+    code = compiled(case(b.finish({"y": b.call("select", finite, states[-1], now)}), 40))
     with np.errstate(all="ignore"):
-        exact = made.run(made.interpreter())
-    got = made.accumulator().rows(made.values)[1].reshape(40, 1, -1)
-    scored = np.isfinite(made.case.criteria[0].target) & np.isfinite(exact).all(axis=(1, 2))
-    expected = weighted_rows(made.case, exact)[1]
+        exact = code.run(code.interpreter())
+    got = code.accumulator().rows(code.values)[1].reshape(40, 1, -1)
+    scored = np.isfinite(code.case.criteria[0].target) & np.isfinite(exact).all(axis=(1, 2))
+    expected = weighted_rows(code.case, exact)[1]
     assert scored.sum() > 30
     np.testing.assert_allclose(got[scored], expected[scored], rtol=1e-12)
 

@@ -46,7 +46,7 @@ def test_violated_limits_are_chosen_once_with_their_sign_and_excess(size, rows, 
 
 
 @few_or_many(st.integers(1, 12), st.integers(0, 15), st.integers(0, 2**32 - 1), few=20, many=100)
-def test_what_holds_and_is_violated_counts_as_violation(size, rows, seed):
+def test_an_active_limit_that_is_violated_counts_as_violation(size, rows, seed):
     random = np.random.default_rng(seed)
     lower, upper, columns, coefficients, matrix, equal = some_limits(size, rows, random)
     at, free = 0.01 * random.standard_normal(size), 3 * random.standard_normal(size)
@@ -65,7 +65,7 @@ def test_what_holds_and_is_violated_counts_as_violation(size, rows, seed):
     assert np.array_equal(holding, (expected > 0).astype(np.int64))
 
 
-def test_rounding_is_no_violation():
+def test_rounding_is_not_a_violation():
     limits = ChosenLimits(np.array([-np.inf]), np.array([1.0]), np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0)))
     at = np.array([0.0])
     for step, count in ((1.0, 0), (1 + 1e-13, 0), (1 + 1e-10, 1)):

@@ -24,11 +24,11 @@ def share(monkeypatch):
     return now
 
 
-def results(made, **options):
-    summed = made.accumulator(**options)
-    costs = summed.costs(made.values)
-    normal = summed.normal(made.values)
-    return [costs, normal.gradient.copy(), normal.matrix.copy(), *summed.rows(made.values)]
+def results(code, **options):
+    summed = code.accumulator(**options)
+    costs = summed.costs(code.values)
+    normal = summed.normal(code.values)
+    return [costs, normal.gradient.copy(), normal.matrix.copy(), *summed.rows(code.values)]
 
 
 def assert_equal(got, expected):
@@ -47,7 +47,7 @@ def both(model, share):
 
 
 @pytest.mark.parametrize("model", sorted(MODELS))
-def test_a_pull_back_sums_what_rows_written_out_sum(model, share):
+def test_sums_of_a_pull_back_equal_rows_written_out(model, share):
     written, pulled = both(case(MODELS[model](), 120, (0, 1, 50)), share)
     assert_equal(results(pulled), results(written))
 
@@ -87,7 +87,7 @@ def test_a_slope_that_is_not_finite_stays_in_its_own_row(share):
         "not_taken": b.call("select", b.call("lt", b.input("u"), b.const(9.0)), k, root),
     }
     written, pulled = both(case(b.finish(names), 30), share)
-    expected, got = (made.accumulator().rows(made.values)[1].reshape(30, 3, -1) for made in (written, pulled))
+    expected, got = (code.accumulator().rows(code.values)[1].reshape(30, 3, -1) for code in (written, pulled))
     np.testing.assert_allclose(got[:, [0, 2]], expected[:, [0, 2]], rtol=1e-14)
     scored = ~np.isnan(written.case.criteria[1].target)
     at = written.kernel.values.offsets["K"]
@@ -125,9 +125,9 @@ def test_saturated_quantities_have_slope_zero_in_all_forms(share):
     written, pulled = both(case(b.finish(names), 60, values=ParameterSet([Scalar("K", 0.7)])), share)
     expected = written.run(written.interpreter())
     assert np.isfinite(expected).all()
-    for made in (written, pulled):
-        np.testing.assert_allclose(made.run(made.interpreter()), expected, rtol=1e-13)
-        _, jacobian = made.accumulator().rows(made.values)
+    for code in (written, pulled):
+        np.testing.assert_allclose(code.run(code.interpreter()), expected, rtol=1e-13)
+        _, jacobian = code.accumulator().rows(code.values)
         assert np.isfinite(jacobian).all()
     assert_equal(results(pulled), results(written))
     assert_equal([written.accumulator().normal(written.values).gradient], [sums(written.case, expected).gradient])

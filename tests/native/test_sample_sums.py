@@ -65,8 +65,8 @@ def wide(model):
 
 
 def with_expected_sums(model):
-    made = compiled(model)
-    return made, sums(model, made.run(made.interpreter()))
+    code = compiled(model)
+    return code, sums(model, code.run(code.interpreter()))
 
 
 MODELS = {"selected": selected, "added": added, "scattered": scattered}
@@ -77,10 +77,10 @@ def in_blocks(monkeypatch):
     monkeypatch.setattr(workspace, "LARGE", 0)
 
 
-def check_against_interpreter(made, direct):
-    summed = made.accumulator()
+def check_against_interpreter(code, direct):
+    summed = code.accumulator()
     for _ in range(3):  # the second and third meet the blocks of the first
-        normal = summed.normal(made.values)
+        normal = summed.normal(code.values)
         scale = np.abs(direct.matrix).max()
         np.testing.assert_allclose(as_array(normal.matrix), direct.matrix, rtol=0, atol=1e-12 * scale)
         np.testing.assert_allclose(normal.gradient, direct.gradient, rtol=0, atol=1e-12 * np.abs(direct.gradient).max())

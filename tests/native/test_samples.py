@@ -16,13 +16,13 @@ def samples(*lengths):
 
 @few_or_many(st.lists(st.integers(1, 40), min_size=1, max_size=6), st.integers(1, 50), few=20, many=100)
 def test_chunks_cover_every_sample_once_and_never_two_pieces(lengths, length):
-    made = samples(*lengths)
-    chunks = made.chunks(length)
+    layout = samples(*lengths)
+    chunks = layout.chunks(length)
     assert [c.number for c in chunks] == list(range(len(chunks)))
-    assert [k for c in chunks for k in range(c.first, c.last)] == list(range(made.count))
+    assert [k for c in chunks for k in range(c.first, c.last)] == list(range(layout.count))
     assert all(0 < c.length <= length for c in chunks)
     for c in chunks:
-        assert made.pieces[c.piece].first <= c.first < c.last <= made.pieces[c.piece].last
+        assert layout.pieces[c.piece].first <= c.first < c.last <= layout.pieces[c.piece].last
 
 
 def test_a_chunk_knows_its_length():
@@ -35,35 +35,35 @@ def ordered(order, targets, scores):
 
 
 def test_samples_that_are_not_visited_are_not_counted():
-    made = ordered([4, 0, 2], [[0.0, 1.0, np.nan, 3.0, 4.0], [np.nan, 1.0, 2.0, np.nan, np.nan]], [1.0, 1.0])
-    assert made.count == 3
-    assert made.scored(made.pieces[0]).tolist() == [2, 1]
+    layout = ordered([4, 0, 2], [[0.0, 1.0, np.nan, 3.0, 4.0], [np.nan, 1.0, 2.0, np.nan, np.nan]], [1.0, 1.0])
+    assert layout.count == 3
+    assert layout.scored(layout.pieces[0]).tolist() == [2, 1]
 
 
 @given(st.integers(0, 9000), st.integers(1, 9000))
 def test_chunks_end_at_the_last_sample_that_counts(last, more):
     targets = np.full((2, last + more), np.nan)
     targets[0, :last], targets[1] = 1.0, 2.0
-    made = Samples(np.zeros((0, last + more)), targets, [Piece(0, last + more, np.array([1.0, 0.0]))])
-    assert sum(chunk.length for chunk in made.chunks(1000)) == last
+    layout = Samples(np.zeros((0, last + more)), targets, [Piece(0, last + more, np.array([1.0, 0.0]))])
+    assert sum(chunk.length for chunk in layout.chunks(1000)) == last
 
 
 def test_thinned_samples_are_taken_in_the_order_of_visits():
     x = np.arange(1000.0)
     order = np.random.default_rng(0).permutation(1000).astype(np.uint32)
-    made = Samples([x], [x + 0.5], [Piece(0, 1000, np.array([3.0]))], order).thinned(0.1)
-    assert (made.count, made.order, made.pieces[0].scores.tolist()) == (100, None, [30.0])
+    layout = Samples([x], [x + 0.5], [Piece(0, 1000, np.array([3.0]))], order).thinned(0.1)
+    assert (layout.count, layout.order, layout.pieces[0].scores.tolist()) == (100, None, [30.0])
     visits = np.linspace(0, 999, 100).astype(int)
-    assert made.inputs.take(np.arange(100))[0].tolist() == x[order[visits]].tolist()
-    assert made.targets_of(np.arange(100))[0].tolist() == (x[order[visits]] + 0.5).tolist()
+    assert layout.inputs.take(np.arange(100))[0].tolist() == x[order[visits]].tolist()
+    assert layout.targets_of(np.arange(100))[0].tolist() == (x[order[visits]] + 0.5).tolist()
 
 
 def test_inputs_can_be_picked_and_all_else_stays():
     targets, order = np.zeros((1, 3)), np.array([2, 1], dtype=np.uint32)
-    made = Samples([np.full(3, 1.0), np.full(3, 2.0)], targets, [Piece(0, 2, np.ones(1))], order)
-    picked = made.with_inputs([1])
+    layout = Samples([np.full(3, 1.0), np.full(3, 2.0)], targets, [Piece(0, 2, np.ones(1))], order)
+    picked = layout.with_inputs([1])
     assert picked.inputs.take(np.array([0])).tolist() == [[2.0]]
-    assert (picked.order is made.order, picked.count, picked.pieces) == (True, 2, made.pieces)
+    assert (picked.order is layout.order, picked.count, picked.pieces) == (True, 2, layout.pieces)
 
 
 @few_or_many(st.lists(st.integers(1, 1000), min_size=1, max_size=40), st.integers(1, 8), few=20, many=100)

@@ -45,7 +45,7 @@ def test_the_last_sample_alone_has_the_same_values(monkeypatch):
             np.testing.assert_array_equal(simulator.last(model.columns, 70, model.parameters), whole[:, -1])
 
 
-def test_there_must_be_a_last_sample():
+def test_a_simulation_of_no_samples_has_no_last_one():
     model = case(next(iter(MODELS.values()))(), 70, (0,))
     low = lower_lookups(model.graph, model.parameters)
     with pytest.raises(ArgumentError, match="count=0"):

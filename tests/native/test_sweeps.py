@@ -33,14 +33,14 @@ class Tape:
 
     def rows(self):
         """The Jacobian, [length, m, columns]."""
-        s, found = self.start.copy(), []
+        s, jacobian_rows = self.start.copy(), []
         for k in range(self.length):
             entries = np.zeros((self.m + self.n, self.columns))
             for e in range(self.count[k]):
                 entries[:, self.index[k, e]] += self.slope[k, e]
-            found.append(self.c[k] @ s + entries[: self.m])
+            jacobian_rows.append(self.c[k] @ s + entries[: self.m])
             s = self.a[k] @ s + entries[self.m :]
-        return np.array(found), s
+        return np.array(jacobian_rows), s
 
     @property
     def sums(self):
@@ -113,8 +113,8 @@ def test_rows_are_those_of_the_recursion(m, n, sparse):
 def native_rows(tape, pattern, a):
     """The rows of a tape, of whose matrix a the cells are held that the pattern keeps."""
     n, flat = tape.n, a.reshape(tape.length, -1)
-    held = [row * n + i for row, columns in zip(pattern.kept, pattern.sources, strict=True) for i in columns]
-    a = np.ascontiguousarray(flat[:, held] if n > MANY else flat)
+    stored = [row * n + i for row, columns in zip(pattern.kept, pattern.sources, strict=True) for i in columns]
+    a = np.ascontiguousarray(flat[:, stored] if n > MANY else flat)
     assert a.shape[1] == pattern.cells
     s, following = tape.start.copy(), np.zeros((n, 24))
     rings, jacobian = np.zeros(max(n, 1), dtype=np.int64), np.full((tape.length, tape.m, 24), np.nan)
@@ -146,7 +146,7 @@ def test_fold_adds_the_transpose(columns):
     np.testing.assert_array_equal(h, g + g.T)
 
 
-def test_fold_leaves_what_lies_beside_the_matrix():
+def test_fold_leaves_columns_beside_the_matrix_unchanged():
     g = np.random.default_rng(0).standard_normal((30, 32))
     h = g.copy()
     sweeps(TapeLayout(1, (), frozenset(), frozenset())).fold(h.ctypes.data, 32, 30)

@@ -13,17 +13,17 @@ from tests.draws import few_or_many
 SPECIAL = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-310]
 
 
-def both(held, columns, coordinates=None):
+def both(parameters, columns, coordinates=None):
     """A table at the inputs, native and by the interpreter."""
     b = GraphBuilder()
-    (name,) = held
+    (name,) = parameters
     names = list(columns)
     graph = b.finish({"y": b.lookup(name, *(b.input(n) for n in coordinates or names))})
-    low = lower_lookups(graph, held)
-    simulator = Simulator(low, [low.graph.names["y"]], held)
-    got = simulator.over(columns, len(columns[names[0]]), held)[0]
+    low = lower_lookups(graph, parameters)
+    simulator = Simulator(low, [low.graph.names["y"]], parameters)
+    got = simulator.over(columns, len(columns[names[0]]), parameters)[0]
     with np.errstate(invalid="ignore"):
-        return got, evaluate(graph, columns, held)["y"]
+        return got, evaluate(graph, columns, parameters)["y"]
 
 
 @st.composite
@@ -52,25 +52,25 @@ def test_lookups_are_those_of_the_interpreter(lookup):
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 9, 64, 65, 1000])
 def test_a_search_finds_every_breakpoint_whatever_came_before(extrapolation, count):
     points = np.cumsum(np.random.default_rng(count).uniform(0.1, 2.0, count))
-    held = ParameterSet([Curve("C", points, np.arange(count, dtype=float) ** 1.5, extrapolation=extrapolation)])
+    parameters = ParameterSet([Curve("C", points, np.arange(count, dtype=float) ** 1.5, extrapolation=extrapolation)])
     middle = 0.5 * (points[1:] + points[:-1])
     x = np.random.default_rng(0).permutation(np.concatenate([points, middle, points, [points[0] - 1, points[-1] + 1]]))
-    got, expected = both(held, {"x": x})
+    got, expected = both(parameters, {"x": x})
     np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("extrapolation", ["clip", "linear"])
 @pytest.mark.parametrize("points", [[0.0, 1.0, 2.5], [0.5]])
 def test_coordinates_that_are_not_ordinary_numbers(extrapolation, points):
-    held = ParameterSet([Curve("C", points, np.arange(1.0, len(points) + 1), extrapolation=extrapolation)])
-    got, expected = both(held, {"x": np.array([*SPECIAL, 1.2, *SPECIAL[::-1]])})
+    parameters = ParameterSet([Curve("C", points, np.arange(1.0, len(points) + 1), extrapolation=extrapolation)])
+    got, expected = both(parameters, {"x": np.array([*SPECIAL, 1.2, *SPECIAL[::-1]])})
     np.testing.assert_array_equal(np.isfinite(got), np.isfinite(expected))
     np.testing.assert_allclose(got[np.isfinite(got)], expected[np.isfinite(expected)], rtol=1e-12)
 
 
 def test_a_clipped_lookup_far_outside_is_the_end_itself():
-    held = ParameterSet([Curve("C", [0.0, 1.0, 2.5], [0.1, 0.7, 0.3])])
-    got, _ = both(held, {"x": np.array([-1e300, -np.inf, 1e300, np.inf, 2.5])})
+    parameters = ParameterSet([Curve("C", [0.0, 1.0, 2.5], [0.1, 0.7, 0.3])])
+    got, _ = both(parameters, {"x": np.array([-1e300, -np.inf, 1e300, np.inf, 2.5])})
     assert got.tolist() == [0.1, 0.1, 0.3, 0.3, 0.3]
 
 
@@ -83,21 +83,23 @@ def test_a_value_on_a_breakpoint_is_the_value_of_the_table():
 
 
 def test_a_grid_point_of_weight_zero_does_not_count_whatever_it_holds():
-    held = ParameterSet([Map("M", [0.0, 1.0, 2.0], [0.0, 1.0], [[1.0, 2.0], [3.0, 4.0], [np.nan, np.inf]])])
-    got, expected = both(held, {"x": np.array([0.5, 1.0, 1.0, 1.5]), "y": np.array([0.0, 0.0, 0.5, 1.0])})
+    parameters = ParameterSet([Map("M", [0.0, 1.0, 2.0], [0.0, 1.0], [[1.0, 2.0], [3.0, 4.0], [np.nan, np.inf]])])
+    got, expected = both(parameters, {"x": np.array([0.5, 1.0, 1.0, 1.5]), "y": np.array([0.0, 0.0, 0.5, 1.0])})
     assert expected[:3].tolist() == [2.0, 3.0, 3.5]
     np.testing.assert_array_equal(got, expected)
 
 
 def test_a_block_is_read_by_position():
-    held = ParameterSet([Block("B", [[1.0, 2.0, 3.0], [5.0, 7.0, 11.0]])])
-    got, expected = both(held, {"i": np.array([0.0, 1.0, 1.0, 0.5, -3.0]), "j": np.array([2.0, 0.0, 1.0, 0.5, 9.0])})
+    parameters = ParameterSet([Block("B", [[1.0, 2.0, 3.0], [5.0, 7.0, 11.0]])])
+    got, expected = both(
+        parameters, {"i": np.array([0.0, 1.0, 1.0, 0.5, -3.0]), "j": np.array([2.0, 0.0, 1.0, 0.5, 9.0])}
+    )
     assert got.tolist() == [3.0, 5.0, 7.0, 3.75, 3.0]
     assert expected.tolist() == got.tolist()
 
 
 def test_a_table_along_one_input_twice():
-    held = ParameterSet([Map("M", [0.0, 1.0], [0.0, 2.0], [[1.0, 2.0], [3.0, 5.0]])])
+    parameters = ParameterSet([Map("M", [0.0, 1.0], [0.0, 2.0], [[1.0, 2.0], [3.0, 5.0]])])
     x = np.linspace(-0.5, 2.5, 20)
-    got, expected = both(held, {"x": x}, ("x", "x"))
+    got, expected = both(parameters, {"x": x}, ("x", "x"))
     np.testing.assert_allclose(got, expected, rtol=1e-13)
