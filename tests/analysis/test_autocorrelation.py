@@ -20,29 +20,29 @@ def test_is_the_mean_over_all_pairs_within_a_piece(seed, first, second, missing)
     rng = np.random.default_rng(seed)
     error = rng.normal(size=first + second) + 3.0
     error[rng.random(error.size) < missing] = np.nan
-    found = autocorrelation(error, [0, first])
-    if found is None:
+    correlation = autocorrelation(error, [0, first])
+    if correlation is None:
         assert np.isfinite(error).sum() < 8
         return
     edges = [(0, first), (first, error.size)]
-    expected = np.array([slowly(error, edges, lag) for lag in range(found.values.size)])
-    np.testing.assert_allclose(found.values, expected / expected[0], atol=1e-12)
+    expected = np.array([slowly(error, edges, lag) for lag in range(correlation.values.size)])
+    np.testing.assert_allclose(correlation.values, expected / expected[0], atol=1e-12)
 
 
 def test_does_not_depend_on_the_size_of_the_blocks():
     rng = np.random.default_rng(0)
     error = np.convolve(rng.normal(size=2 * SAMPLES_PER_BLOCK + 4000), np.ones(20))
-    found = autocorrelation(error, most=50)
+    correlation = autocorrelation(error, most=50)
     centred = error - error.mean()
     expected = [np.mean(centred[: error.size - k] * centred[k:]) for k in range(51)]
-    np.testing.assert_allclose(found.values, np.array(expected) / expected[0], rtol=1e-9)
+    np.testing.assert_allclose(correlation.values, np.array(expected) / expected[0], rtol=1e-9)
 
 
 def test_errors_without_memory_are_worth_their_number():
     error = np.random.default_rng(1).normal(size=20_000)
-    found = autocorrelation(error)
-    assert found.independent == pytest.approx(20_000, rel=0.1)
-    assert np.mean(np.abs(found.values[1:]) < found.band) == pytest.approx(0.95, abs=0.03)
+    correlation = autocorrelation(error)
+    assert correlation.independent == pytest.approx(20_000, rel=0.1)
+    assert np.mean(np.abs(correlation.values[1:]) < correlation.band) == pytest.approx(0.95, abs=0.03)
 
 
 @pytest.mark.parametrize("memory", [0.5, 0.9, 0.98])
@@ -53,22 +53,22 @@ def test_independent_samples_of_a_decaying_error(memory):
     error[0] = noise[0]
     for i in range(1, error.size):
         error[i] = memory * error[i - 1] + noise[i]
-    found = autocorrelation(error, step=0.1)
+    correlation = autocorrelation(error, step=0.1)
     expected = error.size * (1 - memory) / (1 + memory)
-    assert found.independent == pytest.approx(expected, rel=0.15)
-    assert found.values[10] == pytest.approx(memory**10, abs=0.05)
-    assert found.lags[10] == pytest.approx(1.0)
-    assert found.unit == "s"
+    assert correlation.independent == pytest.approx(expected, rel=0.15)
+    assert correlation.values[10] == pytest.approx(memory**10, abs=0.05)
+    assert correlation.lags[10] == pytest.approx(1.0)
+    assert correlation.unit == "s"
 
 
 @pytest.mark.parametrize(
     "error", [np.zeros(100), np.full(100, 7.0), np.full(100, np.nan), np.ones(3), np.array([1.0, np.inf] * 50)]
 )
-def test_there_is_none_where_nothing_varies_or_is_known(error):
+def test_constant_and_unknown_errors_do_no_harm(error):
     assert autocorrelation(error) is None or np.isfinite(autocorrelation(error).values).all()
 
 
 def test_lags_without_a_step_are_counted_in_samples():
-    found = autocorrelation(np.random.default_rng(3).normal(size=100))
-    assert found.unit == "samples"
-    assert found.lags.tolist() == list(range(26))
+    correlation = autocorrelation(np.random.default_rng(3).normal(size=100))
+    assert correlation.unit == "samples"
+    assert correlation.lags.tolist() == list(range(26))

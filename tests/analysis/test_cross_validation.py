@@ -24,21 +24,21 @@ LINE = "m = a + b * x"
 def test_it_is_the_fit_of_the_rest_scored_on_the_part():
     """By hand: least squares without the fold."""
     data = line()
-    found = kf.cross_validate(LINE, data, START, target="y", folds=4, kind="blocks")
-    assert [row.samples for row in found.folds] == [15] * 4
-    for row in found.folds:
-        held = np.zeros(60, dtype=bool)
-        held[15 * (row.fold - 1) : 15 * row.fold] = True
-        slope, offset = np.polyfit(data["x"][~held], data["y"][~held], 1)
+    validation = kf.cross_validate(LINE, data, START, target="y", folds=4, kind="blocks")
+    assert [row.samples for row in validation.folds] == [15] * 4
+    for row in validation.folds:
+        test_mask = np.zeros(60, dtype=bool)
+        test_mask[15 * (row.fold - 1) : 15 * row.fold] = True
+        slope, offset = np.polyfit(data["x"][~test_mask], data["y"][~test_mask], 1)
         errors = offset + slope * data["x"] - data["y"]
-        assert row.rmse_held == pytest.approx(np.sqrt(np.mean(errors[held] ** 2)), rel=1e-6)
-        assert row.rmse_training == pytest.approx(np.sqrt(np.mean(errors[~held] ** 2)), rel=1e-6)
-    held = [row.rmse_held for row in found.folds]
-    assert found.mean("m") == pytest.approx(np.mean(held))
-    assert found.spread("m") == pytest.approx(np.std(held, ddof=1))
+        assert row.rmse_held == pytest.approx(np.sqrt(np.mean(errors[test_mask] ** 2)), rel=1e-6)
+        assert row.rmse_training == pytest.approx(np.sqrt(np.mean(errors[~test_mask] ** 2)), rel=1e-6)
+    test_mask = [row.rmse_held for row in validation.folds]
+    assert validation.mean("m") == pytest.approx(np.mean(test_mask))
+    assert validation.spread("m") == pytest.approx(np.std(test_mask, ddof=1))
 
 
-def test_a_curve_that_follows_noise_is_found_out():
+def test_a_curve_that_follows_noise_is_detected():
     data = line(40, 0.3)
     start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 25), np.zeros(25))])
 
@@ -59,15 +59,15 @@ def drive(samples=400, seed=0, name="drive"):
 
 
 def test_states_run_through_what_is_held_back():
-    found = kf.cross_validate("y = PT1(g * u, T)", drive(), {"g": 1.0, "T": 0.3}, target="wanted", folds=4)
-    assert [row.held for row in found.folds] == [f"block {i}" for i in range(1, 5)]
-    assert max(row.rmse_held for row in found.folds) < 1e-5
+    validation = kf.cross_validate("y = PT1(g * u, T)", drive(), {"g": 1.0, "T": 0.3}, target="wanted", folds=4)
+    assert [row.held for row in validation.folds] == [f"block {i}" for i in range(1, 5)]
+    assert max(row.rmse_held for row in validation.folds) < 1e-5
 
 
 def test_files_are_held_back_where_there_are_enough():
     data = [drive(200, seed, f"drive {seed}") for seed in range(3)]
-    found = kf.cross_validate("y = PT1(g * u, T)", data, {"g": 1.0, "T": 0.3}, target="wanted", folds=3)
-    assert [row.held for row in found.folds] == ["drive 0", "drive 1", "drive 2"]
+    validation = kf.cross_validate("y = PT1(g * u, T)", data, {"g": 1.0, "T": 0.3}, target="wanted", folds=3)
+    assert [row.held for row in validation.folds] == ["drive 0", "drive 1", "drive 2"]
 
 
 @pytest.mark.parametrize("kind", ["blocks", "random"])
@@ -78,8 +78,8 @@ def test_targets_held_back_are_not_seen(kind):
     first = kf.cross_validate(problem, folds=3, kind=kind).folds[0]
     from kennfeld.analysis.cross_validation import folds_of
 
-    held = folds_of(problem.datasets, 3, kind, memory=False)[0].held[0]
-    wild = replace(problem, datasets=(kf.Dataset.of("training", data | {"y": np.where(held, 1e6, data["y"])}),))
+    test_mask = folds_of(problem.datasets, 3, kind, memory=False)[0].held[0]
+    wild = replace(problem, datasets=(kf.Dataset.of("training", data | {"y": np.where(test_mask, 1e6, data["y"])}),))
     again = kf.cross_validate(wild, folds=3, kind=kind).folds[0]
     assert again.rmse_training == first.rmse_training
     assert again.rmse_held > 1e5
@@ -93,21 +93,21 @@ def test_smoothness_and_shifts_are_chosen_anew_in_each_fold(monkeypatch):
     start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 6, 13), np.zeros(13))])
     arguments = {"target": "y", "smoothness": "auto", "folds": 2, "kind": "blocks"}
     blurred = kf.cross_validate("m = C(x)", data, start, **arguments)
-    found = kf.cross_validate("m = C(x)", data, start, shift={"y": "auto"}, **arguments)
-    assert found.mean("m") < 0.08 < blurred.mean("m")
+    validation = kf.cross_validate("m = C(x)", data, start, shift={"y": "auto"}, **arguments)
+    assert validation.mean("m") < 0.08 < blurred.mean("m")
 
 
 def test_scored_samples_alone_count():
     data = kf.Dataset.of("d", line(), scored=np.arange(60) % 2 == 0)
-    found = kf.cross_validate(LINE, data, START, target="y", folds=3, kind="blocks")
-    assert [row.samples for row in found.folds] == [10, 10, 10]
+    validation = kf.cross_validate(LINE, data, START, target="y", folds=3, kind="blocks")
+    assert [row.samples for row in validation.folds] == [10, 10, 10]
 
 
 def test_two_criteria_have_a_row_each():
     criteria = [kf.Criterion("m", "y"), kf.Criterion("double", "y")]
     text = f"{LINE}\ndouble = c * x"
-    found = kf.cross_validate(text, line(), START | {"c": 0.0}, criteria=criteria, folds=2)
-    assert [(row.fold, row.criterion) for row in found.folds] == [(1, "m"), (1, "double"), (2, "m"), (2, "double")]
+    validation = kf.cross_validate(text, line(), START | {"c": 0.0}, criteria=criteria, folds=2)
+    assert [(row.fold, row.criterion) for row in validation.folds] == [(1, "m"), (1, "double"), (2, "m"), (2, "double")]
 
 
 def test_stopping_ends_with_the_folds_so_far():
@@ -115,11 +115,11 @@ def test_stopping_ends_with_the_folds_so_far():
         assert line.stage.startswith("fold 1 ")
         raise kf.Stop
 
-    found = kf.cross_validate(LINE, line(), START, target="y", progress=stop)
-    assert [row.status for row in found.folds] == ["stopped"]
+    validation = kf.cross_validate(LINE, line(), START, target="y", progress=stop)
+    assert [row.status for row in validation.folds] == ["stopped"]
 
 
-def test_a_problem_stands_alone():
+def test_a_problem_accepts_no_further_data():
     problem = build_problem(LINE, line(), START, target="y")
     assert isinstance(kf.cross_validate(problem, folds=2), CrossValidation)
     with pytest.raises(kf.KennfeldError, match="accepts only folds, kind, seed, options and progress"):
@@ -127,10 +127,10 @@ def test_a_problem_stands_alone():
 
 
 def test_it_shows_itself_and_is_json():
-    found = kf.cross_validate(LINE, line(), START, target="y", folds=2)
-    assert "m: RMSE" in str(found)
-    content = json.loads(json.dumps(found.as_json(), allow_nan=False))
-    assert content["summary"][0]["rmse_held"] == found.mean("m")
+    validation = kf.cross_validate(LINE, line(), START, target="y", folds=2)
+    assert "m: RMSE" in str(validation)
+    content = json.loads(json.dumps(validation.as_json(), allow_nan=False))
+    assert content["summary"][0]["rmse_held"] == validation.mean("m")
     assert list(content["folds"][0]) == [
         *("fold", "held", "criterion", "samples", "rmse_training", "rmse_held", "status"),
     ]

@@ -39,7 +39,7 @@ def problem_of(text, surrogate, *datasets, **scalars):
     return Problem(model, datasets, model.carried.merged(own), (Criterion("y", 0.0),))
 
 
-def found(text, surrogate, *datasets, **scalars):
+def extrapolation_of(text, surrogate, *datasets, **scalars):
     problem = problem_of(text, surrogate, *datasets, **scalars)
     return find_extrapolation(problem, problem.parameters)
 
@@ -53,7 +53,7 @@ def test_a_model_without_surrogates_leaves_nothing():
 
 def test_it_names_the_input_that_is_farthest_out_and_where():
     data = Dataset.of("set values", {"x": [0.5, 0.5, 3.0, 0.5], "z": [0.5, 1.9, 0.5, 0.5]}, time=0.1 * np.arange(4))
-    (row,) = found("y = F(x, z)", static(), data)
+    (row,) = extrapolation_of("y = F(x, z)", static(), data)
     assert (row.name, row.dataset, row.use, row.samples, row.outside) == ("F", "set values", "training", 4, 2)
     assert str(row) == (
         "F is used outside its training data at 2 of 4 samples of set values (50 %), "
@@ -68,10 +68,10 @@ def test_it_names_the_input_that_is_farthest_out_and_where():
     }
 
 
-def test_below_the_least_counts_as_well_and_test_data_are_judged():
+def test_values_below_the_range_count_and_test_data_are_judged():
     fresh = Dataset.of("fresh", {"x": [0.5, -1.5], "z": [0.5, 0.5]}, use="test")
     inside = Dataset.of("bench", {"x": [0.2, 0.8], "z": [0.3, 0.6]})
-    bench, test = found("y = F(x, z)", static(), inside, fresh)
+    bench, test = extrapolation_of("y = F(x, z)", static(), inside, fresh)
     assert (bench.outside, bench.worst) == (0, None)
     assert str(bench) == "F stays within its training data over 2 samples of bench"
     assert test.use == "test"
@@ -88,17 +88,17 @@ def test_parameters_and_memories_decide_where_it_is_looked_up():
 
 def test_a_sample_with_several_calls_counts_once():
     data = Dataset.of("d", {"x": [0.5, 2.0, 0.5], "z": [0.5, 0.5, 5.0]})
-    (row,) = found("y = F(x, z) + F(2 * x, z)", static(), data)
+    (row,) = extrapolation_of("y = F(x, z) + F(2 * x, z)", static(), data)
     assert row.outside == 2
     assert (row.worst.input, row.worst.value, row.worst.sample) == ("z", 5.0, 3)
 
 
-def test_inputs_that_never_came_together_are_told_as_such():
+def test_inputs_that_never_occurred_together_are_reported():
     along = np.linspace(0, 1, 200)
     narrow = StaticSurrogate(
         "F", ("x", "z"), "y", (), plane(2), Validity.around(np.array([along, along]).T, np.ones(2))
     )
-    (row,) = found("y = F(x, z)", narrow, Dataset.of("d", {"x": [0.5, 1.0], "z": [0.5, 0.0]}))
+    (row,) = extrapolation_of("y = F(x, z)", narrow, Dataset.of("d", {"x": [0.5, 1.0], "z": [0.5, 0.0]}))
     assert row.outside == 1
     assert (row.worst.input, row.worst.sample) == ("", 2)
     assert str(row).endswith(
@@ -107,22 +107,22 @@ def test_inputs_that_never_came_together_are_told_as_such():
     json.dumps(row.as_json(), allow_nan=False)
 
 
-def test_a_point_that_is_no_number_is_outside():
-    (row,) = found("y = F(log(x), z)", static(), Dataset.of("d", {"x": [1.5, -1.0], "z": [0.5, 0.5]}))
+def test_a_point_with_nan_is_outside():
+    (row,) = extrapolation_of("y = F(log(x), z)", static(), Dataset.of("d", {"x": [1.5, -1.0], "z": [0.5, 0.5]}))
     assert row.outside == 1
     assert str(row).endswith("where x is not finite")
     assert row.as_json()["worst"]["value"] is None
     json.dumps(row.as_json(), allow_nan=False)
 
 
-def test_one_that_does_not_say_for_which_data_it_holds():
-    (row,) = found("y = F(x, z)", static(validity=False), Dataset.of("d", {"x": [9.0], "z": [0.5]}))
+def test_a_surrogate_without_a_validity_range_is_reported():
+    (row,) = extrapolation_of("y = F(x, z)", static(validity=False), Dataset.of("d", {"x": [9.0], "z": [0.5]}))
     assert (row.outside, row.worst, row.share) == (None, None, 0.0)
     assert str(row) == "F has no validity range"
 
 
-def test_missing_inputs_are_no_samples():
-    (row,) = found("y = F(x, z)", static(), Dataset.of("d", {"x": [np.nan, 0.5, 7.0], "z": [0.5, 0.5, 0.5]}))
+def test_missing_inputs_do_not_count_as_samples():
+    (row,) = extrapolation_of("y = F(x, z)", static(), Dataset.of("d", {"x": [np.nan, 0.5, 7.0], "z": [0.5, 0.5, 0.5]}))
     assert (row.samples, row.outside, row.worst.sample) == (2, 1, 3)
 
 
@@ -130,14 +130,14 @@ def test_pieces_are_named_where_time_starts_anew():
     data = Dataset.of(
         "d", {"x": [0.5, 0.5, 0.5, 3.0], "z": 4 * [0.5]}, time=np.array([0, 1, 0, 1.0]), starts=np.array([0, 2])
     )
-    (row,) = found("y = F(x, z)", static(), data)
+    (row,) = extrapolation_of("y = F(x, z)", static(), data)
     assert (row.worst.piece, row.place) == (2, "1 s of piece 2")
 
 
 def test_held_points_count_once_and_when_they_have_settled():
     settling = Settling(5.0, average=1.0, step=0.1)
     data = Dataset.of("d", {"x": [0.5, 2.0, 0.6], "z": [0.5, 0.5, 0.5]}, settling=settling)
-    (row,) = found("y = F(PT1(x, 0.2, 5), z)", static(), data)
+    (row,) = extrapolation_of("y = F(PT1(x, 0.2, 5), z)", static(), data)
     assert (row.samples, row.outside, row.worst.sample, row.place) == (3, 1, 2, "sample 2")
 
 
@@ -145,7 +145,7 @@ def test_a_dynamic_one_is_judged_at_the_points_of_its_own_run():
     surrogate = engine()
     u = np.random.default_rng(2).uniform(-1.3, 1.3, (300, 2))
     data = Dataset.of("d", {"a": u[:, 0], "b": u[:, 1]}, time=0.02 * np.arange(300))
-    (row,) = found("y = engine(a, b)", surrogate, data)
+    (row,) = extrapolation_of("y = engine(a, b)", surrogate, data)
     n = surrogate.simulate(u)
     expected = surrogate.outside(u, n)
     expected[0] = surrogate.validity.outside(np.array([surrogate.start, u[0, 0], u[0, 1], u[0, 1]]))
@@ -157,12 +157,12 @@ def test_past_values_are_named_with_their_lag():
     u = np.zeros((20, 2))
     u[7, 1] = 30.0
     data = Dataset.of("d", {"a": u[:, 0], "b": u[:, 1]}, time=0.02 * np.arange(20))
-    (row,) = found("y = engine(a, b)", engine(), data)
+    (row,) = extrapolation_of("y = engine(a, b)", engine(), data)
     assert row.worst.input == "b 1 sample before"
     assert row.worst.sample == 9
     u[:, 1], u[7, 1] = -40.0, 0.0
     shifted = Dataset.of("d", {"a": u[:, 0], "b": u[:, 1]}, time=0.02 * np.arange(20))
-    assert found("y = engine(a, b)", engine(), shifted)[0].outside == 20
+    assert extrapolation_of("y = engine(a, b)", engine(), shifted)[0].outside == 20
 
 
 @pytest.mark.parametrize("text", ["y = F(x, z)", "y = F(2 * x, z)", "y = F(prev(x, x), z)"])
@@ -173,10 +173,10 @@ def test_blocks_change_nothing(text, monkeypatch):
         time=np.arange(100.0) % 50,
         starts=np.array([0, 50]),
     )
-    whole = found(text, static(), data)
+    whole = extrapolation_of(text, static(), data)
     monkeypatch.setattr(calls_module, "SAMPLES_PER_BLOCK", 7)
     monkeypatch.setattr(scoring_module, "SAMPLES_PER_BLOCK", 7)
-    assert found(text, static(), data) == whole
+    assert extrapolation_of(text, static(), data) == whole
     assert whole[0].outside
 
 

@@ -17,9 +17,9 @@ DATA = Dataset.of("d", {"x": [0.5, 1.5, 2.5, np.nan], "m": [1.0, 2.0, 3.0, 4.0]}
 def test_rows_that_hold_with_equality_press():
     curve = Curve("C", [0, 1, 2, 4], [0.0, 3.0, 3.0, 3.0 + 1e-12])
     problem = problem_of("y = C(x)", [curve], DATA, constraints=(Shape("C", 0, "slope", lower=0.0, upper=3.0),))
-    (held,) = active_constraints(problem, problem.parameters)
-    assert held.rows == 3
-    assert held.active == (
+    (constraint,) = active_constraints(problem, problem.parameters)
+    assert constraint.rows == 3
+    assert constraint.active == (
         "slope of C along x between 0 and 1",
         "slope of C along x between 1 and 2",
         "slope of C along x between 2 and 4",

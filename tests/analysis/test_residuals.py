@@ -35,20 +35,20 @@ def scattered(count=400, seed=0, **attributes):
 def test_errors_are_model_minus_measurement():
     data = Dataset.of("d", {"x": [1.0, 2.0, 3.0], "t": [2.0, np.nan, 0.0]}, units={"t": "Nm"})
     line = Curve("Line", [0, 4], [0, 4.0])
-    (found,) = residuals(problem_of("y = Line(x)", [line], data), ParameterSet([line]))
-    (errors,) = found.errors
+    (analysis,) = residuals(problem_of("y = Line(x)", [line], data), ParameterSet([line]))
+    (errors,) = analysis.errors
     np.testing.assert_array_equal(errors.absolute, [-1.0, np.nan, 3.0])
     np.testing.assert_array_equal(errors.relative, [-0.5, np.nan, np.nan])
     np.testing.assert_allclose(errors.scaled, np.array([-1.0, np.nan, 3.0]) / np.sqrt(5.0))
-    assert (found.scaling, found.unit) == ("standardised", "Nm")
-    assert [(w.sample, w.error, w.inputs) for w in found.worst] == [(2, 3.0, {"x": 3.0}), (0, -1.0, {"x": 1.0})]
+    assert (analysis.scaling, analysis.unit) == ("standardised", "Nm")
+    assert [(w.sample, w.error, w.inputs) for w in analysis.worst] == [(2, 3.0, {"x": 3.0}), (0, -1.0, {"x": 1.0})]
 
 
 def test_the_summary_counts_scored_samples_alone():
     data = scattered(scored=np.arange(400) % 2 == 0)
     curve = Curve("C", [0, 10], [0.0, 10.0])
-    (found,) = residuals(problem_of("y = C(x) + 0*z", [curve], data), ParameterSet([curve]))
-    (row,) = found.summaries
+    (analysis,) = residuals(problem_of("y = C(x) + 0*z", [curve], data), ParameterSet([curve]))
+    (row,) = analysis.summaries
     error = (np.clip(data["x"].values, 0, 10) - data["t"].values)[::2]
     assert row.samples == 200
     assert row.mean == pytest.approx(error.mean())
@@ -65,21 +65,21 @@ def test_cells_hold_every_known_sample_once(seed, rows, columns):
     data = scattered(150, seed)
     table = Map("M", np.linspace(0, 10, rows), np.linspace(1, 4, columns), np.zeros((rows, columns)))
     problem = problem_of("y = M(x, z)", [table], data)
-    (found,) = residuals(problem, problem.parameters)
-    (cells,) = found.cells
+    (analysis,) = residuals(problem, problem.parameters)
+    (cells,) = analysis.cells
     assert cells.samples.shape == (max(rows - 1, 1), max(columns - 1, 1))
     assert cells.samples.sum() == 150
-    np.testing.assert_allclose(np.nansum(cells.samples * cells.mean), found.errors[0].absolute.sum())
-    np.testing.assert_allclose(np.nansum(cells.samples * cells.rmse**2), np.sum(found.errors[0].absolute ** 2))
+    np.testing.assert_allclose(np.nansum(cells.samples * cells.mean), analysis.errors[0].absolute.sum())
+    np.testing.assert_allclose(np.nansum(cells.samples * cells.rmse**2), np.sum(analysis.errors[0].absolute ** 2))
     assert np.isnan(cells.mean[cells.samples == 0]).all()
 
 
 def test_a_cell_lies_between_its_breakpoints():
     data = Dataset.of("d", {"x": [-5.0, 0.0, 9.9, 10.0, 20.0, 99.0], "t": np.arange(6.0)})
     curve = Curve("C", [0, 10, 20], [0.0, 0.0, 0.0])
-    (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
-    assert found.cells[0].samples.tolist() == [3, 3]
-    assert found.cells[0].mean.tolist() == [-1.0, -4.0]
+    (analysis,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
+    assert analysis.cells[0].samples.tolist() == [3, 3]
+    assert analysis.cells[0].mean.tolist() == [-1.0, -4.0]
 
 
 def test_cells_belong_to_the_criteria_that_the_table_changes():
@@ -95,8 +95,8 @@ def test_coordinates_that_a_parameter_moves_are_followed():
     data = Dataset.of("d", {"x": [1.0, 2.0, 3.0], "t": [0.0, 0.0, 0.0]})
     tables = [Scalar("K", 10.0), Curve("C", [0, 15, 25, 40], [0.0] * 4)]
     problem = problem_of("y = C(K * x)", tables, data)
-    (found,) = residuals(problem, problem.parameters)
-    assert found.cells[0].samples.tolist() == [1, 1, 1]
+    (analysis,) = residuals(problem, problem.parameters)
+    assert analysis.cells[0].samples.tolist() == [1, 1, 1]
     for computed in (True, False):
         evaluator = Evaluator(problem, coordinates(problem))
         series = evaluator.series(problem.parameters)
@@ -118,7 +118,7 @@ def test_grid_points_count_the_training_samples_that_give_them_a_weight():
     ]
 
 
-def test_grid_points_whose_samples_the_trust_tells_are_not_counted_again():
+def test_grid_points_with_counts_of_the_trust_are_not_counted_again():
     data = Dataset.of("d", {"x": [1.0, 2.0], "t": [0.0, 0.0]})
     tables = [Curve("A", [0, 10], [0.0] * 2), Curve("B", [0, 10], [0.0] * 2)]
     problem = problem_of("y = A(x) + B(x)", tables, data)
@@ -162,17 +162,17 @@ class TestStudentized:
         values, *_ = np.linalg.lstsq(hats(x, self.points), data["t"].values, rcond=None)
         curve = Curve("C", self.points, values)
         problem = problem_of("y = C(x)", [curve], data)
-        (found,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
+        (analysis,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
         rows = hats(x, self.points)
         hat = np.diag(rows @ np.linalg.pinv(rows))
         error = rows @ values - data["t"].values
         deviation = np.sqrt(np.sum(error**2) / (40 - hat.sum()))
         inner = hat < 1 - 1e-9
         np.testing.assert_allclose(
-            found.errors[0].scaled[inner], (error / deviation / np.sqrt(1 - hat))[inner], rtol=1e-9
+            analysis.errors[0].scaled[inner], (error / deviation / np.sqrt(1 - hat))[inner], rtol=1e-9
         )
-        assert found.scaling == "studentized"
-        assert found.deviation == pytest.approx(deviation)
+        assert analysis.scaling == "studentized"
+        assert analysis.deviation == pytest.approx(deviation)
 
     @settings(deadline=None, max_examples=20)
     @given(st.integers(0, 1000))
@@ -182,9 +182,9 @@ class TestStudentized:
         data = Dataset.of("d", {"x": x, "t": rng.normal(size=200)})
         problem = problem_of("y = C(x)", [Curve("C", self.points, np.zeros(6))], data)
         series = Evaluator(problem).series(problem.parameters)
-        found = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": self.leverage(x)})
-        assert found[0].sum() == pytest.approx(self.leverage(x).sum())
-        assert ((found[0] >= 0) & (found[0] < 1)).all()
+        leverage = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": self.leverage(x)})
+        assert leverage[0].sum() == pytest.approx(self.leverage(x).sum())
+        assert ((leverage[0] >= 0) & (leverage[0] < 1)).all()
 
     def test_a_sample_pulls_as_hard_as_it_weighs(self):
         """The diagonal of the weighted hat matrix, where samples lie on grid points."""
@@ -193,18 +193,18 @@ class TestStudentized:
         data = Dataset.of("d", {"x": x, "t": rng.normal(size=60), "w": w}, weight_channel="w")
         problem = problem_of("y = C(x)", [Curve("C", self.points, np.zeros(6))], data)
         series = Evaluator(problem).series(problem.parameters)
-        found = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": np.ones(6)})
+        leverage = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": np.ones(6)})
         rows = np.sqrt(w)[:, None] * hats(x, self.points)
         expected = np.diag(rows @ np.linalg.pinv(rows))
-        np.testing.assert_allclose(found[0], np.minimum(expected, 0.999), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(leverage[0], np.minimum(expected, 0.999), rtol=1e-9, atol=1e-12)
 
     def test_a_sample_that_decides_a_value_alone_has_no_error_to_judge(self):
         x = np.r_[np.full(30, 2.0), 8.0]
         data = Dataset.of("d", {"x": x, "t": np.r_[np.tile([1.0, -1.0], 15), 5.0]})
         curve = Curve("C", self.points, [0, 0, 0, 0, 5.0, 0])
         problem = problem_of("y = C(x)", [curve], data)
-        (found,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
-        assert abs(found.errors[0].scaled[30]) < 1e-6
+        (analysis,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
+        assert abs(analysis.errors[0].scaled[30]) < 1e-6
 
     @settings(deadline=None, max_examples=15)
     @given(st.integers(0, 1000), st.integers(3, 300), st.sampled_from([0.0, 1.0, 1e160]), st.booleans())
@@ -226,9 +226,9 @@ class TestStudentized:
         problem = problem_of(
             "y = C(x) + 0*z", [Curve("C", self.points, np.zeros(6))], data, replace(data, name="e", use="test")
         )
-        (found,) = residuals(problem, problem.parameters, trust=Trust({"C": np.ones(6)}))
-        training, test = found.errors
-        np.testing.assert_allclose(test.scaled, test.absolute / found.deviation)
+        (analysis,) = residuals(problem, problem.parameters, trust=Trust({"C": np.ones(6)}))
+        training, test = analysis.errors
+        np.testing.assert_allclose(test.scaled, test.absolute / analysis.deviation)
         assert (np.abs(training.scaled) > np.abs(test.scaled)).all()
 
 
@@ -246,29 +246,29 @@ def test_recordings_have_an_autocorrelation_and_a_piece():
     time = np.r_[np.arange(300) * 0.1, np.arange(200) * 0.1]
     data = Dataset.of("d", {"x": np.zeros(500), "t": rng.normal(size=500)}, time=time, starts=np.array([0, 300]))
     curve = Curve("C", [0, 1], [0.0, 0.0])
-    (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]), worst=500)
-    memory = found.summaries[0].autocorrelation
+    (analysis,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]), worst=500)
+    memory = analysis.summaries[0].autocorrelation
     assert memory.unit == "s"
     assert memory.lags[1] == pytest.approx(0.1)
-    late = next(w for w in found.worst if w.sample == 300)
+    late = next(w for w in analysis.worst if w.sample == 300)
     assert (late.piece, late.time) == (1, 0.0)
 
 
-def test_what_is_not_finite_is_worst_and_does_no_harm():
+def test_nonfinite_errors_are_worst_and_do_no_harm():
     data = Dataset.of("d", {"x": [0.0, 1.0, 2.0], "t": [1.0, 1.0, 1.0]})
     curve = Curve("C", [0, 3], [1.0, 2.0])
-    (found,) = residuals(problem_of("y = log(x) + C(x)", [curve], data), ParameterSet([curve]))
-    assert found.worst[0].sample == 0
-    assert not np.isfinite(found.worst[0].error)
+    (analysis,) = residuals(problem_of("y = log(x) + C(x)", [curve], data), ParameterSet([curve]))
+    assert analysis.worst[0].sample == 0
+    assert not np.isfinite(analysis.worst[0].error)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_one_sample_or_none(count):
     data = Dataset.of("d", {"x": [1.0], "t": [3.0 if count else np.nan]})
     curve = Curve("C", [0, 3], [1.0, 2.0])
-    found = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
-    assert len(found) == count
-    for entry in found:
+    analyses = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
+    assert len(analyses) == count
+    for entry in analyses:
         assert len(entry.worst) == 1
         assert np.isnan(entry.summaries[0].r2)
 
@@ -279,8 +279,8 @@ def test_neighbours_in_time_with_errors_of_one_sign_are_one_event():
         "d", {"x": np.zeros(13), "t": -error}, time=np.arange(13) * 0.1, starts=np.array([0, 12]), scored=None
     )
     curve = Curve("C", [0, 1], [0.0, 0.0])
-    (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
-    assert [(w.sample, w.error) for w in found.worst] == [(11, 7), (7, 5), (5, -4), (2, 3), (12, 1), (0, 0)]
+    (analysis,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
+    assert [(w.sample, w.error) for w in analysis.worst] == [(11, 7), (7, 5), (5, -4), (2, 3), (12, 1), (0, 0)]
 
 
 @pytest.mark.parametrize("first", [(np.nan,) * 3, (0.1, 0.1, 0.1)])

@@ -40,13 +40,13 @@ def graphs(draw: st.DrawFn) -> Graph:
         recent = st.sampled_from(nodes[-6:] if draw(st.booleans()) else nodes)
         if kind == "operation":
             op = draw(st.sampled_from(OPS))
-            made = b.call(op, *(draw(recent) for _ in range(OPERATIONS[op].arity)))
+            node = b.call(op, *(draw(recent) for _ in range(OPERATIONS[op].arity)))
         elif kind == "table":
             which = draw(st.integers(0, len(tables) - 1))
-            made = b.lookup(tables[which], *(draw(recent) for _ in range(axes[which])))
+            node = b.lookup(tables[which], *(draw(recent) for _ in range(axes[which])))
         else:
-            made = b.prev(draw(recent), draw(st.sampled_from(nodes[:5])), draw(st.integers(1, 3)))
-        nodes.append(made)
+            node = b.prev(draw(recent), draw(st.sampled_from(nodes[:5])), draw(st.integers(1, 3)))
+        nodes.append(node)
     for state in open_states:
         b.close(state, draw(st.sampled_from(nodes[:5])), draw(st.sampled_from(nodes)))
     picked = draw(st.lists(st.sampled_from(nodes), min_size=1, max_size=len(named)))

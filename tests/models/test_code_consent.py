@@ -1,4 +1,4 @@
-"""What the user knows to run, by the digests of files."""
+"""Code that the user has agreed to run, by the digests of files."""
 
 import os
 from pathlib import Path
@@ -22,7 +22,7 @@ def forget_process() -> None:
     code_consent._allowed_here.clear()
 
 
-def test_what_is_allowed_is_remembered_by_other_processes() -> None:
+def test_trusted_content_is_remembered_by_other_processes() -> None:
     assert not is_allowed("a")
     allow("a")
     forget_process()

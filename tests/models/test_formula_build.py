@@ -91,8 +91,8 @@ def test_functions_that_use_an_argument_twice_stay_small():
 def test_functions_that_unfold_without_end_are_an_error(monkeypatch):
     monkeypatch.setattr(lowering, "_MAX_EXPANSIONS", 5000)
     lines = ["def f0(x) = x", *(f"def f{i}(x) = f{i - 1}(x * 2) + f{i - 1}(x * 3 + 1)" for i in range(1, 40))]
-    found = findings("\n".join([*lines, "y = f39(u)"]))
-    assert "the functions of this text expand to more than 5000 calls" in found[0]
+    messages = findings("\n".join([*lines, "y = f39(u)"]))
+    assert "the functions of this text expand to more than 5000 calls" in messages[0]
 
 
 @pytest.mark.parametrize(

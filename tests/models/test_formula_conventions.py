@@ -1,4 +1,4 @@
-"""What the manual says of rounding, remainders and time steps, in compiled code and in the interpreter."""
+"""Rounding, remainders and time steps as in the manual, in compiled code and in the interpreter."""
 
 import numpy as np
 import pytest
@@ -38,30 +38,30 @@ def both_ways(text, **inputs):
     """The node y of one sample, compiled and interpreted; inputs that are not finite reach no compiled step."""
     model = kf.formula(text)
     interpreted = evaluate(model.graph, {n: np.array([x], dtype=float) for n, x in inputs.items()}, kf.ParameterSet())
-    found = [float(np.ravel(interpreted["y"])[0])]
+    results = [float(np.ravel(interpreted["y"])[0])]
     if np.all(np.isfinite(list(inputs.values()))):
-        found += kf.simulate(model, {name: [x] for name, x in inputs.items()}, {})["y"].values.tolist()
-    return found
+        results += kf.simulate(model, {name: [x] for name, x in inputs.items()}, {})["y"].values.tolist()
+    return results
 
 
 @pytest.mark.parametrize(("x", "expected"), ROUNDED)
 def test_halves_are_rounded_away_from_zero(x, expected):
-    found = both_ways("y = round(x)", x=x)
-    np.testing.assert_array_equal(found, [expected] * len(found))
+    results = both_ways("y = round(x)", x=x)
+    np.testing.assert_array_equal(results, [expected] * len(results))
 
 
 @pytest.mark.parametrize(("a", "b", "expected"), REMAINDERS)
 def test_a_remainder_has_the_sign_of_the_divisor(a, b, expected):
-    found = both_ways("y = mod(a, b)", a=a, b=b)
-    np.testing.assert_array_equal(found, [expected] * len(found))
+    results = both_ways("y = mod(a, b)", a=a, b=b)
+    np.testing.assert_array_equal(results, [expected] * len(results))
 
 
 def test_parameters_are_rounded_and_divided_alike():
     """Not known before the run, so that nothing is computed ahead."""
     text = "y = round(k * u) + 100 * mod(k * u, c)"
     for k, c, expected in ((-2.5, 3.0, -3 + 50), (-7.0, -3.0, -7 - 100), (2.5, 0.0, 3 + 250)):
-        found = kf.simulate(text, {"u": [1.0]}, {"k": k, "c": c})["y"].values
-        assert found.tolist() == [expected]
+        y = kf.simulate(text, {"u": [1.0]}, {"k": k, "c": c})["y"].values
+        assert y.tolist() == [expected]
 
 
 @pytest.mark.parametrize(

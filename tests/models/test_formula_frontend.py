@@ -25,7 +25,7 @@ TABLES = {"MapOptTorque": 2, "MapOptIgnition": 2, "CurveEtaDeltaSpark": 1, "MapD
 
 @pytest.mark.parametrize("parameters", [None, list(TABLES)])
 @pytest.mark.parametrize("blank", [" ", "\t"])
-def test_figure_3_is_read_as_it_stands(parameters, blank):
+def test_figure_3_is_read_verbatim(parameters, blank):
     model = formula(FIGURE_3.replace(" ", blank), "torque.kf", parameters)
     assert model.graph.inputs == ("Speed", "Rel_Airmass", "Ignition")
     assert model.graph.parameters == TABLES
@@ -113,7 +113,7 @@ def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path, name: str, conte
     assert str(caught.value).endswith(finding)
 
 
-def test_a_folder_is_no_file(tmp_path: Path):
+def test_a_folder_is_refused(tmp_path: Path):
     (tmp_path / "m.kf").mkdir()
     with pytest.raises(InputError, match="the file cannot be read"):
         read(tmp_path / "m.kf")

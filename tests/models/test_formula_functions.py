@@ -166,7 +166,7 @@ def test_every_function_is_tested():
 
 
 @pytest.mark.parametrize("text", ["PT1(u, T)", "PT1exact(u, T)", "lowpass(u, 1 / (2 * pi * T))"])
-def test_a_negative_time_constant_is_no_number(text):
+def test_a_negative_time_constant_gives_nan(text):
     assert np.isnan(run(text, T=-0.5)).all()
     assert np.isnan(run(text.replace("T)", "-0.5)"))).all()
     assert np.isfinite(run(text, T=0.5)).all()

@@ -31,7 +31,7 @@ output z
 
 
 def answer(way: Callable[[], Model | Graph]) -> Model | Graph | None:
-    """What was read, or None after an `InputError` whose findings all say where and what."""
+    """Return the model, or None after an `InputError` whose findings all have a place and a message."""
     try:
         return way()
     except InputError as error:

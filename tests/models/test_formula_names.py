@@ -1,4 +1,4 @@
-"""What a name is, and what is said where it cannot be told."""
+"""Names in formula text, and the message for an ambiguous one."""
 
 import pytest
 
@@ -141,7 +141,7 @@ def test_arguments_of_a_function_hide_other_names():
         ),
     ],
 )
-def test_names_that_cannot_be_told_are_answered_with_place_and_mend(text, expected):
+def test_ambiguous_names_are_reported_with_place_and_remedy(text, expected):
     assert findings(text) == [expected]
 
 

@@ -83,5 +83,5 @@ def test_every_loop_of_a_text_is_reported():
         "def twice(x) = hold(hold(x))\ndef hold(x) = prev(x, 0)\ny = twice(y + u)",
     ],
 )
-def test_feedback_through_memory_is_no_loop(text):
+def test_feedback_through_memory_is_not_an_algebraic_loop(text):
     assert formula(text).graph.states

@@ -183,7 +183,7 @@ def refused(graph: Graph) -> str:
     return str(caught.value)
 
 
-def test_what_text_cannot_say_is_refused():
+def test_nodes_that_text_cannot_express_are_refused():
     b = GraphBuilder()
     u, v = b.input("u"), b.input("v")
     y = b.call("mul", u, v)

@@ -43,9 +43,9 @@ def integrated(solver, slope, x):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_integrators_are_advanced_together_by_the_declared_solver(solver):
     model = formula(f"solver {solver}\nx = integrator(v, 1)\nv = integrator(u - k * x - 0.3 * v + sin(t))\nscalar k")
-    found = run(model, k=2.0)
+    outputs = run(model, k=2.0)
     expected = integrated(solver, lambda t, y, k: (y[1], U[k] - 2 * y[0] - 0.3 * y[1] + math.sin(t)), (1.0, 0.0))
-    np.testing.assert_allclose([found["x"], found["v"]], expected, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose([outputs["x"], outputs["v"]], expected, rtol=1e-13, atol=1e-13)
     assert (model.solver, len(model.equations.states)) == (solver, 2)
 
 
@@ -68,9 +68,9 @@ def test_memory_and_inputs_are_constant_within_a_step_and_so_is_what_is_sampled(
         "solver ode4\nx = integrator(prev(u) - sampled(x) - PT1(x, 0.5) + prev(x, 2), 1)\n"
         "lag = PT1(x, 0.5)\nback = prev(x, 2)"
     )
-    found = run(model)
-    rates = np.concatenate([[0.0], U[:-1]]) - found["x"] - found["lag"] + found["back"]
-    np.testing.assert_allclose(np.diff(found["x"]), T * rates[:-1], rtol=1e-13)
+    outputs = run(model)
+    rates = np.concatenate([[0.0], U[:-1]]) - outputs["x"] - outputs["lag"] + outputs["back"]
+    np.testing.assert_allclose(np.diff(outputs["x"]), T * rates[:-1], rtol=1e-13)
 
 
 def test_sampled_changes_nothing_without_a_solver():
@@ -114,7 +114,7 @@ def test_text_with_a_solver_is_printed_as_it_is_read(body):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "remedy"),
     [
         ("solver ode45\ny = u", "line 1, column 8: solver must be one of ode1, ode2, ode3, ode4, ode5, ode8"),
         ("solver %ode4%\ny = u", "line 1, column 8: solver must be one of"),
@@ -122,10 +122,10 @@ def test_text_with_a_solver_is_printed_as_it_is_read(body):
         ("solver ode4\nsolver ode3\ny = u", "line 2, column 1: duplicate solver, first in formula line 1. Remove one."),
     ],
 )
-def test_a_wrong_solver_is_answered_with_place_and_remedy(text, told):
+def test_a_wrong_solver_is_answered_with_place_and_remedy(text, remedy):
     with pytest.raises(InputError) as caught:
         formula(text)
-    assert told in str(caught.value)
+    assert remedy in str(caught.value)
 
 
 def test_solver_may_still_be_the_name_of_a_node():

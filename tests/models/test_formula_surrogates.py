@@ -18,8 +18,8 @@ def expansion(inputs, size=12, seed=0):
 
 def engine(lags=((0, 2), (1, 3)), output_lags=(1, 2), limits=(-1.0, 0.9)):
     size = len(output_lags) + sum(map(len, lags))
-    made = {"start": 0.3, "start_inputs": (0.1, 0.2), "limits": limits}
-    return DynamicSurrogate("engine", ("a", "b"), lags, "n", output_lags, 0.02, expansion(size), **made)
+    attributes = {"start": 0.3, "start_inputs": (0.1, 0.2), "limits": limits}
+    return DynamicSurrogate("engine", ("a", "b"), lags, "n", output_lags, 0.02, expansion(size), **attributes)
 
 
 def recording(count=300, seed=1):
@@ -84,7 +84,7 @@ def closed_loop(surrogate, a, ref, kp, ki):
     return n
 
 
-def test_the_gains_of_a_loop_are_found_and_the_plant_stays():
+def test_the_gains_of_a_loop_are_calibrated_and_the_plant_stays():
     surrogate = engine(limits=(-np.inf, np.inf))
     u, _ = recording()
     ref = np.where(np.arange(len(u)) > 100, 0.5, 0.2)

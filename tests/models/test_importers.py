@@ -123,7 +123,7 @@ def test_without_importers_such_files_are_unknown(alone, tmp_path, name):
     assert "unknown model format" in finding.message
 
 
-def test_every_importer_is_found_by_its_files():
+def test_every_importer_is_identified_by_its_files():
     assert {each.name for each in importers()} >= {"Simulink model", "ASCET project", "FMU", "ONNX network"}
     for importer in importers():
         assert isinstance(importer, Importer)

@@ -56,17 +56,17 @@ def runge_kutta(time, slope, init, solver):
 
 def test_a_sample_counts_for_the_step_that_begins_with_it():
     data = {"time": [0, 1, 2, 12, 13, 14], "x": [0, 0, 1, 0, 0, 0]}
-    found = kf.simulate("y = integrator(x, 0)\nz = prev(z, 0) + dt * prev(x, 0)", data, {})
-    assert found["y"].values.tolist() == found["z"].values.tolist() == [0, 0, 0, 10, 10, 10]
+    simulation = kf.simulate("y = integrator(x, 0)\nz = prev(z, 0) + dt * prev(x, 0)", data, {})
+    assert simulation["y"].values.tolist() == simulation["z"].values.tolist() == [0, 0, 0, 10, 10, 10]
 
 
 @every_time
 def test_integrators_without_a_solver_are_forward_euler(time):
     u = U[: time.size]
     np.testing.assert_allclose(simulated("y = integrator(u, 2)", time), euler(time, lambda k, x: u[k], 2.0), atol=1e-12)
-    found = simulated("y = integrator(3 * u, x0, -0.2, high)", time, {"x0": 0.1, "high": 0.3})
+    states = simulated("y = integrator(3 * u, x0, -0.2, high)", time, {"x0": 0.1, "high": 0.3})
     expected = euler(time, lambda k, x: 3 * u[k], 0.1, lambda x: min(max(x, -0.2), 0.3))
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(states, expected, atol=1e-12)
     chained = simulated("y = integrator(v, 1)\nv = integrator(u - y, -1)", time)
     both = euler(time, lambda k, x: np.array([x[1], u[k] - x[0]]), np.array([1.0, -1.0]))
     np.testing.assert_allclose(chained, both[:, 0], atol=1e-12)
@@ -105,8 +105,8 @@ def test_solvers_advance_states_to_the_next_sample(time, solver):
     expected = runge_kutta(
         time, lambda t, x, k: (x[1], U[k] - 2 * x[0] - 0.3 * x[1] + math.sin(t)), (1.0, -0.5), solver
     )
-    found = simulated(text, time, {"k": 2.0, "v0": -0.5})
-    np.testing.assert_allclose(found, expected[:, 0], rtol=1e-11, atol=1e-12)
+    states = simulated(text, time, {"k": 2.0, "v0": -0.5})
+    np.testing.assert_allclose(states, expected[:, 0], rtol=1e-11, atol=1e-12)
 
 
 def grid(steps, pattern):
@@ -191,7 +191,7 @@ def test_gradients_and_rows_are_those_of_differences(text, more, time):
     np.testing.assert_allclose(2 * exact, differences, rtol=2e-6, atol=2e-7)
 
 
-def test_what_integrators_computed_is_recovered():
+def test_factors_of_integrators_are_recovered():
     time = TIMES["alternating"]
     data = {"time": time, "u": U, "m": 2.0 * euler(time, lambda k, x: U[k], 0.0)}
     for solver in ("", "solver ode4\n"):

@@ -30,7 +30,7 @@ def test_a_linear_system_is_met_exactly_in_free_run():
     assert free_run_rmse(model, [second_order(seed=1)], UNLIMITED) < 1e-10
 
 
-def test_lags_that_are_given_are_tried_as_well():
+def test_specified_lags_are_tried_as_well():
     u, y = np.random.default_rng(0).normal(size=(300, 1)), np.zeros(300)
     for k in range(1, 300):
         y[k] = 0.9 * y[k - 1] + u[max(k - 20, 0), 0]

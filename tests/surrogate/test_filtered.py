@@ -13,8 +13,8 @@ from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 def model(delay=1, **changes):
     rng = np.random.default_rng(0)
     expansion = Expansion(0.1, rng.normal(size=6), [1.0, 0.5], rng.normal(size=(2, 6)), np.ones((2, 6)))
-    given = {"limits": (-2.0, 1.5), "start_inputs": (0.1, 0.2), "remarks": ("y stays at its maximum",)}
-    return FilteredSurrogate("slow", ("u", "v"), "y", 0.1, (1.0, 0.3), expansion, delay, **(given | changes))
+    attributes = {"limits": (-2.0, 1.5), "start_inputs": (0.1, 0.2), "remarks": ("y stays at its maximum",)}
+    return FilteredSurrogate("slow", ("u", "v"), "y", 0.1, (1.0, 0.3), expansion, delay, **(attributes | changes))
 
 
 def recording(samples=200, seed=1):
@@ -41,7 +41,7 @@ def test_formula_text_runs_it_as_its_own_simulation(delay, limits):
     np.testing.assert_allclose(got, slow.simulate(u), rtol=0, atol=1e-13)
 
 
-def test_with_a_delay_it_can_stand_in_a_closed_loop():
+def test_with_a_delay_a_surrogate_can_be_part_of_a_closed_loop():
     slow, (u, data) = model(), recording()
     text = "y = slow(u, w)\nw = 0.5 * y"
     y = kf.simulate(kf.formula(text, surrogates=[slow]), data, {})["y"].values
@@ -67,7 +67,7 @@ def test_a_stored_one_is_restored_bit_for_bit(tmp_path):
         ({"start_inputs": (1.0,)}, "must be one per input"),
     ],
 )
-def test_what_does_not_fit_together_is_named(changes, message):
+def test_contradictory_attributes_are_named(changes, message):
     with pytest.raises(ArgumentError, match=message):
         model(**changes)
 
@@ -85,7 +85,7 @@ def settings(**changes):
 
 
 @pytest.mark.parametrize(("samples", "most"), [(300, 2), pytest.param(600, 4, marks=pytest.mark.slow)])
-def test_time_constants_are_found(samples, most, monkeypatch):
+def test_time_constants_are_identified(samples, most, monkeypatch):
     monkeypatch.setattr(filtered_training, "MOST_FILTERS", most)
     data = [wall("a", 0, samples=samples), wall("b", 1, "test", samples)]
     wall_model = train_surrogate(data, settings(structure="filtered"))
@@ -104,9 +104,9 @@ def test_recordings_that_are_too_short_are_refused():
 
 @pytest.mark.slow
 def test_the_structure_with_the_smaller_error_on_held_out_blocks_is_taken():
-    told = []
+    progress = []
     chosen = train_surrogate(
-        [wall("a", 0, samples=300), wall("b", 1, "test", 300)], settings(longest_lag=2), told.append
+        [wall("a", 0, samples=300), wall("b", 1, "test", 300)], settings(longest_lag=2), progress.append
     )
     assert isinstance(chosen, FilteredSurrogate)
-    assert any(line.startswith("linear ARX model") for line in told)
+    assert any(line.startswith("linear ARX model") for line in progress)

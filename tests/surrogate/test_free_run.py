@@ -67,7 +67,7 @@ def test_sensitivities_through_the_recursion_agree_with_differences(moves_centre
     np.testing.assert_allclose(gradient, differences, rtol=1e-5, atol=1e-5 * np.abs(gradient).max())
 
 
-def test_training_starts_at_the_expansion_that_it_is_given():
+def test_training_starts_at_the_specified_expansion():
     runs, start = Runs.of(pieces(), LAGS), random_expansion(3, 4, 4)
     values = TrainedValues(start, runs, TrainingSettings(moves_centres=True))
     same = values.expansion(values.first)
@@ -78,20 +78,20 @@ def test_training_starts_at_the_expansion_that_it_is_given():
 @pytest.mark.parametrize("moves_centres", mostly_slow([False, True], [True]))
 def test_training_recovers_a_model_from_its_own_free_run(moves_centres):
     truth, rng = random_expansion(5, 4, 6), np.random.default_rng(1)
-    made = []
+    recordings = []
     for run in pieces(4, (150, 150)):
         y = np.concatenate([run.y[:3], by_hand(truth, LAGS, run)])
-        made.append(Recording(run.u, y))
-    runs = Runs.of(made, LAGS)
+        recordings.append(Recording(run.u, y))
+    runs = Runs.of(recordings, LAGS)
     start = type(truth)(
         truth.offset, truth.slopes, truth.weights + 0.05 * rng.normal(size=6), truth.centres, truth.widths
     )
     before = free_run_rmse(start, runs)
     settings = TrainingSettings(hold=1e-9, moves_centres=moves_centres, iterations=25, tolerance=1e-12)
-    told = []
-    trained = train_free_run(start, runs, settings, lambda step, rmse: told.append(rmse))
+    errors = []
+    trained = train_free_run(start, runs, settings, lambda step, rmse: errors.append(rmse))
     assert free_run_rmse(trained, runs) < 1e-3 * before
-    assert told[-1] == pytest.approx(free_run_rmse(trained, runs), rel=1e-6)
+    assert errors[-1] == pytest.approx(free_run_rmse(trained, runs), rel=1e-6)
 
 
 def test_what_is_held_firmly_becomes_its_goal():

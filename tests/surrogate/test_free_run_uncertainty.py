@@ -98,7 +98,7 @@ def test_two_deviations_of_the_output_stay_within_the_limits():
     np.testing.assert_array_equal(far_above.deviation(FreeRunUncertainty(0.0, 0.1, 1.0)), 0.1)
 
 
-def test_a_run_is_linearised_as_its_expansion_says():
+def test_a_run_is_linearised_according_to_its_expansion():
     for model in (random_expansion(0, 3, 5), linear(0.3, 0.2, 0.1)):
         points = np.random.default_rng(1).normal(size=(20, 2, 3))
         run = along(model, points, (1, 4))

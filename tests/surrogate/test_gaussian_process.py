@@ -155,7 +155,7 @@ def test_it_finds_function_noise_and_relevance(method, count):
     assert 1.6 < rmse(process.left_out) < 2.8
 
 
-def test_it_knows_where_it_knows_nothing():
+def test_points_far_from_the_data_are_outside():
     x, y = points(120, inputs=2)
     process = gaussian_process(x, y, starts=1)
     far = np.array([[5.0, 5.0], [0.5, -4.0]])
@@ -234,7 +234,7 @@ def test_a_sparse_process_of_a_drive_does_not_collapse_to_the_plane():
     assert rmse(process.left_out) < 0.9 * rmse(process.plane_left_out)
 
 
-def test_noise_alone_leaves_the_plane_and_says_so():
+def test_noise_alone_leaves_the_plane_with_a_remark():
     rng = np.random.default_rng(2)
     x = rng.normal(size=(80, 4))
     process = gaussian_process(x, x[:, 0] + rng.normal(size=80), starts=1)
@@ -254,7 +254,7 @@ def test_the_same_rows_again_change_neither_model_nor_left_out_errors():
 
 
 @pytest.mark.parametrize("value", [1e6, -300.0])
-def test_a_wild_point_is_found_and_not_used(value):
+def test_an_outlier_is_detected_and_not_used(value):
     x, y = points(100, inputs=2)
     wild = y.copy()
     wild[[17, 60]] = value
@@ -299,7 +299,7 @@ def kinked(count, seed=0):
     return x, true, true + 0.1 * np.random.default_rng(seed + 1).normal(size=count)
 
 
-def test_a_kinked_plane_is_found_where_it_is_better():
+def test_a_kinked_plane_is_chosen_where_it_is_better():
     x, _, y = kinked(200)
     new, true, _ = kinked(1000, seed=9)
     bent, smooth = (gaussian_process(x, y, kernel="gaussian", starts=1, kinks=kinks) for kinks in (True, False))
@@ -317,11 +317,11 @@ def test_a_smooth_function_gets_no_kinks():
 
 def test_normal_noise_is_not_taken_for_wide_tails():
     x, y = points(200, inputs=2)
-    found = [gaussian_process(x, y, kernel="gaussian", noise=noise, starts=1) for noise in ("auto", "gaussian")]
-    assert found[0].expansion == found[1].expansion
+    surrogates = [gaussian_process(x, y, kernel="gaussian", noise=noise, starts=1) for noise in ("auto", "gaussian")]
+    assert surrogates[0].expansion == surrogates[1].expansion
 
 
-def test_a_wild_input_is_found_and_not_used():
+def test_an_outlier_of_an_input_is_detected_and_not_used():
     x, y = points(80, inputs=2)
     x[5, 1] = 1e7
     process = gaussian_process(x, y, kernel="gaussian", starts=1)
@@ -367,9 +367,9 @@ def test_greedy_centres_leave_little_open():
     z = x[chosen]
     near = np.exp(-0.5 * np.sum((x[:, None] - z) ** 2, axis=2))
     inner = np.exp(-0.5 * np.sum((z[:, None] - z) ** 2, axis=2)) + 1e-10 * np.eye(len(z))
-    left = 1 - np.sum(near * np.linalg.solve(inner, near.T).T, axis=1)
+    variance = 1 - np.sum(near * np.linalg.solve(inner, near.T).T, axis=1)
     assert np.unique(chosen).size == chosen.size
-    assert left.max() < 1e-3
+    assert variance.max() < 1e-3
 
 
 def test_greedy_takes_equal_points_once():
@@ -380,6 +380,6 @@ def test_k_means_finds_groups_and_gives_no_more_than_there_are():
     rng = np.random.default_rng(0)
     groups = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]])
     x = np.repeat(groups, 30, axis=0) + 0.1 * rng.normal(size=(90, 2))
-    found = k_means(x, 3, seed=1)
-    assert np.abs(found[:, None] - groups).sum(axis=2).min(axis=0).max() < 0.2
+    centres = k_means(x, 3, seed=1)
+    assert np.abs(centres[:, None] - groups).sum(axis=2).min(axis=0).max() < 0.2
     assert len(k_means(np.repeat(groups, 5, axis=0), 9, seed=0)) == 3

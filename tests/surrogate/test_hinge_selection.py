@@ -10,7 +10,7 @@ def groups(count, parts=5):
     return np.array_split(np.random.default_rng(0).permutation(count), parts)
 
 
-def test_kinks_are_found_near_their_place_with_their_height():
+def test_kinks_are_identified_near_their_place_with_their_height():
     x = np.random.default_rng(0).normal(size=(400, 2))
     y = 0.5 * x[:, 0] + 2 * np.maximum(x[:, 1] - 0.4, 0)
     choice = select_hinges(TrainingPoints.of(x, y), groups(400))
@@ -20,7 +20,7 @@ def test_kinks_are_found_near_their_place_with_their_height():
     assert np.sqrt(np.mean(choice.left_out**2)) < 0.05
 
 
-def test_residuals_left_out_know_nothing_of_the_values_left_out():
+def test_residuals_left_out_do_not_depend_on_the_values_left_out():
     x = np.random.default_rng(0).normal(size=(100, 2))
     y = np.maximum(x[:, 1], 0) + 0.1 * np.random.default_rng(1).normal(size=100)
     parts = groups(100)

@@ -75,7 +75,7 @@ def test_points_far_from_the_training_data_are_outside():
         ({"units": ("deg",)}, "one per input and one for the output"),
     ],
 )
-def test_what_does_not_fit_together_is_named(change, message):
+def test_contradictory_attributes_are_named(change, message):
     with pytest.raises(ArgumentError, match=message):
         dynamic_surrogate(**change)
 
@@ -104,18 +104,18 @@ def linear(slope, limits=(-np.inf, np.inf)):
 
 
 def test_a_stable_recursion_is_called_so_with_its_eigenvalue():
-    found = linear((0.2, 0.63))  # eigenvalues 0.9 and -0.7
-    assert found.largest == pytest.approx(0.9)
-    assert found.bounded == found.runs
-    assert "All 48 free runs" in str(found)
+    stability = linear((0.2, 0.63))  # eigenvalues 0.9 and -0.7
+    assert stability.largest == pytest.approx(0.9)
+    assert stability.bounded == stability.runs
+    assert "All 48 free runs" in str(stability)
 
 
-def test_an_unstable_recursion_is_told_with_a_remedy():
-    found = linear((1.5, 0.0))
-    assert found.bounded == 0
-    assert found.stable == 0
-    assert "0 of 48 free runs" in str(found)
-    assert "set limits" in str(found)
+def test_an_unstable_recursion_is_reported_with_a_remedy():
+    stability = linear((1.5, 0.0))
+    assert stability.bounded == 0
+    assert stability.stable == 0
+    assert "0 of 48 free runs" in str(stability)
+    assert "set limits" in str(stability)
 
 
 def test_limits_bound_an_unstable_recursion():

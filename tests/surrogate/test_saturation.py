@@ -39,5 +39,5 @@ def test_noise_of_the_sensor_hides_no_saturation_of_the_system():
     ],
     ids=["waves", "sine", "gears", "constant", "noise", "ramp"],
 )
-def test_an_output_that_only_turns_there_has_no_limit(output):
+def test_an_output_that_only_turns_at_its_extreme_has_no_limit(output):
     assert limits_of(find_saturation([output])) == UNLIMITED

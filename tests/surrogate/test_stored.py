@@ -64,12 +64,12 @@ def uncertain_surrogate():
 
 
 def test_kernel_deviation_and_remarks_come_back_as_they_were(tmp_path):
-    made, path = uncertain_surrogate(), tmp_path / "f.json"
-    write_surrogate(made, path)
+    surrogate, path = uncertain_surrogate(), tmp_path / "f.json"
+    write_surrogate(surrogate, path)
     read = read_surrogate(path)
-    assert (read.expansion, read.remarks) == (made.expansion, made.remarks)
+    assert (read.expansion, read.remarks) == (surrogate.expansion, surrogate.remarks)
     x = np.random.default_rng(0).normal(size=(9, 2))
-    np.testing.assert_array_equal(read.deviation(x), made.deviation(x))
+    np.testing.assert_array_equal(read.deviation(x), surrogate.deviation(x))
     assert np.all(read.deviation(x) >= 1 / 3)
 
 
@@ -101,7 +101,7 @@ def test_hinges_come_back_in_a_file_that_earlier_readers_refuse(tmp_path):
         (lambda c: c.update(remarks=7), "remarks: must be a list of texts, got 7"),
     ],
 )
-def test_a_broken_uncertainty_is_told(tmp_path, change, message):
+def test_a_broken_uncertainty_is_reported(tmp_path, change, message):
     path = broken(tmp_path, change, uncertain_surrogate())
     with pytest.raises(InputError, match=re.escape(message)):
         read_surrogate(path)
@@ -114,9 +114,9 @@ def test_a_dynamic_surrogate_has_gaussian_bells():
         dynamic_surrogate(expansion=matern)
 
 
-def broken(tmp_path, change, made=None):
+def broken(tmp_path, change, surrogate=None):
     path = tmp_path / "model.json"
-    write_surrogate(made or dynamic_surrogate(), path)
+    write_surrogate(surrogate or dynamic_surrogate(), path)
     content = json.loads(path.read_text("utf-8"))
     change(content)
     path.write_text(json.dumps(content), "utf-8")
@@ -166,18 +166,18 @@ def broken(tmp_path, change, made=None):
         (lambda c: c["expansion"].update(hinges=[[0, "1", 2]]), "must be a list of rows of input, position and height"),
     ],
 )
-def test_a_broken_file_is_told_with_its_place(change, message, tmp_path):
+def test_a_broken_file_is_reported_with_its_place(change, message, tmp_path):
     assert message in broken(tmp_path, change)
 
 
-def test_every_problem_is_told_at_once(tmp_path):
+def test_all_problems_are_reported_at_once(tmp_path):
     def change(content):
         content["step"], content["start"] = "fast", None
         del content["output"]
 
-    told = broken(tmp_path, change)
-    assert len(told.splitlines()) == 3
-    assert "train" in told.casefold()
+    message = broken(tmp_path, change)
+    assert len(message.splitlines()) == 3
+    assert "train" in message.casefold()
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_every_problem_is_told_at_once(tmp_path):
         (b"\xff\xfe", "model.json: this is not UTF-8 text"),
     ],
 )
-def test_what_is_no_surrogate_is_told(text, message, tmp_path):
+def test_a_file_other_than_a_surrogate_is_reported(text, message, tmp_path):
     (tmp_path / "model.json").write_bytes(text)
     with pytest.raises(InputError) as caught:
         read_surrogate(tmp_path / "model.json")

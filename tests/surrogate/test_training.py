@@ -30,15 +30,15 @@ def rows(surrogate):
 @pytest.mark.parametrize("method", ["auto", "sparse", "expansion"])
 def test_a_static_surrogate_is_trained_and_tested(method):
     settings = SurrogateSettings("torque", ("speed", "air"), "torque", method=method, centres=40, starts=1)
-    made = train_surrogate([bench("a", 0), bench("b", 1, "test")], settings)
-    assert isinstance(made, StaticSurrogate)
-    assert made.units == ("rpm", "%", "Nm")
-    found = rows(made)
-    assert found["b", "static"].use == "test"
-    assert found["b", "static"].rmse < 3
-    assert found["a", "static"].r2 > 0.99
+    surrogate = train_surrogate([bench("a", 0), bench("b", 1, "test")], settings)
+    assert isinstance(surrogate, StaticSurrogate)
+    assert surrogate.units == ("rpm", "%", "Nm")
+    scores = rows(surrogate)
+    assert scores["b", "static"].use == "test"
+    assert scores["b", "static"].rmse < 3
+    assert scores["a", "static"].r2 > 0.99
     if method != "expansion":
-        assert found["all", "leave one out"].rmse < 2.5
+        assert scores["all", "leave one out"].rmse < 2.5
 
 
 def test_missing_values_and_unscored_samples_teach_nothing():
@@ -51,9 +51,9 @@ def test_missing_values_and_unscored_samples_teach_nothing():
         {"speed": data["speed"].values, "air": data["air"].values, "torque": torque},
         scored=np.arange(120) >= 10,
     )
-    made = train_surrogate([spoilt], SurrogateSettings("torque", ("speed", "air"), "torque", starts=1))
-    assert rows(made)["a", "static"].samples == 110
-    assert rows(made)["a", "static"].rmse < 3
+    surrogate = train_surrogate([spoilt], SurrogateSettings("torque", ("speed", "air"), "torque", starts=1))
+    assert rows(surrogate)["a", "static"].samples == 110
+    assert rows(surrogate)["a", "static"].rmse < 3
 
 
 def static_settings(**changes):
@@ -63,14 +63,14 @@ def static_settings(**changes):
 @pytest.mark.parametrize("method", ["auto", "expansion"])
 def test_the_plane_stands_beside_the_errors_of_the_model(method):
     data = [bench("a", 0), bench("b", 1, "test")]
-    found = rows(train_surrogate(data, static_settings(method=method, centres=30)))
+    scores = rows(train_surrogate(data, static_settings(method=method, centres=30)))
     design = [np.column_stack([np.ones(120), each["speed"].values, each["air"].values]) for each in data]
     plane = np.linalg.lstsq(design[0], data[0]["torque"].values, rcond=None)[0]
     for each, rows_of in zip(data, design, strict=True):
         residual = rows_of @ plane - each["torque"].values
-        assert found[each.name, "plane"].rmse == pytest.approx(np.sqrt(np.mean(residual**2)))
-    assert found["b", "static"].rmse < 0.3 * found["b", "plane"].rmse
-    assert (("all", "plane left out") in found) == (method == "auto")
+        assert scores[each.name, "plane"].rmse == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert scores["b", "static"].rmse < 0.3 * scores["b", "plane"].rmse
+    assert (("all", "plane left out") in scores) == (method == "auto")
 
 
 def test_samples_that_are_not_used_are_named():
@@ -78,19 +78,21 @@ def test_samples_that_are_not_used_are_named():
     torque = data["torque"].values.copy()
     torque[[0, 41]] = np.nan, 1e6
     columns = {"speed": data["speed"].values, "air": data["air"].values, "torque": torque}
-    made = train_surrogate([Dataset.of("a", columns)], static_settings())
-    assert len(made.remarks) == 1
-    assert made.remarks[0].startswith("sample 42 of a is an outlier and was not used: torque is 1e+06, its neighbours")
-    assert rows(made)["a", "static"].samples == 118
-    assert rows(made)["a", "static"].rmse < 3
+    surrogate = train_surrogate([Dataset.of("a", columns)], static_settings())
+    assert len(surrogate.remarks) == 1
+    assert surrogate.remarks[0].startswith(
+        "sample 42 of a is an outlier and was not used: torque is 1e+06, its neighbours"
+    )
+    assert rows(surrogate)["a", "static"].samples == 118
+    assert rows(surrogate)["a", "static"].rmse < 3
 
 
-def test_a_dataset_that_is_given_twice_is_said_and_does_not_spoil_the_figures():
+def test_a_duplicate_dataset_is_reported_and_does_not_change_the_errors():
     once = train_surrogate([bench("a", 0)], static_settings())
     twice = train_surrogate([bench("a", 0), bench("b", 0)], static_settings())
     message = "120 of 240 rows repeat the inputs of another row; they count as one point with less noise"
     assert (once.remarks, twice.remarks) == ((), (message,))
-    figures = [rows(made)["all", "leave one out"].rmse for made in (once, twice)]
+    figures = [rows(surrogate)["all", "leave one out"].rmse for surrogate in (once, twice)]
     assert figures[1] == pytest.approx(figures[0], rel=1e-6)
 
 
@@ -107,14 +109,14 @@ def drive(name, seed, use="training", samples=300):
 
 def test_of_a_recording_whole_blocks_are_left_out():
     data = [drive("a", 0), drive("b", 1, "test")]
-    made = train_surrogate(data, static_settings())
-    found = rows(made)
-    assert ("all", "leave one out") not in found
-    assert found["all", "blocks left out"].rmse == pytest.approx(found["b", "static"].rmse, rel=0.6)
-    assert found["a", "static"].rmse < 0.8 * found["all", "blocks left out"].rmse
+    surrogate = train_surrogate(data, static_settings())
+    scores = rows(surrogate)
+    assert ("all", "leave one out") not in scores
+    assert scores["all", "blocks left out"].rmse == pytest.approx(scores["b", "static"].rmse, rel=0.6)
+    assert scores["a", "static"].rmse < 0.8 * scores["all", "blocks left out"].rmse
     points = np.column_stack([data[1]["speed"].values, data[1]["air"].values])
-    error = np.abs(made(points) - data[1]["torque"].values)
-    assert np.mean(error < 2 * made.deviation(points)) > 0.85
+    error = np.abs(surrogate(points) - data[1]["torque"].values)
+    assert np.mean(error < 2 * surrogate.deviation(points)) > 0.85
 
 
 @pytest.mark.parametrize(
@@ -133,29 +135,29 @@ def test_kernel_noise_and_centres_that_do_not_fit_are_refused(changes, message):
 
 
 def test_without_an_uncertainty_the_deviation_is_unknown():
-    made = train_surrogate([bench("a", 0)], static_settings(method="expansion", centres=5))
-    assert np.isnan(made.deviation(np.array([[1000.0, 50.0], [2000.0, 20.0]]))).tolist() == [True, True]
+    surrogate = train_surrogate([bench("a", 0)], static_settings(method="expansion", centres=5))
+    assert np.isnan(surrogate.deviation(np.array([[1000.0, 50.0], [2000.0, 20.0]]))).tolist() == [True, True]
 
 
 def tank_settings(**changes):
-    given = {"kind": "dynamic", "lags": {"u": (1,)}, "output_lags": (1,), "centres": 15, "starts": 1, "hold": 1.0}
-    return SurrogateSettings("tank", ("u",), "level", **(given | changes))
+    attributes = {"kind": "dynamic", "lags": {"u": (1,)}, "output_lags": (1,), "centres": 15, "starts": 1, "hold": 1.0}
+    return SurrogateSettings("tank", ("u",), "level", **(attributes | changes))
 
 
 def test_a_dynamic_surrogate_predicts_another_recording_in_free_run():
     data = [tank_recording("a", 0), tank_recording("b", 1, noise=0.0, use="test")]
-    told = []
-    made = train_surrogate(data, tank_settings(), told.append)
-    assert isinstance(made, DynamicSurrogate)
-    assert (made.step, made.output_lags, made.lags) == (1.0, (1,), ((1,),))
-    found = rows(made)
-    assert found["b", "free run"].rmse < 0.02
-    assert found["b", "one step"].samples == 399
-    assert "All 48 free runs" in made.stability
-    assert any("free run over 30 samples, step 1" in line for line in told)
+    progress = []
+    surrogate = train_surrogate(data, tank_settings(), progress.append)
+    assert isinstance(surrogate, DynamicSurrogate)
+    assert (surrogate.step, surrogate.output_lags, surrogate.lags) == (1.0, (1,), ((1,),))
+    scores = rows(surrogate)
+    assert scores["b", "free run"].rmse < 0.02
+    assert scores["b", "one step"].samples == 399
+    assert "All 48 free runs" in surrogate.stability
+    assert any("free run over 30 samples, step 1" in line for line in progress)
     u, level = data[1]["u"].values[:, None], data[1]["level"].values
-    assert made.outside(u, level).mean() < 0.1
-    assert made.outside(u + 40, level).all()
+    assert surrogate.outside(u, level).mean() < 0.1
+    assert surrogate.outside(u + 40, level).all()
 
 
 def test_training_for_free_run_helps_where_one_step_is_misled_by_noise():
@@ -168,16 +170,16 @@ def test_training_for_free_run_helps_where_one_step_is_misled_by_noise():
 @pytest.mark.parametrize(
     ("samples", "centres", "most"), [(80, 5, 0.04), pytest.param(130, 8, 0.03, marks=pytest.mark.slow)]
 )
-def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out(samples, centres, most):
+def test_the_strength_of_the_hold_is_chosen_on_blocks_left_out(samples, centres, most):
     """Held a hundred times as firmly, the error is 0.07 with few samples."""
-    told = []
+    progress = []
     data = [
         tank_recording("a", 0, samples=samples),
         tank_recording("b", 1, samples=samples, noise=0.0, use="test"),
     ]
-    made = train_surrogate(data, tank_settings(hold=None, centres=centres), told.append)
-    assert sum("blocks left out" in line for line in told) >= 3
-    assert rows(made)["b", "free run"].rmse < most
+    surrogate = train_surrogate(data, tank_settings(hold=None, centres=centres), progress.append)
+    assert sum("blocks left out" in line for line in progress) >= 3
+    assert rows(surrogate)["b", "free run"].rmse < most
 
 
 class After:
@@ -206,25 +208,25 @@ def test_a_training_that_is_stopped_at_once_is_shorter_than_a_whole_one():
     whole, asked = After(10**6), After(0)
     settings = tank_settings(hold=None, lags="auto", output_lags="auto", centres=3, longest_lag=1)
     data = [tank_recording("a", 0, samples=45), tank_recording("b", 1, samples=45, noise=0.0, use="test")]
-    told = []
-    model = train_surrogate(data, settings, told.append, asked)
+    progress = []
+    model = train_surrogate(data, settings, progress.append, asked)
     assert (model.output_lags, model.lags) == ((1,), ((1,),))
-    assert told[0] == "stopped before the training for free run; the model predicts one step ahead"
-    assert all(line.startswith("Remark: ") for line in told[1:])
+    assert progress[0] == "stopped before the training for free run; the model predicts one step ahead"
+    assert all(line.startswith("Remark: ") for line in progress[1:])
     assert np.isfinite(rows(model)["b", "one step"].rmse)
-    train_surrogate(data, settings, told.append, whole)
-    assert len(told) > 10
+    train_surrogate(data, settings, progress.append, whole)
+    assert len(progress) > 10
 
 
 @pytest.mark.parametrize("words", mostly_slow(["blocks left out", "free run over 30 samples, step 2"], 1))
 def test_a_stop_ends_the_selection_and_the_training_for_free_run(words):
-    told = []
+    progress = []
     data = [tank_recording("a", 0, samples=90), tank_recording("b", 1, samples=90, noise=0.0, use="test")]
     model = train_surrogate(
-        data, tank_settings(hold=None, centres=4), told.append, lambda: any(words in line for line in told)
+        data, tank_settings(hold=None, centres=4), progress.append, lambda: any(words in line for line in progress)
     )
-    assert sum(words in line for line in told) == 1
-    later = told[[words in line for line in told].index(True) + 1 :]
+    assert sum(words in line for line in progress) == 1
+    later = progress[[words in line for line in progress].index(True) + 1 :]
     assert later == ([] if "free run" in words else [later[0]])
     assert np.isfinite(rows(model)["b", "free run"].rmse)
 
@@ -234,7 +236,7 @@ def test_a_single_low_among_high_ones_is_not_chosen():
     assert _lowest(table) == (1, 2)
 
 
-def test_a_dead_time_is_found_among_the_lags():
+def test_a_dead_time_is_identified_among_the_lags():
     rng = np.random.default_rng(0)
     u = np.repeat(rng.uniform(-1, 1, 10), 6)
     y = np.zeros(60)
@@ -285,17 +287,17 @@ def test_settings_that_cannot_be_used_are_named(changes, message):
         tank_settings(**changes)
 
 
-def test_every_missing_channel_is_told_at_once():
+def test_all_missing_channels_are_reported_at_once():
     settings = SurrogateSettings("torque", ("sped", "air"), "trq")
     with pytest.raises(InputError) as caught:
         train_surrogate([bench("a", 0, "test")], settings)
-    told = str(caught.value)
-    assert "dataset a: channel sped is missing. Did you mean speed?" in told
-    assert "channel trq is missing" in told
-    assert "there is no training dataset" in told
+    message = str(caught.value)
+    assert "dataset a: channel sped is missing. Did you mean speed?" in message
+    assert "channel trq is missing" in message
+    assert "there is no training dataset" in message
 
 
-def test_points_without_time_stamps_are_no_recording():
+def test_points_without_time_stamps_are_not_a_recording():
     with pytest.raises(InputError, match="dataset a: a dynamic model requires time stamps"):
         train_surrogate([bench("a", 0)], SurrogateSettings("x", ("speed",), "torque", kind="dynamic"))
 
@@ -312,12 +314,12 @@ def test_channels_that_never_change_are_named():
 def test_a_constant_output_is_learnt_as_one():
     rng = np.random.default_rng(0)
     data = Dataset.of("flat", {"u": rng.normal(size=30), "y": np.full(30, 7.0)})
-    made = train_surrogate([data], SurrogateSettings("x", ("u",), "y", starts=1))
-    assert made(np.array([0.3])) == pytest.approx(7.0)
-    assert np.isnan(rows(made)["flat", "static"].r2)
+    surrogate = train_surrogate([data], SurrogateSettings("x", ("u",), "y", starts=1))
+    assert surrogate(np.array([0.3])) == pytest.approx(7.0)
+    assert np.isnan(rows(surrogate)["flat", "static"].r2)
 
 
-def test_recordings_that_are_too_short_are_told():
+def test_too_short_recordings_are_reported():
     time = np.arange(6.0)
     data = Dataset.of("short", {"u": np.sin(time), "y": np.cos(time)}, time=time)
     with pytest.raises(InputError, match="no piece without gaps that is long enough"):
@@ -351,7 +353,7 @@ def test_a_plane_and_a_linear_model_stand_beside_the_errors():
         assert errors[name, "free run"].rmse < errors[name, "ARX"].rmse < errors[name, "plane"].rmse
 
 
-def test_a_linear_model_that_is_better_is_said():
+def test_a_better_linear_model_is_reported():
     """A model for each sample far away from its training data."""
     rng = np.random.default_rng(0)
     u, y = rng.normal(size=400), np.zeros(400)
@@ -406,7 +408,7 @@ def test_a_channel_that_hardly_changes_is_remarked_on():
 
 
 @pytest.mark.parametrize("held", [(), ("u",)])
-def test_inputs_that_are_held_are_not_interpolated(held):
+def test_piecewise_constant_inputs_are_not_interpolated(held):
     time, u = 1.0 * np.arange(20), np.sin(np.arange(20.0))
     (run,) = split_recordings(Dataset.of("a", {"u": u, "y": time}, time=time), ("u",), "y", 0.5, held)
     expected = np.repeat(u, 2)[:-1] if held else np.interp(0.5 * np.arange(39), time, u)
