@@ -484,12 +484,12 @@ WRONG = {
 
 @pytest.mark.parametrize(("text", "wanted"), [item for item in NUMBERS.items() if item[1] is not None])
 def test_an_expression_has_this_value(text, wanted):
-    found = evaluate(text, VARIABLES)
+    value = evaluate(text, VARIABLES)
     wanted = np.asarray(wanted)
     wanted = wanted.reshape(1, 1) if wanted.ndim == 0 else wanted
-    assert found.shape == wanted.shape
-    assert (found.dtype == np.bool_) == (wanted.dtype == np.bool_) or not wanted.size
-    np.testing.assert_allclose(found.astype(float), wanted.astype(float), rtol=1e-14, atol=1e-15)
+    assert value.shape == wanted.shape
+    assert (value.dtype == np.bool_) == (wanted.dtype == np.bool_) or not wanted.size
+    np.testing.assert_allclose(value.astype(float), wanted.astype(float), rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize(("expression", "wanted"), TEXTS.items())
@@ -507,10 +507,10 @@ def test_cells_and_structs_are_values():
     cell = evaluate("{1, 'a'; {}, [1 2]}")
     assert isinstance(cell, MatlabCell)
     assert cell.values.shape == (2, 2)
-    made = evaluate("struct('a', {{1, 2}}, 'b', 3)")
-    assert isinstance(made, MatlabStruct)
-    assert made.names == ("a", "b")
-    assert made.fields["a"].values.size == 2
+    struct = evaluate("struct('a', {{1, 2}}, 'b', 3)")
+    assert isinstance(struct, MatlabStruct)
+    assert struct.names == ("a", "b")
+    assert struct.fields["a"].values.size == 2
 
 
 def test_functions_of_the_caller_come_first():
@@ -520,15 +520,15 @@ def test_functions_of_the_caller_come_first():
 
 
 def test_the_names_of_an_expression_are_those_from_outside():
-    found = names_read(parse_expression("K*interp1(x.y, [1 2], u(end)) + arrayfun(@(a) a*b, c{:})"))
-    assert found == {"K", "interp1", "x", "u", "arrayfun", "b", "c"}
+    names = names_read(parse_expression("K*interp1(x.y, [1 2], u(end)) + arrayfun(@(a) a*b, c{:})"))
+    assert names == {"K", "interp1", "x", "u", "arrayfun", "b", "c"}
 
 
 def test_a_variable_comes_before_a_function():
     assert evaluate("sum(2)", {"sum": np.array([5.0, 6.0])}).tolist() == [[6.0]]
 
 
-def test_nothing_that_is_given_is_changed():
+def test_evaluation_does_not_change_its_inputs():
     given_array = np.array([[1.0, 2.0]])
     evaluate("cumsum(x)", {"x": given_array})
     assert given_array.tolist() == [[1.0, 2.0]]
@@ -559,9 +559,9 @@ def test_reshaping_and_turning_back_changes_nothing(values):
 
 @few_or_many(st.floats(-1e3, 1e3), st.floats(0.01, 10), st.integers(0, 1000), few=20, many=100)
 def test_a_range_holds_as_many_steps_as_fit(begin, step, count):
-    found = evaluate("a:h:a+n*h", {"a": begin, "h": step, "n": count})
-    assert found.size == count + 1
-    assert found[0, -1] <= begin + count * step
+    points = evaluate("a:h:a+n*h", {"a": begin, "h": step, "n": count})
+    assert points.size == count + 1
+    assert points[0, -1] <= begin + count * step
 
 
 PIECES = ["x", "A", "c", "s", "K", "word", "1", "0", "[]", "''", "{}", "(", ")", "[", "]", "{", "}", ",", ";", ":", "+"]
@@ -570,6 +570,6 @@ PIECES += ["max(", "sort(", "unique(", "num2str(", "sprintf('%d',", "NaN", "1e9"
 
 
 @few_or_many(st.lists(st.sampled_from(PIECES), max_size=12).map("".join), few=20, many=100)
-def test_any_expression_has_a_value_or_the_error_of_the_room(made):
+def test_any_expression_has_a_value_or_the_error_of_the_room(expression):
     with contextlib.suppress(MatlabError):
-        assert class_name(evaluate(made, VARIABLES, budget=Budget(elements=100_000)))
+        assert class_name(evaluate(expression, VARIABLES, budget=Budget(elements=100_000)))

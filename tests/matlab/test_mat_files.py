@@ -27,8 +27,8 @@ def five(*parts, order="<"):
 
 
 def packed(content):
-    made = zlib.compress(content, 9)
-    return struct.pack("<II", COMPRESSED, len(made)) + made
+    stream = zlib.compress(content, 9)
+    return struct.pack("<II", COMPRESSED, len(stream)) + stream
 
 
 def saved(variables, **options):
@@ -39,7 +39,7 @@ def saved(variables, **options):
 
 def sparse(shape, rows, starts, values, flags=0):
     head = element(6, struct.pack("<II", SPARSE | flags, 0)) + element(5, np.array(shape, "<i4").tobytes())
-    parts = [element(5, np.array(given, "<i4").tobytes()) for given in (rows, starts)]
+    parts = [element(5, np.array(integers, "<i4").tobytes()) for integers in (rows, starts)]
     return element(14, head + element(1, b"z") + b"".join(parts) + element(9, np.array(values, "<f8").tobytes()))
 
 
@@ -49,23 +49,23 @@ SPARSE_VALUES = np.array([[0.0, 2.0, 0.0], [3.0, 0.0, -1.5]])
 def save_sparse73(path, full, name="z"):
     """A sparse matrix as MATLAB lays it out in HDF5: no rows nor numbers where all of it is 0."""
     save73(path, {"K": 1.0})
-    given = scipy.sparse.csc_array(full)
+    compressed = scipy.sparse.csc_array(full)
     with h5py.File(path, "r+") as file:
         group = file.create_group(name)
         group.attrs["MATLAB_class"], group.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(full.shape[0])
-        group["jc"] = given.indptr.astype(np.uint64)
-        if given.nnz:
-            group["ir"], group["data"] = given.indices.astype(np.uint64), given.data
+        group["jc"] = compressed.indptr.astype(np.uint64)
+        if compressed.nnz:
+            group["ir"], group["data"] = compressed.indices.astype(np.uint64), compressed.data
     return path.read_bytes()
 
 
 @pytest.mark.parametrize("options", [{"format": "4"}, {}, {"do_compression": True}])
 def test_sparse_matrices_are_written_out(options):
-    found = read_nodes(
+    nodes = read_nodes(
         saved({"z": scipy.sparse.csc_array(SPARSE_VALUES), "empty": scipy.sparse.csc_array((2, 3))}, **options)
     )
-    np.testing.assert_array_equal(found["z"].values, SPARSE_VALUES)
-    np.testing.assert_array_equal(found["empty"].values, np.zeros((2, 3)))
+    np.testing.assert_array_equal(nodes["z"].values, SPARSE_VALUES)
+    np.testing.assert_array_equal(nodes["empty"].values, np.zeros((2, 3)))
 
 
 @pytest.mark.parametrize("full", [SPARSE_VALUES, np.zeros((2, 3))])
@@ -74,8 +74,8 @@ def test_sparse_matrices_of_the_newest_version_are_written_out(full, tmp_path):
 
 
 def test_sparse_logical_arrays_stay_logical():
-    found = read_nodes(five(sparse((2, 2), [1], [0, 1, 1], [1.0], LOGICAL)))["z"]
-    assert (found.kind, found.whole, found.values.tolist()) == ("logical", True, [[0, 0], [1, 0]])
+    node = read_nodes(five(sparse((2, 2), [1], [0, 1, 1], [1.0], LOGICAL)))["z"]
+    assert (node.kind, node.whole, node.values.tolist()) == ("logical", True, [[0, 0], [1, 0]])
 
 
 def test_sparse_logical_arrays_may_be_bytes_that_are_labelled_as_doubles():
@@ -86,7 +86,7 @@ def test_sparse_logical_arrays_may_be_bytes_that_are_labelled_as_doubles():
 
 
 @pytest.mark.parametrize(
-    ("parts", "said"),
+    ("parts", "message"),
     [
         (((2, 2), [2], [0, 1, 1], [1.0]), "rows of a sparse matrix"),
         (((2, 2), [-1], [0, 1, 1], [1.0]), "rows of a sparse matrix"),
@@ -97,25 +97,25 @@ def test_sparse_logical_arrays_may_be_bytes_that_are_labelled_as_doubles():
         (((2, 2, 2), [0], [0, 1, 1], [1.0]), "unknown form"),
     ],
 )
-def test_sparse_matrices_that_do_not_fit_together_are_refused(parts, said):
-    with pytest.raises(MatFileError, match=said):
+def test_sparse_matrices_that_do_not_fit_together_are_refused(parts, message):
+    with pytest.raises(MatFileError, match=message):
         read_nodes(five(sparse(*parts)))
 
 
 def test_sparse_matrices_take_no_more_memory_than_they_deserve():
     tracemalloc.start()
     try:
-        found = read_nodes(five(sparse((2_000_000_000, 1), [0], [0, 1], [1.0])))
+        nodes = read_nodes(five(sparse((2_000_000_000, 1), [0], [0, 1], [1.0])))
         triples = saved({"z": np.array([[1.0, 1.0, 1.0], [2e9, 2e9, 0.0]])}, format="4")
         old = read_nodes(struct.pack("<i", 2) + triples[4:])
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
-    assert found["z"] == old["z"] == MatUnreadable("sparse matrix")
+    assert nodes["z"] == old["z"] == MatUnreadable("sparse matrix")
 
 
 @pytest.mark.parametrize(
-    ("triples", "said"),
+    ("triples", "message"),
     [
         ([[3.0, 1.0, 1.0], [2.0, 2.0, 0.0]], "are inconsistent"),
         ([[0.5, 1.0, 1.0], [2.0, 2.0, 0.0]], "are inconsistent"),
@@ -124,16 +124,16 @@ def test_sparse_matrices_take_no_more_memory_than_they_deserve():
         ([[1.0, 1.0]], "are inconsistent"),
     ],
 )
-def test_sparse_matrices_of_version_4_that_do_not_fit_are_refused(triples, said):
-    with pytest.raises(MatFileError, match=said):
+def test_sparse_matrices_of_version_4_that_do_not_fit_are_refused(triples, message):
+    with pytest.raises(MatFileError, match=message):
         read_nodes(struct.pack("<i", 2) + saved({"z": np.array(triples)}, format="4")[4:])
 
 
 @pytest.mark.parametrize("version", ["4", "5"])
 def test_complex_numbers_are_reported(version):
-    found = read_nodes(saved({"z": np.array([[1 + 2j]]), "K": 1.0}, format=version))
-    assert found["z"] == MatUnreadable("complex numbers")
-    assert found["K"].values.tolist() == [[1.0]]
+    nodes = read_nodes(saved({"z": np.array([[1 + 2j]]), "K": 1.0}, format=version))
+    assert nodes["z"] == MatUnreadable("complex numbers")
+    assert nodes["K"].values.tolist() == [[1.0]]
     assert read_nodes(saved({"z": scipy.sparse.csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == MatUnreadable(
         "complex numbers"
     )
@@ -142,8 +142,8 @@ def test_complex_numbers_are_reported(version):
 @pytest.mark.parametrize("kind", [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)])
 def test_integers_of_all_kinds_keep_their_kind(kind):
     extremes = np.array([[np.iinfo(kind).min, 5, np.iinfo(kind).max]], dtype=kind)
-    found = read_nodes(saved({"k": extremes}))["k"]
-    assert (found.kind, found.whole, found.values.tolist()) == (kind, True, extremes.tolist())
+    node = read_nodes(saved({"k": extremes}))["k"]
+    assert (node.kind, node.whole, node.values.tolist()) == (kind, True, extremes.tolist())
 
 
 def test_files_of_the_other_byte_order_are_read():
@@ -155,8 +155,8 @@ def test_files_of_the_other_byte_order_are_read():
     written = part(14, head + part(9, struct.pack(">dd", 2.5, -4))) + part(
         14, word + part(17, "aé".encode("utf-16-be"))
     )
-    found = read_nodes(five(written, order=">"))
-    assert (found["K"].values.tolist(), found["w"]) == ([[2.5, -4]], MatText("aé"))
+    nodes = read_nodes(five(written, order=">"))
+    assert (nodes["K"].values.tolist(), nodes["w"]) == ([[2.5, -4]], MatText("aé"))
 
 
 def test_a_header_may_say_anything_before_the_mark_of_its_byte_order():
@@ -171,10 +171,10 @@ def test_rows_of_characters_stay_rows(version, tmp_path):
             del file["name"]
             file["name"] = np.array([[ord(letter) for letter in row] for row in ("ab", "cd", "e ")], np.uint16).T
             file["name"].attrs["MATLAB_class"] = np.bytes_("char")
-        found = read_nodes((tmp_path / "a.mat").read_bytes())["name"]
+        node = read_nodes((tmp_path / "a.mat").read_bytes())["name"]
     else:
-        found = read_nodes(saved({"name": np.array(["ab", "cd", "e "])}, format=version))["name"]
-    assert (found.rows, found.text) == (("ab", "cd", "e"), "ab\ncd\ne")
+        node = read_nodes(saved({"name": np.array(["ab", "cd", "e "])}, format=version))["name"]
+    assert (node.rows, node.text) == (("ab", "cd", "e"), "ab\ncd\ne")
 
 
 def test_a_line_end_within_a_text_makes_no_rows():
@@ -261,8 +261,8 @@ def test_a_bomb_of_compressed_zeros_is_rejected_and_variables_before_it_are_read
 def test_a_packed_array_may_lack_the_end_of_its_stream():
     packer = zlib.compressobj()
     stream = packer.compress(numbers(np.arange(50.0), name="K")) + packer.flush(zlib.Z_SYNC_FLUSH)
-    found = read_nodes(five(struct.pack("<II", COMPRESSED, len(stream)) + stream))
-    np.testing.assert_array_equal(found["K"].values, [np.arange(50.0)])
+    nodes = read_nodes(five(struct.pack("<II", COMPRESSED, len(stream)) + stream))
+    np.testing.assert_array_equal(nodes["K"].values, [np.arange(50.0)])
     with pytest.raises(MatFileError, match=r"corrupt|truncated"):
         read_nodes(five(struct.pack("<II", COMPRESSED, 40) + stream[:40]))
 
@@ -313,15 +313,18 @@ def test_a_damaged_variable_of_a_workspace_does_not_take_the_others_with_it():
 
 @pytest.mark.parametrize("version", ["4", "5", "7"])
 def test_corrupt_files_are_read_as_far_as_possible(version):
-    given = {
+    contents = {
         "A": np.arange(9.0),
         "S": {"a": 1, "b": "x"},
         "z": scipy.sparse.csc_array(SPARSE_VALUES),
         "name": np.array(["ab", "cd"]),
     }
     if version == "4":
-        del given["S"]
-    whole, chance = saved(given, format="4" if version == "4" else "5", do_compression=version == "7"), random.Random(5)
+        del contents["S"]
+    whole, chance = (
+        saved(contents, format="4" if version == "4" else "5", do_compression=version == "7"),
+        random.Random(5),
+    )
     read = 0
     for _ in range(500):
         raw = bytearray(whole)
@@ -331,6 +334,6 @@ def test_corrupt_files_are_read_as_far_as_possible(version):
             )
         if chance.random() < 0.2:
             del raw[chance.randrange(130, len(raw)) :]
-        found = load_nodes(bytes(raw), 10_000_000).variables
-        read += any(isinstance(node, MatNumbers | MatText | MatStruct) for node in found.values())
+        nodes_by_name = load_nodes(bytes(raw), 10_000_000).variables
+        read += any(isinstance(node, MatNumbers | MatText | MatStruct) for node in nodes_by_name.values())
     assert read > 150

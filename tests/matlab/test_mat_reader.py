@@ -40,34 +40,34 @@ def saved(variables, **options):
 
 @pytest.mark.parametrize("options", [{}, {"do_compression": True}])
 def test_values_of_a_data_file_have_their_class_and_size(options):
-    found = load_variables(saved({**PLAIN, "c": np.array([[1.0, "two"]], dtype=object)}, **options), "a.mat")
-    assert found["K"].tolist() == [[2.5]]
-    assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
-    assert (class_name(found["small"]), found["small"].tolist()) == ("int16", [[300, 2]])
-    assert (class_name(found["on"]), found["on"].tolist()) == ("logical", [[True, False]])
-    assert text(found["name"]) == "turbo"
-    assert found["S"].fields["b"].fields["c"].tolist() == [[1, 2]]
-    assert isinstance(found["c"], MatlabCell)
-    assert found["c"].values.shape == (1, 2)
+    variables = load_variables(saved({**PLAIN, "c": np.array([[1.0, "two"]], dtype=object)}, **options), "a.mat")
+    assert variables["K"].tolist() == [[2.5]]
+    assert variables["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert (class_name(variables["small"]), variables["small"].tolist()) == ("int16", [[300, 2]])
+    assert (class_name(variables["on"]), variables["on"].tolist()) == ("logical", [[True, False]])
+    assert text(variables["name"]) == "turbo"
+    assert variables["S"].fields["b"].fields["c"].tolist() == [[1, 2]]
+    assert isinstance(variables["c"], MatlabCell)
+    assert variables["c"].values.shape == (1, 2)
 
 
 def test_old_and_new_versions_are_read_alike(tmp_path):
-    found = load_variables(saved({"K": 2.5, "M": PLAIN["M"]}, format="4"), "a.mat")
-    assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    variables = load_variables(saved({"K": 2.5, "M": PLAIN["M"]}, format="4"), "a.mat")
+    assert variables["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
     save73(tmp_path / "a.mat", {"K": 2.5, "M": PLAIN["M"]})
-    found = load_variables((tmp_path / "a.mat").read_bytes(), "a.mat")
-    assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    variables = load_variables((tmp_path / "a.mat").read_bytes(), "a.mat")
+    assert variables["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_cells_and_struct_arrays_within_each_other_are_read_from_the_newest_version(tmp_path):
     save73(tmp_path / "a.mat", {"c": ((1.0, ("two", 3.0)), [{"a": (4.0, "5")}, {"a": 6.0}]), "d": (7.0,)})
-    found = load_variables((tmp_path / "a.mat").read_bytes(), "a.mat")
-    first, second = found["c"].values.ravel()
+    variables = load_variables((tmp_path / "a.mat").read_bytes(), "a.mat")
+    first, second = variables["c"].values.ravel()
     assert first.values[0, 0].item() == 1.0
     assert [text(first.values[0, 1].values[0, 0]), first.values[0, 1].values[0, 1].item()] == ["two", 3.0]
     inner, last = (element["a"] for element in second.elements.ravel())
     assert [inner.values[0, 0].item(), text(inner.values[0, 1]), last.item()] == [4.0, "5", 6.0]
-    assert found["d"].values.item().item() == 7.0
+    assert variables["d"].values.item().item() == 7.0
 
 
 def test_a_script_loads_a_data_file():
@@ -104,37 +104,37 @@ def values_of(workspace):
 
 @pytest.mark.parametrize("version", [2, 3, 4])
 def test_objects_of_a_model_workspace_have_values_limits_and_units(version):
-    found = values_of(mxarray(objects(), {"Simulink.Parameter": {"Unit": "rad"}}, version))
-    p, q, lookup = (to_calibration_parameter(found[name]) for name in "PQL")
+    variables = values_of(mxarray(objects(), {"Simulink.Parameter": {"Unit": "rad"}}, version))
+    p, q, lookup = (to_calibration_parameter(variables[name]) for name in "PQL")
     assert (p.value.tolist(), p.min, p.max) == ([[0, 1, 2], [3, 4, 5]], -1.0, 9.5)
     assert (q.value.tolist(), q.unit, q.description) == ([[4.0]], "rad", "a factor")
     assert (lookup.value.tolist(), lookup.max, lookup.unit) == ([[1.0, 2.0]], 5.0, "Nm")
     assert [(axis.name, axis.unit, axis.value.tolist()) for axis in lookup.breakpoints] == [
         ("n", "rpm", [[700.0, 1500.0]])
     ] * 2
-    assert class_name(found["P"]) == "Simulink.Parameter"
+    assert class_name(variables["P"]) == "Simulink.Parameter"
 
 
 def test_objects_are_used_like_their_values():
-    found = values_of(mxarray(objects()))
-    outcome = run_script("a = P(2, 1)*Q + K; b = P.Max;", variables=found)
+    variables = values_of(mxarray(objects()))
+    outcome = run_script("a = P(2, 1)*Q + K; b = P.Max;", variables=variables)
     assert outcome.findings != ()
-    outcome = run_script("a = P.Value(2, 1)*Q + K; b = P.Max;", variables=found)
+    outcome = run_script("a = P.Value(2, 1)*Q + K; b = P.Max;", variables=variables)
     assert (outcome.variables["a"].tolist(), outcome.variables["b"].tolist()) == ([[14.5]], [[9.5]])
 
 
 def test_workspaces_of_older_releases_are_lists_of_names_and_values():
-    found = values_of(pairs({"K": 2.5, "name": "turbo"}))
-    assert found["K"].tolist() == [[2.5]]
-    assert text(found["name"]) == "turbo"
+    variables = values_of(pairs({"K": 2.5, "name": "turbo"}))
+    assert variables["K"].tolist() == [[2.5]]
+    assert text(variables["name"]) == "turbo"
 
 
 def test_objects_without_their_properties_stay_opaque():
     raw = mxarray({"K": 1.0, "P": Thing("Simulink.Parameter", {"Value": 1.0})})
-    found = values_of(raw[: 16 + int.from_bytes(raw[12:16], "little")])
-    assert found["K"].tolist() == [[1.0]]
-    assert found["P"] == OpaqueValue("Simulink.Parameter")
-    outcome = run_script("x = P*2;", variables=found)
+    variables = values_of(raw[: 16 + int.from_bytes(raw[12:16], "little")])
+    assert variables["K"].tolist() == [[1.0]]
+    assert variables["P"] == OpaqueValue("Simulink.Parameter")
+    outcome = run_script("x = P*2;", variables=variables)
     assert "a Simulink.Parameter is not a number" in str(outcome.findings[0])
 
 
@@ -151,13 +151,13 @@ def test_a_corrupt_workspace_gives_values_or_an_error_of_the_file():
         for _ in range(chance.randint(1, 6)):
             broken[chance.randrange(len(broken))] = chance.randrange(256)
         try:
-            found = values_of(bytes(broken[: chance.randint(8, len(broken))]))
+            variables = values_of(bytes(broken[: chance.randint(8, len(broken))]))
         except MatFileError:
             continue
-        assert all(to_calibration_parameter(value) is None or value.fields for value in found.values())
+        assert all(to_calibration_parameter(value) is None or value.fields for value in variables.values())
 
 
-def test_the_tree_tells_objects_from_structs():
+def test_the_tree_distinguishes_objects_from_structs():
     content = saved({"K": 1.0})
     nodes = read_nodes(content + mxarray({"P": Thing("Simulink.Parameter", {"Value": 1.0})})[8:])
     assert "K" in nodes
@@ -174,16 +174,23 @@ REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
 def test_arrays_that_simulink_wrote_are_read(name):
     with zipfile.ZipFile(REAL / name) as archive:
         parts = [part for part in archive.namelist() if part.endswith(".mxarray")]
-        found = [read_elements(memoryview(archive.read(part)), 8, "<").further for part in parts]
-    assert len(found) == 19
-    assert all(isinstance(arrays[0], MatStruct) and arrays[0].fields for arrays in found)
+        properties = [read_elements(memoryview(archive.read(part)), 8, "<").further for part in parts]
+    assert len(properties) == 19
+    assert all(isinstance(arrays[0], MatStruct) and arrays[0].fields for arrays in properties)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the models are not at {REAL}")
 def test_data_that_matlab_wrote_are_values():
-    found = load_variables((REAL / "BreathData.mat").read_bytes(), "BreathData.mat")
-    assert found
-    assert {class_name(value) for value in found.values()} <= {"double", "struct", "cell", "char", "single", "logical"}
+    variables = load_variables((REAL / "BreathData.mat").read_bytes(), "BreathData.mat")
+    assert variables
+    assert {class_name(value) for value in variables.values()} <= {
+        "double",
+        "struct",
+        "cell",
+        "char",
+        "single",
+        "logical",
+    }
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the fault is one of POSIX")

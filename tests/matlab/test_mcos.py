@@ -30,8 +30,8 @@ TAG = np.array([0xDD000000], "<u4").tobytes()
 SIMULINK = "Simulink.Parameter"
 
 
-def parameter(value, **said):
-    return Thing(SIMULINK, {"Value": value, **said})
+def parameter(value, **properties):
+    return Thing(SIMULINK, {"Value": value, **properties})
 
 
 def axis(name, points):
@@ -54,26 +54,26 @@ def read(request):
 
 
 def test_an_object_is_a_struct_with_the_name_of_its_class(read):
-    found = read({"K": 2.5, "P": parameter(3.0, Unit="Nm"), "S": Thing("Simulink.Signal", {"Min": -1.0})}).variables
-    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, MatText("Nm"))
-    assert found["P"].fields["Value"].values.tolist() == [[3.0]]
-    assert (found["S"].kind, found["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
-    assert found["K"].values.item() == 2.5
+    variables = read({"K": 2.5, "P": parameter(3.0, Unit="Nm"), "S": Thing("Simulink.Signal", {"Min": -1.0})}).variables
+    assert (variables["P"].kind, variables["P"].fields["Unit"]) == (SIMULINK, MatText("Nm"))
+    assert variables["P"].fields["Value"].values.tolist() == [[3.0]]
+    assert (variables["S"].kind, variables["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
+    assert variables["K"].values.item() == 2.5
 
 
 def test_objects_within_objects_are_opened(read):
     points = Thing("Simulink.Breakpoint", {"Breakpoints": axis("n", [1.0, 2.0, 4.0])})
-    found = read({"L": table(), "B": points}).variables
-    assert found["L"].fields["Table"].fields["Value"].values.tolist() == [[1.0, 2.0]]
-    assert isinstance(found["L"].fields["Breakpoints"], MatStructArray)
-    assert [one.fields["FieldName"] for one in found["L"].fields["Breakpoints"].elements] == [MatText("n")] * 2
-    assert found["B"].fields["Breakpoints"].fields["Value"].values.tolist() == [[1.0, 2.0, 4.0]]
+    variables = read({"L": table(), "B": points}).variables
+    assert variables["L"].fields["Table"].fields["Value"].values.tolist() == [[1.0, 2.0]]
+    assert isinstance(variables["L"].fields["Breakpoints"], MatStructArray)
+    assert [one.fields["FieldName"] for one in variables["L"].fields["Breakpoints"].elements] == [MatText("n")] * 2
+    assert variables["B"].fields["Breakpoints"].fields["Value"].values.tolist() == [[1.0, 2.0, 4.0]]
 
 
 def test_objects_within_structs_are_opened(read):
-    found = read({"S": {"engine": {"K": parameter(4.0)}, "n": 1.0}}).variables["S"]
-    assert found.fields["engine"].fields["K"].kind == SIMULINK
-    assert found.fields["engine"].fields["K"].fields["Value"].values.item() == 4.0
+    struct_node = read({"S": {"engine": {"K": parameter(4.0)}, "n": 1.0}}).variables["S"]
+    assert struct_node.fields["engine"].fields["K"].kind == SIMULINK
+    assert struct_node.fields["engine"].fields["K"].fields["Value"].values.item() == 4.0
 
 
 def test_an_object_that_is_not_there_takes_no_other_with_it(read):
@@ -81,34 +81,34 @@ def test_an_object_that_is_not_there_takes_no_other_with_it(read):
     raw = bytearray(mxarray(whole))
     at = raw.index(TAG)
     raw[at + 16 : at + 20] = (99).to_bytes(4, "little")
-    found = read_workspace(bytes(raw)).variables
-    assert found["P"] == MatUnreadable(SIMULINK, why="object 99 not found")
-    assert found["Q"].fields["Value"].values.item() == 2.0
+    variables = read_workspace(bytes(raw)).variables
+    assert variables["P"] == MatUnreadable(SIMULINK, why="object 99 not found")
+    assert variables["Q"].fields["Value"].values.item() == 2.0
     assert read(whole).variables["P"].fields["Value"].values.item() == 1.0
 
 
 def test_a_table_of_an_unknown_version_leaves_the_plain_variables():
     raw = mxarray({"K": 1.0, "P": parameter(2.0)}, version=9)
-    found = read_workspace(raw).variables
-    assert found["K"].values.item() == 1.0
-    assert (found["P"].kind, found["P"].why) == (SIMULINK, "the object table has an unknown version")
+    variables = read_workspace(raw).variables
+    assert variables["K"].values.item() == 1.0
+    assert (variables["P"].kind, variables["P"].why) == (SIMULINK, "the object table has an unknown version")
 
 
-def test_an_object_without_its_properties_says_so():
+def test_an_object_without_its_properties_is_reported():
     raw = mxarray({"P": parameter(1.0)})
-    found = read_workspace(raw[: 16 + int.from_bytes(raw[12:16], "little")]).variables["P"]
-    assert (found.kind, found.why) == (SIMULINK, "the file does not contain its properties")
+    node = read_workspace(raw[: 16 + int.from_bytes(raw[12:16], "little")]).variables["P"]
+    assert (node.kind, node.why) == (SIMULINK, "the file does not contain its properties")
 
 
-def test_an_enumeration_says_that_it_is_none_of_the_known_objects():
+def test_an_enumeration_is_reported_as_an_unknown_object():
     kind = b"".join(element(1, part) for part in (b"Mode", b"MCOS", b"GearMode"))
     head = element(6, struct.pack("<II", OPAQUE, 0))
     enumeration = element(14, head + kind + struct_of({"ValueIndices": numbers([[0.0]])}))
     plain = matfile({"P": parameter(1.0)})
-    found = load_nodes(plain[:128] + enumeration + plain[128:]).variables
-    assert found["Mode"].kind == "GearMode"
-    assert "enumeration" in found["Mode"].why
-    assert isinstance(found["P"], MatStruct)
+    variables = load_nodes(plain[:128] + enumeration + plain[128:]).variables
+    assert variables["Mode"].kind == "GearMode"
+    assert "enumeration" in variables["Mode"].why
+    assert isinstance(variables["P"], MatStruct)
 
 
 def test_objects_that_hold_each_other_end():
@@ -153,24 +153,24 @@ def test_an_array_of_more_objects_than_the_file_holds_is_refused():
 
 
 def test_a_bomb_within_the_properties_is_refused():
-    made = zlib.compress(struct.pack("<II", 14, 50_000_000) + bytes(50_000_000), 9)
-    subsystem = b"\0\1IM\0\0\0\0" + struct.pack("<II", 15, len(made)) + made
+    bomb = zlib.compress(struct.pack("<II", 14, 50_000_000) + bytes(50_000_000), 9)
+    subsystem = b"\0\1IM\0\0\0\0" + struct.pack("<II", 15, len(bomb)) + bomb
     raw = mxarray({"K": 1.0}) + numbers(np.frombuffer(subsystem, np.uint8)[:, None], UINT8, "u1", 2)
     tracemalloc.start()
     try:
-        found = read_workspace(raw, 10_000_000).variables
+        variables = read_workspace(raw, 10_000_000).variables
         assert tracemalloc.get_traced_memory()[1] < 5_000_000
     finally:
         tracemalloc.stop()
-    assert found["K"].values.item() == 1.0
+    assert variables["K"].values.item() == 1.0
 
 
 def test_thousands_of_objects_are_read():
-    found = read_workspace(
+    workspace = read_workspace(
         mxarray({f"P{n}": parameter(float(n), Min=0.0, Max=9e9, DocUnits="Nm") for n in range(1000)})
     )
-    assert [node.fields["Value"].values.item() for node in found.variables.values()] == list(range(1000))
-    assert not found.damage
+    assert [node.fields["Value"].values.item() for node in workspace.variables.values()] == list(range(1000))
+    assert not workspace.damage
 
 
 def test_an_array_of_numbers_is_not_a_workspace():
@@ -184,11 +184,11 @@ def test_an_empty_workspace_holds_nothing():
     assert read_workspace(mxarray({})).variables == {}
 
 
-def test_a_workspace_whose_only_array_is_damaged_says_so():
+def test_a_workspace_whose_only_array_is_damaged_is_reported():
     raw = mxarray({"K": 1.0})
-    found = read_workspace(raw[:12] + b"\xff\xff" + raw[14:])
-    assert found.variables == {}
-    assert found.lost
+    workspace = read_workspace(raw[:12] + b"\xff\xff" + raw[14:])
+    assert workspace.variables == {}
+    assert workspace.lost
 
 
 def save_objects73(path, things):
@@ -197,8 +197,8 @@ def save_objects73(path, things):
     numbered = {name: store.reference([thing]) for name, thing in things.items()}
     subsystem = np.frombuffer(store.written(), np.uint8)
     wrapper = read_elements(memoryview(subsystem.tobytes()), 8, "<").further[0].fields["MCOS"].reference
-    given = [value for thing in things.values() for value in thing.properties.values()]
-    cells = (wrapper.cells[0].values, np.zeros((1, 1)), *given, *[np.zeros((1, 1))] * 3)
+    property_values = [value for thing in things.values() for value in thing.properties.values()]
+    cells = (wrapper.cells[0].values, np.zeros((1, 1)), *property_values, *[np.zeros((1, 1))] * 3)
     save73(path, {"K": 2.5, "cells": cells})
     with h5py.File(path, "r+") as file:
         file.move("cells", "#subsystem#/MCOS")
@@ -213,19 +213,19 @@ def save_objects73(path, things):
 
 def test_objects_of_the_newest_version_are_opened(tmp_path):
     things = {"P": parameter(3.0, Unit="Nm", Max=9.0), "S": Thing("Simulink.Signal", {"Min": -1.0})}
-    found = load_nodes(save_objects73(tmp_path / "a.mat", things)).whole().variables
-    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, MatText("Nm"))
-    assert [found["P"].fields[name].values.item() for name in ("Value", "Max")] == [3.0, 9.0]
-    assert (found["S"].kind, found["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
-    assert (found["K"].values.item(), set(found)) == (2.5, {"K", "P", "S"})
+    variables = load_nodes(save_objects73(tmp_path / "a.mat", things)).whole().variables
+    assert (variables["P"].kind, variables["P"].fields["Unit"]) == (SIMULINK, MatText("Nm"))
+    assert [variables["P"].fields[name].values.item() for name in ("Value", "Max")] == [3.0, 9.0]
+    assert (variables["S"].kind, variables["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
+    assert (variables["K"].values.item(), set(variables)) == (2.5, {"K", "P", "S"})
 
 
 def test_objects_of_the_newest_version_without_properties_leave_the_plain_variables(tmp_path):
     save_objects73(tmp_path / "a.mat", {"P": parameter(3.0)})
     with h5py.File(tmp_path / "a.mat", "r+") as file:
         del file["#subsystem#"]
-    found = load_nodes((tmp_path / "a.mat").read_bytes()).whole().variables
-    assert (found["K"].values.item(), found["P"].why) == (2.5, "the file does not contain its properties")
+    variables = load_nodes((tmp_path / "a.mat").read_bytes()).whole().variables
+    assert (variables["K"].values.item(), variables["P"].why) == (2.5, "the file does not contain its properties")
 
 
 @pytest.mark.parametrize(
@@ -237,8 +237,8 @@ def test_empty_arrays_of_the_newest_version_keep_their_kind_and_size(kind, node,
     with h5py.File(tmp_path / "a.mat", "r+") as file:
         file["e"] = np.array([0, 1], np.uint64)
         file["e"].attrs["MATLAB_class"], file["e"].attrs["MATLAB_empty"] = np.bytes_(kind), np.uint8(1)
-    found = load_nodes((tmp_path / "a.mat").read_bytes()).variables["e"]
-    assert (found.values.shape if kind == "double" else found) == node
+    node_read = load_nodes((tmp_path / "a.mat").read_bytes()).variables["e"]
+    assert (node_read.values.shape if kind == "double" else node_read) == node
 
 
 def nodes(node: Node):
@@ -259,8 +259,8 @@ def test_corrupt_workspaces_are_read_as_far_as_possible(count):
         if chance.random() < 0.2:
             del raw[chance.randrange(8, len(raw)) :]
         try:
-            found = read_workspace(bytes(raw), 10_000_000).variables
+            variables = read_workspace(bytes(raw), 10_000_000).variables
         except MatFileError:
             continue
-        read += any(not isinstance(one, MatUnreadable) for node in found.values() for one in nodes(node))
+        read += any(not isinstance(one, MatUnreadable) for node in variables.values() for one in nodes(node))
     assert read > 0.3 * count

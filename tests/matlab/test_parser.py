@@ -137,8 +137,8 @@ def test_invalid_expressions_are_reported_with_line_and_column(text, said):
 
 
 def statement(text):
-    (found,) = parse_script(text).statements
-    return found
+    (single,) = parse_script(text).statements
+    return single
 
 
 def test_statements_become_trees():

@@ -92,10 +92,10 @@ ASSIGNMENTS = {
 
 @pytest.mark.parametrize(("script", "wanted"), ASSIGNMENTS.items())
 def test_a_script_leaves_this_value(script, wanted):
-    found = values(script)["a"]
+    value = values(script)["a"]
     wanted = np.asarray(wanted)
     wanted = wanted.reshape(1, 1) if wanted.ndim == 0 else wanted
-    assert found.tolist() == wanted.tolist()
+    assert value.tolist() == wanted.tolist()
 
 
 ENGINE = """%% Engine parameters
@@ -116,7 +116,7 @@ Q = mpt.Parameter; Q.Value = K*1000;
 """
 
 
-def test_parameter_objects_say_values_limits_and_units():
+def test_parameter_objects_have_values_limits_and_units():
     outcome = run_script(ENGINE, "engine.m")
     assert outcome.findings == ()
     assert outcome.comments["K"] == "[Nm/rpm] gain"
@@ -168,9 +168,9 @@ def test_only_the_field_that_a_failed_statement_assigns_is_undefined():
     assert (par.keys(), par["in"].fields.keys()) == ({"a", "in"}, {"m"})
     assert outcome.variables["d"].item() == 1
     assert set(outcome.undefined) == {"par.opt", "par.in.k", "c"}
-    told = [str(finding) for finding in outcome.findings]
-    assert told[0].startswith("script.m line 2, column 11: unknown function simset; par.opt remains undefined")
-    assert "par.opt is undefined: assignment failed in script.m line 2; c remains undefined" in told[2]
+    messages = [str(finding) for finding in outcome.findings]
+    assert messages[0].startswith("script.m line 2, column 11: unknown function simset; par.opt remains undefined")
+    assert "par.opt is undefined: assignment failed in script.m line 2; c remains undefined" in messages[2]
 
 
 def test_a_field_that_had_a_value_loses_it_if_its_assignment_fails():
@@ -191,8 +191,8 @@ def test_the_elements_of_a_struct_array_are_undefined_as_a_whole():
 
 
 def test_the_parts_of_a_path_are_joined():
-    found = values("a = fullfile('sub', 'x.mat'); b = fullfile('sub/', '', '/deep/', 'x.mat');")
-    assert ["".join(found[name].ravel()) for name in "ab"] == ["sub/x.mat", "sub/deep/x.mat"]
+    paths = values("a = fullfile('sub', 'x.mat'); b = fullfile('sub/', '', '/deep/', 'x.mat');")
+    assert ["".join(paths[name].ravel()) for name in "ab"] == ["sub/x.mat", "sub/deep/x.mat"]
 
 
 def test_a_part_of_an_undefined_variable_cannot_be_assigned():
@@ -234,17 +234,17 @@ FILES = {
 
 
 def test_other_files_are_run_called_and_loaded():
-    found = values(
+    workspace = values(
         "axes\nload('data.mat')\nrun('axes.m');\nS = load('data');\na = square(3) + K + S.L.a;\nload data.mat L\n",
         files=FILES.get,
     )
-    assert found["speed"].tolist() == [[1, 2, 3]]
-    assert found["a"].tolist() == [[14.0]]
+    assert workspace["speed"].tolist() == [[1, 2, 3]]
+    assert workspace["a"].tolist() == [[14.0]]
 
 
 def test_files_that_are_not_there_are_findings():
-    found = findings("load('nothing.mat')\nrun other\nother2\nS = load('data.mat', 'Z');", files=FILES.get)
-    assert found == [
+    messages = findings("load('nothing.mat')\nrun other\nother2\nS = load('data.mat', 'Z');", files=FILES.get)
+    assert messages == [
         "init.m line 1, column 1: file nothing.mat not found",
         "init.m line 2, column 1: file other.m not found",
         "init.m line 3, column 1: other2 is not defined. Did you mean interp2?",
@@ -258,9 +258,9 @@ def test_scripts_that_call_each_other_come_to_an_end():
 
 
 def test_a_file_of_one_function_without_parameters_is_its_body():
-    found = values("function p = engine()\np.K = 2;\nend")["p"]
-    assert isinstance(found, MatlabStruct)
-    assert found.fields["K"].tolist() == [[2.0]]
+    struct = values("function p = engine()\np.K = 2;\nend")["p"]
+    assert isinstance(struct, MatlabStruct)
+    assert struct.fields["K"].tolist() == [[2.0]]
 
 
 def test_functions_of_the_caller_are_called():
@@ -268,14 +268,14 @@ def test_functions_of_the_caller_are_called():
 
 
 def test_texts_and_cells_grow():
-    found = values("c{3} = 'x'; w = 'ab'; w(end+1) = 'c'; names = {}; names{end+1} = 'a'; names{end+1} = 'b';")
-    assert isinstance(found["c"], MatlabCell)
-    assert text(found["w"]) == "abc"
-    assert [text(one) for one in found["names"].values.ravel()] == ["a", "b"]
+    variables = values("c{3} = 'x'; w = 'ab'; w(end+1) = 'c'; names = {}; names{end+1} = 'a'; names{end+1} = 'b';")
+    assert isinstance(variables["c"], MatlabCell)
+    assert text(variables["w"]) == "abc"
+    assert [text(one) for one in variables["names"].values.ravel()] == ["a", "b"]
 
 
 @pytest.mark.parametrize(
-    ("script", "said"),
+    ("script", "message"),
     {
         "a = zeros(2); a(:, 3) = [1 2 3];": "values of size 1 x 3 cannot be assigned to a part of size 2 x 1",
         "a = 1:3; a(1:2) = [1 2 3];": "3 values cannot be assigned to 2 elements",
@@ -291,8 +291,8 @@ def test_texts_and_cells_grow():
         "a = f(1, 2);\nfunction y = f(x)\ny = x;\nend": "f takes 1 arguments, got 2",
     }.items(),
 )
-def test_an_assignment_that_does_not_fit_is_findings(script, said):
-    assert said in findings(script)[-1]
+def test_an_assignment_that_does_not_fit_is_findings(script, message):
+    assert message in findings(script)[-1]
 
 
 HOSTILE = [
