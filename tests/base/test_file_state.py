@@ -1,4 +1,4 @@
-"""What is remembered of files is remembered while all of them are the same, and no longer."""
+"""Results that depend on files are reused while all of them are the same, and no longer."""
 
 import os
 import threading
@@ -102,7 +102,7 @@ def test_content_that_changes_while_it_is_read_is_not_kept(reader):
     assert [look(reader.file), look(reader.file)] == ["1", "11"]
 
 
-def test_what_an_inner_memory_returns_counts_for_the_outer_one(reader):
+def test_files_of_an_inner_memory_count_for_the_outer_one(reader):
     outer = while_unchanged(2)(lambda: reader.look(reader.file))
     assert [reader.look(reader.file), outer(), outer()] == [1, 1, 1]
     reader.file.write_text("3", encoding="utf-8")
@@ -139,7 +139,7 @@ def test_the_names_in_a_folder_are_its_content(tmp_path):
     assert version_of([tmp_path]) != version
 
 
-def test_a_version_is_seen_to_end(tmp_path):
+def test_a_changed_file_ends_its_version(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1", encoding="utf-8")
     version = FileVersion.seen(path, file_state._times(path))

@@ -65,7 +65,7 @@ def name_folder(source: MeasurementFile) -> str:
     return str(Path.cwd())
 
 
-def test_arrays_come_back_and_what_is_printed_does_not(process, source, capfd):
+def test_arrays_are_returned_and_printed_text_is_not(process, source, capfd):
     values = np.arange(6.0).reshape(2, 3)
     doubled = process.call(double, source, values)
     assert doubled.tolist() == (2 * values).tolist()

@@ -34,7 +34,7 @@ def test_other_names_are_refused(project: Path, name: str) -> None:
 
 @links
 @pytest.mark.parametrize("name", ["link", "link/a", "nowhere", "self", "deep/link/a"])
-def test_no_part_may_be_a_link(project: Path, name: str) -> None:
+def test_no_part_of_an_output_path_may_be_a_link(project: Path, name: str) -> None:
     (project / "deep").mkdir()
     for link, target in (("link", ".."), ("nowhere", "gone"), ("self", "self"), ("deep/link", "..")):
         (project / link).symlink_to(target)

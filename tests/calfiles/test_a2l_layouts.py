@@ -19,7 +19,7 @@ def one(*blocks, memory, common=None):
 
 
 def aside(*blocks, memory=bytes(64)):
-    """Why the only label of these blocks is left aside."""
+    """Return the reason why the only label of these blocks is skipped."""
     parameters, remarks = read(module(*blocks), memory)
     assert "L" not in parameters
     return "\n".join(remarks)

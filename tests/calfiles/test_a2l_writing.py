@@ -389,7 +389,7 @@ def tables(draw):
 
 
 @few_or_many(tables(), few=12, many=300)
-def test_what_is_written_is_read_again_in_every_layout(table):
+def test_written_tables_are_read_again_in_every_layout(table):
     text, points, raw = table
     start = b"\x01" * 800
     expected = Map("L", *[np.array(axis_points, float) for axis_points in points], raw.astype(float))

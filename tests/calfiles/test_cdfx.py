@@ -378,7 +378,7 @@ def test_mutated_copies_are_read_or_refused(shared_data, tmp_path, count):
 
 
 def is_refused(path):
-    """Whether a file is refused; any exception but `InputError` fails the test."""
+    """Return whether a file is refused; any exception but `InputError` fails the test."""
     try:
         read(path)
     except InputError as error:

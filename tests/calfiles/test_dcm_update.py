@@ -215,7 +215,7 @@ def test_a_table_of_another_size_is_written_anew_with_its_comments(written, tmp_
     assert read(tmp_path / "b.dcm")["M"] == smaller
 
 
-def test_what_is_new_follows_and_what_is_gone_is_removed(written, tmp_path):
+def test_new_blocks_are_appended_and_missing_ones_removed(written, tmp_path):
     path = written(TEXT)
     parameters = read(path).with_parameters(Curve("New", Axis([1, 2], name="AxisN"), [3, 4])).without(["K"])
     write(parameters, tmp_path / "b.dcm")

@@ -92,7 +92,7 @@ def test_only_the_first_of_very_many_wrong_lines_are_reported():
         ([s_record(3, 0, b"\x01"), "S9zz"], "is not an S-record"),
     ],
 )
-def test_what_is_wrong_has_a_finding(lines, message):
+def test_wrong_lines_are_findings(lines, message):
     assert message in "\n".join(errors(*lines))
 
 

@@ -71,7 +71,7 @@ def test_another_extrapolation_is_reported(tmp_path):
     assert any("K.extrapolation: unknown key of a scalar" in finding for finding in findings(path))
 
 
-def test_a_number_that_is_not_finite_is_null_and_reads_as_nan(tmp_path):
+def test_a_nonfinite_number_is_null_and_reads_as_nan(tmp_path):
     parameters = ParameterSet([Curve("C", [1, 2], [np.nan, 1]), Scalar("S", np.nan)])
     write(parameters, tmp_path / "a.json")
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["C"]["values"] == [None, 1]

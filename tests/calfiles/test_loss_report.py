@@ -1,4 +1,4 @@
-"""What a file cannot store is told, aspect by aspect; what it holds is not."""
+"""Losses of a written file are reported, aspect by aspect."""
 
 import numpy as np
 import pytest

@@ -223,7 +223,7 @@ def test_a_variable_that_unpacks_to_gigabytes_is_refused(tmp_path, monkeypatch):
 
 
 def findings(path):
-    """What a file is refused for, and what it holds otherwise; any other exception fails the test."""
+    """Return the message that refuses a file, else its contents; any other exception fails the test."""
     try:
         return (), set(read(path))
     except InputError as error:

@@ -213,7 +213,7 @@ def test_a_real_tune_is_read_and_written_back(shared_data, tmp_path):
 
 
 def findings(path):
-    """What a file is refused for; any other exception fails the test."""
+    """Return the message that refuses a file; any other exception fails the test."""
     try:
         read(path)
     except InputError as error:

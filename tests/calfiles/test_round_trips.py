@@ -1,4 +1,4 @@
-"""What a format writes, it reads back as an equal set; what is damaged is refused with findings."""
+"""Each format reads back an equal set; damaged files are refused with findings."""
 
 import json
 from dataclasses import replace
@@ -102,7 +102,7 @@ def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, endin
 
 
 def findings(path):
-    """What a damaged file is refused for; any other exception fails the test."""
+    """Return the message that refuses a damaged file; any other exception fails the test."""
     try:
         read(path)
     except InputError as error:

@@ -73,7 +73,7 @@ def test_an_unknown_channel_is_named_with_the_nearest():
         ({"scored": [True]}, "scored of dataset bench must have one entry per sample, 3"),
     ],
 )
-def test_what_contradicts_itself_is_refused(attributes, message):
+def test_contradictory_attributes_are_refused(attributes, message):
     with pytest.raises(ArgumentError, match=message):
         bench(**attributes)
 
@@ -172,7 +172,7 @@ def test_recordings_join_as_pieces_over_the_channels_they_share():
     assert (data.name, data.weight, data.use) == ("all", 2.0, "test")
 
 
-def test_recordings_join_what_is_scored():
+def test_joined_recordings_keep_their_scored_samples():
     one, two = bench(scored=np.array([True, False, True])), bench()
     assert concatenate("all", [one, two]).scored.tolist() == [True, False, True, True, True, True]
     assert concatenate("all", [two, two]).scored is None

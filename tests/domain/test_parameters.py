@@ -128,7 +128,7 @@ def test_a_cube_has_three_or_four_axes(count):
         (lambda: Scalar("K", 1, lower=np.nan), "K has the lower bound nan"),
     ],
 )
-def test_what_contradicts_itself_is_refused(make, message):
+def test_contradictory_attributes_are_refused(make, message):
     with pytest.raises(ArgumentError, match=message):
         make()
 

@@ -189,7 +189,7 @@ def test_frames_of_can_fd_hold_signals_beyond_8_bytes(log, tmp_path):
     assert read(path, ["Far"], dbc=database)["Far"].values.tolist() == [256.0, 257.0, 258.0]
 
 
-def test_what_is_not_described_is_counted_and_named(log, database):
+def test_undescribed_frames_are_counted_and_named(log, database):
     path = log([*drive(4), Frame(0.05, 0x77, b"abc"), Frame(0.06, 0x77, b"abc")])
     (remark,) = remarks(describe(path, database))
     assert remark == (

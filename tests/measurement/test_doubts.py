@@ -1,4 +1,4 @@
-"""What text files leave open: points that may separate thousands, and encodings that are guessed."""
+"""Ambiguous text files: points that may separate thousands, and encodings that are guessed."""
 
 import gzip
 

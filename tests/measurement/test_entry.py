@@ -22,7 +22,7 @@ def bits(values):
     few=15,
     many=300,
 )
-def test_every_bit_comes_back(values, labels, timed):
+def test_parquet_keeps_every_bit(values, labels, timed):
     channels = tuple(Channel(f"c{i}", np.array(values) + 0.0 * i, u, d) for i, (u, d) in enumerate(labels))
     data = Dataset("a", channels, np.arange(len(values)) * 0.1 if timed else None)
     back = from_parquet(to_parquet(data), "b")

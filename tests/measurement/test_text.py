@@ -1,4 +1,4 @@
-"""Text files: dialects found without being told, gaps, findings with their line, and random tables."""
+"""Text files: detected dialects, gaps, findings with their line, and random tables."""
 
 import contextlib
 import gzip

@@ -41,7 +41,7 @@ def test_time_is_a_channel_too_where_it_is_asked_for(csv):
 
 
 @pytest.mark.parametrize("head", ["t", "t [-]", "dwell [ms]"])
-def test_what_only_looks_like_time_is_a_channel_where_it_is_asked_for(csv, head):
+def test_a_requested_channel_that_looks_like_time_stays_a_channel(csv, head):
     path, name = csv(f"{head},a\n1,5\n2,6\n4,7\n"), head.split()[0]
     assert read(path).time.tolist() == [x / 1000 if name == "dwell" else x for x in (1, 2, 4)]
     data = read(path, [name, "a"])

@@ -37,7 +37,7 @@ def test_samples_have_equal_numbers_just_if_they_are_in_the_same_cell():
 
 
 @pytest.mark.parametrize("text", ["y = C(u + K)", "y = C(C(u) * v) - C(C(v))", "y = K * u + v"])
-def test_what_a_parameter_moves_has_no_cell(text):
+def test_coordinates_moved_by_a_parameter_have_no_cell(text):
     grid, channels = cells(text), columns()
     alike = {n: cell(channels[n], X) for n in "uv" if f"C({n})" in text}
     assert np.unique(numbers(grid, channels)).size == len(set(zip(*alike.values(), strict=True))) if alike else 1

@@ -30,7 +30,7 @@ def recordings(draw):
 
 
 def within(values, starts, begin, end, tolerance):
-    """Whether a stretch stays within the band and one segment."""
+    """Return whether a stretch stays within the band and one segment."""
     return not np.any((starts > begin) & (starts <= end)) and np.ptp(values[begin : end + 1]) <= 2 * tolerance
 
 
@@ -106,7 +106,7 @@ def test_no_samples_give_no_segment_and_one_sample_gives_one():
     assert longest_stretch(np.array([5.0]), np.array([0])) == (0.0, 5.0)
 
 
-def test_means_leave_out_what_is_missing_and_what_does_not_count():
+def test_means_skip_missing_values_and_unscored_samples():
     nan = np.nan
     columns = {"a": [1.0, 2, 3, 4, 9], "b": [nan, nan, 1, nan, 2], "c": [0.1] * 4 + [nan]}
     data = Dataset.of("d", columns, time=np.arange(5.0), max_gap=3.0)

@@ -1,4 +1,4 @@
-"""Samples that are not simulated are told, with the reason."""
+"""Samples that are not simulated are reported with the reason."""
 
 import json
 

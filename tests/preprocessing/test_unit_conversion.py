@@ -131,7 +131,7 @@ units = st.sampled_from(KNOWN.split())
 
 
 @given(units, units, st.floats(-1e3, 1e3))
-def test_there_and_back_is_where_it_began(one, other, value):
+def test_converting_there_and_back_restores_the_value(one, other, value):
     there, back = compare_units(one, other), compare_units(other, one)
     if isinstance(there, UnitConversion):
         assert isinstance(back, UnitConversion)

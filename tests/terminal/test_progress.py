@@ -40,7 +40,7 @@ def test_elsewhere_each_of_several_starts_has_a_line(capsys, monkeypatch):
     assert [line[:15] for line in capsys.readouterr().err.splitlines()] == ["start  1  plain", "start  2  plain"]
 
 
-def test_lines_go_where_they_belong(capsys):
+def test_lines_go_to_stdout_and_findings_to_stderr(capsys):
     print_lines("one", "two")
     print_findings("three\nfour")
     assert capsys.readouterr() == ("one\ntwo\n", "three four\n")

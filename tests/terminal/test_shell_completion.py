@@ -93,7 +93,7 @@ def test_a_shell_completes_files(shell, run_shell):
 
 
 def ask_powershell(monkeypatch, capsys, words, incomplete):
-    """What the completer of PowerShell is given for a line, by the program that it runs."""
+    """Return the completions that the program gives PowerShell for a line."""
     monkeypatch.setattr(sys, "argv", ["kennfeld"])
     monkeypatch.setenv(COMPLETE, "powershell_complete")
     monkeypatch.setenv("COMP_WORDS", "\n".join(words))

@@ -35,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     cache_folder.cache_clear()
 
 
-def test_code_comes_back(folder: Path) -> None:
+def test_kept_code_is_read_back(folder: Path) -> None:
     assert read_code(KEY) is None
     keep_code(KEY, b"code")
     assert read_code(KEY) == b"code"

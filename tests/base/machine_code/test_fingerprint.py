@@ -1,4 +1,4 @@
-"""What stands for the code of a call: all that determines it."""
+"""The fingerprint of compiled code covers all that determines it."""
 
 import ast
 import os
@@ -187,7 +187,7 @@ def test_a_source_in_a_folder_has_a_part_in_it(source_hash: Callable[[], str], t
     assert source_hash() != before
 
 
-def test_without_sources_there_is_none(
+def test_without_sources_a_call_has_no_fingerprint(
     source_hash: Callable[[], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for file in (tmp_path / "native").glob("*.py"):
