@@ -99,8 +99,8 @@ def _agree_closely(covariance, ends):
     values, vectors = np.linalg.eigh(covariance[np.ix_(moving, moving)] / np.outer(units, units))
     kept = values > 1e-9 * values[-1]
     mixtures = (ends[:, moving] / units) @ (vectors[:, kept] / np.sqrt(values[kept]))
-    found = np.linalg.eigvalsh(np.cov(mixtures.T))
+    eigenvalues = np.linalg.eigvalsh(np.cov(mixtures.T))
     edge = np.sqrt(kept.sum() / count)  # of Marchenko and Pastur
-    assert (1 - edge) ** 2 * 0.8 < found[0]
-    assert found[-1] < (1 + edge) ** 2 * 1.2
+    assert (1 - edge) ** 2 * 0.8 < eigenvalues[0]
+    assert eigenvalues[-1] < (1 + edge) ** 2 * 1.2
     return size

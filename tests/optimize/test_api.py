@@ -183,9 +183,9 @@ def test_memory_without_time_stamps_says_what_to_do():
 
 
 def test_simulate_gives_the_named_nodes():
-    found = kf.simulate("half = x / 2\nm = half + k", {"x": [2.0, 4.0]}, {"k": 1.0})
-    assert found["half"].values.tolist() == [1.0, 2.0]
-    assert found["m"].values.tolist() == [2.0, 3.0]
+    simulation = kf.simulate("half = x / 2\nm = half + k", {"x": [2.0, 4.0]}, {"k": 1.0})
+    assert simulation["half"].values.tolist() == [1.0, 2.0]
+    assert simulation["m"].values.tolist() == [2.0, 3.0]
 
 
 def test_simulating_nothing_gives_nothing():

@@ -134,10 +134,10 @@ def test_each_axis_has_its_own_factor_and_given_ones_stay():
     start = kf.ParameterSet([kf.Map("M", np.linspace(0, 6, 7), np.linspace(0, 6, 7), np.zeros((7, 7)))])
     for given, kept in (("auto", None), (("auto", 7.0), 7.0)):
         result = kf.calibrate("z = M(x, y)", data, start, target="wanted", smoothness={"M": given})
-        found = result.smoothness["M"]
-        assert found["y"] == kept if kept else found["y"] > 10 * found["x"]
+        factors = result.smoothness["M"]
+        assert factors["y"] == kept if kept else factors["y"] > 10 * factors["x"]
         assert result.converged
-        assert result.as_json()["smoothness"] == {"M": found}
+        assert result.as_json()["smoothness"] == {"M": factors}
 
 
 def test_a_table_without_data_keeps_its_start_and_gets_no_factor():
@@ -198,13 +198,13 @@ def test_tables_that_can_be_exchanged_stay_near_their_start(seed, pins):
         smoothness="auto",
         pins=pins,
     )
-    found = {name: table.values for name, table in result.parameters.items()}
+    values = {name: table.values for name, table in result.parameters.items()}
     assert result.quality[1].rmse_after < 0.35
-    assert 0.5 < found["E"].min() <= found["E"].max() < 3
-    assert 0 < found["A"].min() <= found["A"].max() < 300
-    assert np.abs(found["B"]).max() < 100
+    assert 0.5 < values["E"].min() <= values["E"].max() < 3
+    assert 0 < values["A"].min() <= values["A"].max() < 300
+    assert np.abs(values["B"]).max() < 100
     for axis in (0, 1):
-        assert np.abs(np.diff(found["A"], axis=axis)).max() < 40
+        assert np.abs(np.diff(values["A"], axis=axis)).max() < 40
 
 
 @pytest.mark.parametrize(("samples", "seed"), [pytest.param(300, 0, marks=pytest.mark.slow), (100, 2)])

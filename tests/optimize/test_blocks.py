@@ -35,13 +35,13 @@ def test_the_parts_add_up_to_the_whole(text):
     data = recording(300, gaps=range(40, 90)), recording(170, 1, name="other")
     made = compiled(*data, text=text)
     blocks = HoldoutBlocks.of(made)
-    found = list(blocks.linearise(made.start))
+    linear_blocks = list(blocks.linearise(made.start))
     whole = made.sums.normal(made.start)
-    assert blocks.sizes.size == len(found) == BLOCKS
-    assert sum(block.share for block in found) == pytest.approx(1)
-    assert sum(block.misfit for block in found) == pytest.approx(made.sums.cost(made.start))
-    np.testing.assert_allclose(sum(block.gradient for block in found), whole.gradient, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(sum(block.matrix for block in found), whole.matrix, rtol=1e-9, atol=1e-9)
+    assert blocks.sizes.size == len(linear_blocks) == BLOCKS
+    assert sum(block.share for block in linear_blocks) == pytest.approx(1)
+    assert sum(block.misfit for block in linear_blocks) == pytest.approx(made.sums.cost(made.start))
+    np.testing.assert_allclose(sum(block.gradient for block in linear_blocks), whole.gradient, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(sum(block.matrix for block in linear_blocks), whole.matrix, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("text", TEXTS)

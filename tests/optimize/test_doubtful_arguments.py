@@ -24,38 +24,42 @@ def warnings(text, data, start, **options):
 
 @pytest.mark.parametrize(("dt", "T"), [(0.1, 0.951), (0.3, 0.857), (1.0, 0.582)])
 def test_a_time_constant_below_five_steps_is_told_with_that_of_the_lag(dt, T):
-    result, found = warnings("y = PT1(u, T, 0)", lag(dt), {"T": 2.0})
+    result, sentences = warnings("y = PT1(u, T, 0)", lag(dt), {"T": 2.0})
     assert result.parameters["T"].value == pytest.approx(T, abs=1e-3)
-    assert len(found) == (dt > T / 5)
-    for sentence in found:
+    assert len(sentences) == (dt > T / 5)
+    for sentence in sentences:
         assert f"depends on T is below 5 steps ({result.parameters['T'].value:.3g} s at a step of {dt:g} s)" in sentence
         assert "decays like a lag of 1 s" in sentence
         assert "PT1exact" in sentence
     rows = result.as_json()["warnings"]
-    assert len(rows) == len(found)
-    assert all(row["sentence"] in sentence for row, sentence in zip(rows, found, strict=True))
+    assert len(rows) == len(sentences)
+    assert all(row["sentence"] in sentence for row, sentence in zip(rows, sentences, strict=True))
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.3, 1.0])
 def test_the_exact_lag_finds_the_time_constant(dt):
-    result, found = warnings("y = PT1exact(u, T, 0)", lag(dt), {"T": 2.0})
+    result, sentences = warnings("y = PT1exact(u, T, 0)", lag(dt), {"T": 2.0})
     assert result.parameters["T"].value == pytest.approx(1.0, rel=1e-3)
-    assert not found
+    assert not sentences
 
 
 def test_time_constants_of_a_table_are_examined_where_there_are_data():
     low = kf.Curve("L", [0.0, 1.0, 9.0], [0.2, 3.0, 0.01])
-    _, found = warnings("y = PT1(u, L(w), 0) * k", lag(0.1), kf.ParameterSet([low, kf.Scalar("k", 1.0)]), free=["L"])
-    assert all("depends on L is below 5 steps at " in sentence for sentence in found)
-    _, found = warnings("y = PT1(u, L(w), 0) * k", lag(0.1), kf.ParameterSet([low, kf.Scalar("k", 1.0)]), free=["k"])
-    assert not found  # it is not fitted
+    _, sentences = warnings(
+        "y = PT1(u, L(w), 0) * k", lag(0.1), kf.ParameterSet([low, kf.Scalar("k", 1.0)]), free=["L"]
+    )
+    assert all("depends on L is below 5 steps at " in sentence for sentence in sentences)
+    _, sentences = warnings(
+        "y = PT1(u, L(w), 0) * k", lag(0.1), kf.ParameterSet([low, kf.Scalar("k", 1.0)]), free=["k"]
+    )
+    assert not sentences  # it is not fitted
 
 
 def test_a_corner_frequency_is_examined_on_uneven_time():
     time = np.cumsum(np.resize([0.4, 0.02], U.size))
     data = {"time": time, "u": U} | {"m": kf.simulate("y = lowpass(u, 0.5)", {"time": time, "u": U}, {})["y"].values}
-    _, found = warnings("y = lowpass(u, f)", data, {"f": 0.6})
-    assert "depends on f is below 5 steps at 50% of the samples, down to 0.318 s at a step of 0.4 s" in found[0]
+    _, sentences = warnings("y = lowpass(u, f)", data, {"f": 0.6})
+    assert "depends on f is below 5 steps at 50% of the samples, down to 0.318 s at a step of 0.4 s" in sentences[0]
 
 
 @pytest.mark.parametrize(
@@ -72,7 +76,7 @@ def test_a_corner_frequency_is_examined_on_uneven_time():
     ],
 )
 def test_limits_that_parameters_cross_are_told(text, start, expected):
-    _, found = warnings(text, lag(0.1), {**start, "k": 1.0}, free=["k"])
-    crossed = [sentence for sentence in found if "crossed" in sentence]
+    _, sentences = warnings(text, lag(0.1), {**start, "k": 1.0}, free=["k"])
+    crossed = [sentence for sentence in sentences if "crossed" in sentence]
     assert len(crossed) == bool(expected)
     assert all(expected in sentence for sentence in crossed)

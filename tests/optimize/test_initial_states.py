@@ -12,11 +12,11 @@ def recording(first, seed, **columns):
     """A lag that begins at `first`, with a little noise."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.normal(size=SAMPLES // 50), 50)
-    y, found = first, []
+    y, states = first, []
     for x in u:
         y += STEP / (LAG + STEP) * (x - y)
-        found.append(y)
-    measured = np.array(found) + rng.normal(0.0, 0.01, SAMPLES)
+        states.append(y)
+    measured = np.array(states) + rng.normal(0.0, 0.01, SAMPLES)
     return {"u": u, "m": measured, **{name: np.full(SAMPLES, value) for name, value in columns.items()}}
 
 

@@ -77,11 +77,11 @@ class Fit:
 @pytest.mark.parametrize("seed", mostly_slow(range(4), 2))
 def test_a_monotonic_map_is_that_of_a_convex_solver(seed):
     fit = Fit(seed)
-    found = fit.fitted([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", 0.0, 1.5)])
+    result = fit.fitted([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", 0.0, 1.5)])
     expected = fit.judged(lambda z: [fit.slopes(z, 0) >= 0, fit.slopes(z, 1) >= 0, fit.slopes(z, 1) <= 1.5])
-    assert found.status == "converged"
-    np.testing.assert_allclose(found.parameters["M"].values, expected, atol=1e-6)
-    assert found.trace[-1].active > 5
+    assert result.status == "converged"
+    np.testing.assert_allclose(result.parameters["M"].values, expected, atol=1e-6)
+    assert result.trace[-1].active > 5
 
 
 def test_locks_and_bounds_hold_beside_slopes():
@@ -91,8 +91,8 @@ def test_locks_and_bounds_hold_beside_slopes():
     start = np.zeros((8, 6))
     start[2, 3], start[5, 1] = -0.7, 0.4
     table = kf.Map("M", *fit.axes, start).changed(locked=held).with_bounds(-2.0, 2.5)
-    found = fit.fitted([Shape("M", 0, "slope", 0.0)], table)
-    values = found.parameters["M"].values
+    result = fit.fitted([Shape("M", 0, "slope", 0.0)], table)
+    values = result.parameters["M"].values
     expected = fit.judged(lambda z: [fit.slopes(z, 0) >= 0, z[2, 3] == -0.7, z[5, 1] == 0.4, z >= -2.0, z <= 2.5])
     np.testing.assert_allclose(values, expected, atol=1e-6)
     assert values[2, 3] == -0.7
@@ -103,7 +103,7 @@ def test_locks_and_bounds_hold_beside_slopes():
 
 def test_a_convex_map_is_that_of_a_convex_solver():
     fit = Fit(3)
-    found = fit.fitted([Shape("M", 1, "curvature", 0.0), Shape("M", 0, "curvature", -5.0, 5.0)])
+    result = fit.fitted([Shape("M", 1, "curvature", 0.0), Shape("M", 0, "curvature", -5.0, 5.0)])
 
     def curvature(z, axis):
         import cvxpy
@@ -114,7 +114,7 @@ def test_a_convex_map_is_that_of_a_convex_solver():
         return between @ (slopes[1:] - slopes[:-1]) if axis == 0 else (slopes[:, 1:] - slopes[:, :-1]) @ between
 
     expected = fit.judged(lambda z: [curvature(z, 1) >= 0, curvature(z, 0) >= -5, curvature(z, 0) <= 5])
-    np.testing.assert_allclose(found.parameters["M"].values, expected, atol=1e-6)
+    np.testing.assert_allclose(result.parameters["M"].values, expected, atol=1e-6)
 
 
 def test_values_can_be_made_equal_and_summed():
@@ -124,10 +124,10 @@ def test_values_can_be_made_equal_and_summed():
     x, y = fit.axes
     equal = Equality([Term("M", (x[1], y[2])), Term("M", (x[6], y[2]), -1.0)])
     total = Equality([Term("M")], 12.0)
-    found = fit.fitted([equal, total]).parameters["M"].values
+    values = fit.fitted([equal, total]).parameters["M"].values
     expected = fit.judged(lambda z: [z[1, 2] == z[6, 2], cvxpy.sum(z) == 12.0])
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-    assert found.sum() == pytest.approx(12.0, rel=1e-9)
+    np.testing.assert_allclose(values, expected, atol=1e-6)
+    assert values.sum() == pytest.approx(12.0, rel=1e-9)
 
 
 def test_a_group_axis_shared_by_two_tables_keeps_both_monotonic():
@@ -145,9 +145,9 @@ def test_a_group_axis_shared_by_two_tables_keeps_both_monotonic():
         pins=(kf.Pin("A", (0.0,), 0.0),),
         constraints=(Shape("A", 0, "slope", 0.0), Shape("B", 0, "slope", upper=0.5)),
     )
-    found = run(problem, Options()).parameters
-    assert np.diff(found["A"].values).min() >= -1e-9
-    assert (np.diff(found["B"].values) / np.diff(axis.breakpoints)).max() <= 0.5 + 1e-9
+    parameters = run(problem, Options()).parameters
+    assert np.diff(parameters["A"].values).min() >= -1e-9
+    assert (np.diff(parameters["B"].values) / np.diff(axis.breakpoints)).max() <= 0.5 + 1e-9
 
 
 def test_limits_hold_at_every_iterate():
@@ -165,10 +165,10 @@ def test_limits_hold_at_every_iterate():
 @few_or_many(st.integers(0, 10_000), st.floats(-3, 0), st.floats(0, 3), few=5, many=20)
 def test_any_range_of_slopes_is_kept(seed, lower, upper):
     fit = Fit(seed, (5, 4), 60)
-    found = fit.fitted([Shape("M", 0, "slope", lower, upper), Shape("M", 1, "slope", lower, upper)])
-    assert found.status == "converged"
+    result = fit.fitted([Shape("M", 0, "slope", lower, upper), Shape("M", 1, "slope", lower, upper)])
+    assert result.status == "converged"
     for axis in (0, 1):
-        slopes = np.diff(found.parameters["M"].values, axis=axis) / np.expand_dims(np.diff(fit.axes[axis]), 1 - axis)
+        slopes = np.diff(result.parameters["M"].values, axis=axis) / np.expand_dims(np.diff(fit.axes[axis]), 1 - axis)
         assert slopes.min() >= lower - 1e-8
         assert slopes.max() <= upper + 1e-8
 

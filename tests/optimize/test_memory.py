@@ -23,8 +23,8 @@ def test_a_simulation_is_refused():
 
 
 def test_a_delay_that_is_longer_than_the_data_is_none_of_them():
-    found = kf.simulate(TEXT.format(steps=100_000), kf.Dataset.of("d", DATA), {"k": 1.0})
-    np.testing.assert_array_equal(found["y"].values, DATA["x"])
+    simulation = kf.simulate(TEXT.format(steps=100_000), kf.Dataset.of("d", DATA), {"k": 1.0})
+    np.testing.assert_array_equal(simulation["y"].values, DATA["x"])
 
 
 def test_a_number_of_many_digits_is_told_in_short():

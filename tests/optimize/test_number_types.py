@@ -80,10 +80,10 @@ def result_of_floats():
 
 @pytest.mark.parametrize("of", mostly_slow(NUMBERS, [np.int8, np.array]))
 def test_settings_of_any_type_give_the_result_of_floats(of):
-    expected, found = result_of_floats(), fitted(of)
-    assert found.status == expected.status == "converged"
+    expected, result = result_of_floats(), fitted(of)
+    assert result.status == expected.status == "converged"
     for name, parameter in expected.parameters.items():
-        np.testing.assert_allclose(found.parameters[name].values, parameter.values, rtol=1e-12)
+        np.testing.assert_allclose(result.parameters[name].values, parameter.values, rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", mostly_slow(COLUMNS, ["list of int", "big-endian", "backwards", "Int64"]))
@@ -97,10 +97,10 @@ def test_columns_of_any_type_and_layout_give_the_result_of_doubles(kind):
         start = kf.ParameterSet([kf.Curve("C", of(axis), of(values), lower=of(0 * axis), upper=of(values + 40))])
         return kf.calibrate("m = C(x)", kf.Dataset.of("bench", data, weight_channel="w"), start, "z")
 
-    expected, found = run(np.asarray), run(make)
-    assert found.status == "converged"
-    assert found.cost_after == expected.cost_after
-    np.testing.assert_array_equal(found.parameters["C"].values, expected.parameters["C"].values)
+    expected, result = run(np.asarray), run(make)
+    assert result.status == "converged"
+    assert result.cost_after == expected.cost_after
+    np.testing.assert_array_equal(result.parameters["C"].values, expected.parameters["C"].values)
 
 
 @pytest.mark.parametrize("kind", COLUMNS)

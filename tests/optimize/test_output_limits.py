@@ -50,13 +50,13 @@ class Curve:
 @pytest.mark.parametrize("seed", mostly_slow(range(3), 1))
 def test_the_end_is_that_of_a_convex_solver(seed):
     curve = Curve(seed)
-    found = curve.fitted(Limit("w", -2.5, 2.0), Limit("w + 0.1 * u", upper=2.2, where="u > 5"))
+    result = curve.fitted(Limit("w", -2.5, 2.0), Limit("w + 0.1 * u", upper=2.2, where="u > 5"))
     right = curve.u > 5
     cost, values = curve.judged(lambda w: [w <= 2, w >= -2.5, (w + 0.1 * curve.u)[right] <= 2.2])
-    assert found.status == "converged"
-    assert found.cost_after == pytest.approx(cost, rel=1e-5)
-    np.testing.assert_allclose(found.parameters["C"].values, values, atol=1e-4)
-    w = np.interp(curve.u, GRID, found.parameters["C"].values)
+    assert result.status == "converged"
+    assert result.cost_after == pytest.approx(cost, rel=1e-5)
+    np.testing.assert_allclose(result.parameters["C"].values, values, atol=1e-4)
+    w = np.interp(curve.u, GRID, result.parameters["C"].values)
     assert w.max() <= 2 * (1 + FEASIBLE)
     assert w.min() >= -2.5 * (1 + FEASIBLE)
 
@@ -69,23 +69,23 @@ def test_limits_that_the_best_fit_keeps_change_nothing():
 
 
 def test_a_limit_may_be_0():
-    found = Curve().fitted(Limit("w", upper=0.0))
-    assert found.status == "converged"
-    assert np.interp(Curve().u, GRID, found.parameters["C"].values).max() <= 1e-5
+    result = Curve().fitted(Limit("w", upper=0.0))
+    assert result.status == "converged"
+    assert np.interp(Curve().u, GRID, result.parameters["C"].values).max() <= 1e-5
 
 
 def test_a_limit_may_follow_a_channel():
     curve = Curve()
-    found = curve.fitted(Limit("w - ceiling", upper=0.0), ceiling=1 + 0.1 * curve.u)
+    result = curve.fitted(Limit("w - ceiling", upper=0.0), ceiling=1 + 0.1 * curve.u)
     cost, _ = curve.judged(lambda w: [w <= 1 + 0.1 * curve.u])
-    assert found.cost_after == pytest.approx(cost, rel=1e-5)
+    assert result.cost_after == pytest.approx(cost, rel=1e-5)
 
 
 def test_limits_that_contradict_each_other_are_told_with_how_far():
-    found = Curve().fitted(Limit("w", lower=2.0), Limit("w", upper=1.0, where="u > 5"))
-    assert found.status == "infeasible"
-    assert "w >= 2 is exceeded at" in found.message
-    assert "w <= 1 is exceeded at" in found.message
+    result = Curve().fitted(Limit("w", lower=2.0), Limit("w", upper=1.0, where="u > 5"))
+    assert result.status == "infeasible"
+    assert "w >= 2 is exceeded at" in result.message
+    assert "w <= 1 is exceeded at" in result.message
 
 
 LOOP = """
@@ -108,8 +108,8 @@ def loop():
 
 def overshoot(kp, ki):
     """The cost and the largest n of the loop."""
-    found = kf.simulate(LOOP, loop(), {"kp": kp, "ki": ki})
-    return float(np.sum((found["n"].values - loop()["n_set"].values) ** 2)), float(found["n"].values.max())
+    simulation = kf.simulate(LOOP, loop(), {"kp": kp, "ki": ki})
+    return float(np.sum((simulation["n"].values - loop()["n_set"].values) ** 2)), float(simulation["n"].values.max())
 
 
 def test_a_closed_loop_keeps_its_overshoot_within_the_limit_and_is_the_best_that_does():
@@ -153,10 +153,10 @@ def test_datasets_of_one_name_keep_their_limits_apart():
     start = kf.ParameterSet([kf.Curve("C", GRID, np.zeros(11))])
     limit = Limit("w", upper=2.5, where="u < 5")
     for order in (data, data[::-1]):
-        found = kf.calibrate("w = C(u)", order, start, target="z", limits=[limit]).parameters["C"].values
-        assert np.interp(halves[0]["u"][:-1], GRID, found).max() <= 2.5 * (1 + FEASIBLE)
-        assert found[:3] == pytest.approx(2.5, abs=1e-4)
-        assert found[8:] == pytest.approx(4.0, abs=0.05)
+        values = kf.calibrate("w = C(u)", order, start, target="z", limits=[limit]).parameters["C"].values
+        assert np.interp(halves[0]["u"][:-1], GRID, values).max() <= 2.5 * (1 + FEASIBLE)
+        assert values[:3] == pytest.approx(2.5, abs=1e-4)
+        assert values[8:] == pytest.approx(4.0, abs=0.05)
 
 
 def test_samples_of_output_limits_are_numbered_from_1():

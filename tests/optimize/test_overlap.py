@@ -23,32 +23,33 @@ def fit(training, test, **settings):
     return kf.calibrate("m = k * x", training, {"k": 1.0}, "z", test=test, **settings)
 
 
-def told(training, test, **settings):
+def warnings_of(training, test, **settings):
     """What a fit warns of."""
-    with pytest.warns(kf.InputWarning) as found:
+    with pytest.warns(kf.InputWarning) as caught:
         assert fit(training, test, **settings).converged
-    return [str(warning.message).partition(". Hold out other data")[0] for warning in found]
+    return [str(warning.message).partition(". Hold out other data")[0] for warning in caught]
 
 
 def test_the_same_data_as_training_and_test_are_told():
     expected = "dataset test: all 200 test samples have the same inputs and targets as samples of training"
-    assert told(BENCH, BENCH) == [expected]
+    assert warnings_of(BENCH, BENCH) == [expected]
 
 
 def test_samples_in_another_order_are_the_same():
-    assert "all 200 test samples" in told(BENCH, rows(BENCH, RANDOM.permutation(200)))[0]
+    assert "all 200 test samples" in warnings_of(BENCH, rows(BENCH, RANDOM.permutation(200)))[0]
 
 
 def test_the_number_of_shared_samples_is_told():
-    [said] = told(BENCH, joined(rows(BENCH, slice(0, 30)), FRESH))
-    assert said == "dataset test: 30 of 230 test samples have the same inputs and targets as samples of training"
+    [message] = warnings_of(BENCH, joined(rows(BENCH, slice(0, 30)), FRESH))
+    assert message == "dataset test: 30 of 230 test samples have the same inputs and targets as samples of training"
 
 
 def test_samples_shared_with_several_datasets_are_counted_once():
     training = [rows(BENCH, slice(0, 120)), rows(BENCH, slice(80, 200))]
-    [said] = told(training, [FRESH, BENCH])
+    [message] = warnings_of(training, [FRESH, BENCH])
     assert (
-        said == "dataset test1: all 200 test samples have the same inputs and targets as samples of training, training1"
+        message
+        == "dataset test1: all 200 test samples have the same inputs and targets as samples of training, training1"
     )
 
 
@@ -68,17 +69,17 @@ def test_samples_that_do_not_count_are_not_compared():
     fit(training, test)
     fit([kf.Dataset.of("a", BENCH, weight=0), rows(FRESH, slice(0, 99))], BENCH)
     missing = {"x": np.where(half, X, np.nan), "z": BENCH["z"]}
-    assert "all 100 test samples" in told(BENCH, missing)[0]
+    assert "all 100 test samples" in warnings_of(BENCH, missing)[0]
 
 
 def test_the_sign_of_a_zero_makes_no_other_sample():
     zeros = {"x": np.array([0.0, 1.0, -0.0]), "z": np.array([-0.0, 2.0, 3.0])}
-    assert "all 3 test samples" in told(zeros, {"x": -1 * -zeros["x"] + 0.0, "z": zeros["z"] + 0.0})[0]
+    assert "all 3 test samples" in warnings_of(zeros, {"x": -1 * -zeros["x"] + 0.0, "z": zeros["z"] + 0.0})[0]
 
 
 def test_channels_of_other_names_are_compared_too():
     training, test = ({"n": data["x"], "z": data["z"]} for data in (BENCH, BENCH))
-    assert "all 200" in told(training, test, channels={"x": "n"})[0]
+    assert "all 200" in warnings_of(training, test, channels={"x": "n"})[0]
 
 
 def test_without_a_target_in_both_nothing_is_compared():

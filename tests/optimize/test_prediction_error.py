@@ -105,9 +105,9 @@ def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
     measured = jacobian @ values - residual
     misfit = np.sum((measured - influence @ measured) ** 2)
     expected = 200 * np.log(misfit / (1 - GAMMA * np.trace(influence) / 200) ** 2)
-    found = Prediction(linearised(compiled), blocks)
-    assert found.at(np.log(factors)).value == pytest.approx(expected, rel=1e-7)
-    assert found.freedom(np.log(factors)) == pytest.approx(np.trace(influence), rel=1e-6)
+    criterion = Prediction(linearised(compiled), blocks)
+    assert criterion.at(np.log(factors)).value == pytest.approx(expected, rel=1e-7)
+    assert criterion.freedom(np.log(factors)) == pytest.approx(np.trace(influence), rel=1e-6)
 
 
 def test_a_pull_counts_as_further_rows_of_the_penalty(compiled):
@@ -198,7 +198,7 @@ def agree(point, other, rel):
 @pytest.mark.parametrize("count", [9, pytest.param(25, marks=pytest.mark.slow)])
 def test_the_minimum_is_that_of_a_grid(prediction, count):
     bounds = np.full(2, -12.0), np.full(2, 12.0)
-    found = minimise_prediction(prediction, np.zeros(2), *bounds)
+    minimum = minimise_prediction(prediction, np.zeros(2), *bounds)
     line = np.linspace(-12, 12, count)
     least = min(prediction.at(np.array([x, y])).value for x in line for y in line)
-    assert prediction.at(found).value <= least + 0.05
+    assert prediction.at(minimum).value <= least + 0.05

@@ -41,7 +41,7 @@ def worth(matrix, gradient, step):
 def best_of_all_active_sets(matrix, gradient, at, limits):
     """The least value over every choice of active bounds that leaves a step within the limits."""
     size, (equal, target) = at.size, equalities(limits, at.size)
-    best, found = np.inf, None
+    best, best_step = np.inf, None
     for signs in product((-1, 0, 1), repeat=size):
         held = np.flatnonzero(signs)
         bound = np.where(np.array(signs) > 0, limits.upper, limits.lower)[held]
@@ -54,8 +54,8 @@ def best_of_all_active_sets(matrix, gradient, at, limits):
         inside = np.all(at + step <= limits.upper + 1e-8) and np.all(at + step >= limits.lower - 1e-8)
         met = np.allclose(rows @ step, right, atol=1e-8)
         if inside and met and worth(matrix, gradient, step) < best:
-            best, found = worth(matrix, gradient, step), step
-    return found
+            best, best_step = worth(matrix, gradient, step), step
+    return best_step
 
 
 def some_limits(size, random, equalities):

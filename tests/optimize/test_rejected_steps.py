@@ -15,11 +15,11 @@ def levels(count=40, length=50, seed=0):
 
 
 def lagged(u, constant):
-    y, found = u[0], []
+    y, outputs = u[0], []
     for x in u:
         y += STEP / (constant + STEP) * (x - y)
-        found.append(y)
-    return np.array(found)
+        outputs.append(y)
+    return np.array(outputs)
 
 
 def recorded(u, measured, name="drive", **columns):
@@ -68,11 +68,11 @@ def test_a_loop_that_explodes_at_the_start_is_named_with_its_first_sample():
 @pytest.mark.parametrize("seed", mostly_slow(range(4), 2))
 def test_trial_values_that_explode_do_not_end_a_run(seed):
     u = levels(200, 40, seed)
-    y, found = 0.0, []
+    y, outputs = 0.0, []
     for x in u:
         y = 0.998 * y + 0.02 * x
-        found.append(y)
-    data = recorded(u, noisy(np.array(found), 0.001, seed))
+        outputs.append(y)
+    data = recorded(u, noisy(np.array(outputs), 0.001, seed))
     result = kf.calibrate("y = a * prev(y, 0) + b * u", data, {"a": 0.0, "b": 1.0}, "m")
     assert result.converged
     assert result.parameters["a"].value == pytest.approx(0.998, abs=1e-4)

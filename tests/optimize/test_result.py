@@ -15,15 +15,15 @@ def result():
 
 
 def test_the_keys_of_its_json_are_those_of_the_design(result):
-    found = result.as_json()
-    assert list(found) == [
+    contents = result.as_json()
+    assert list(contents) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "certificate", "quality"),
         *("recordings", "starts", "resumed", "trust", "smoothness", "shifts", "warnings"),
     ]
-    assert list(found["cost"]) == ["before", "after"]
-    assert list(found["seconds"]) == ["total", "read", "compile", "optimize"]
-    assert found["values"] == {"free": 2, "fixed": 1}
-    assert [list(row) for row in found["quality"]] == 2 * [
+    assert list(contents["cost"]) == ["before", "after"]
+    assert list(contents["seconds"]) == ["total", "read", "compile", "optimize"]
+    assert contents["values"] == {"free": 2, "fixed": 1}
+    assert [list(row) for row in contents["quality"]] == 2 * [
         ["criterion", "dataset", "use", "samples", "rmse_before", "rmse_after", "r2_after", "max_abs_after"]
     ]
 
@@ -60,9 +60,9 @@ def test_names_are_escaped_in_a_notebook():
 def test_costs_include_roughness_and_before_is_at_the_start_as_given():
     start = kf.ParameterSet([kf.Curve("C", [0, 1, 2], [0.0, 5.0, 0.0], upper=1.0)])
     data = {"x": [0.0, 1.0, 2.0], "y": [0.0, 0.0, 0.0]}
-    found = kf.calibrate("m = C(x)", data, start, target="y", smoothness=3.0)
-    assert found.cost_before == pytest.approx(25 + 3 * (10**2) / 3)
-    assert found.start == start
+    fit = kf.calibrate("m = C(x)", data, start, target="y", smoothness=3.0)
+    assert fit.cost_before == pytest.approx(25 + 3 * (10**2) / 3)
+    assert fit.start == start
 
 
 def test_seconds_are_parts_of_the_whole(result):

@@ -91,8 +91,8 @@ def test_a_weighted_fit_is_that_of_scipy(kind):
         return [np.sum(slope * X), np.sum(slope)]
 
     peer = scipy.optimize.least_squares(gradient, [1.0, 1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    found = [result.parameters[name].value for name in "ab"]
-    assert found == pytest.approx(peer.x, rel=1e-6)
+    values = [result.parameters[name].value for name in "ab"]
+    assert values == pytest.approx(peer.x, rel=1e-6)
     error = result.parameters["a"].value * X + result.parameters["b"].value - Y
     assert result.quality[0].rmse_after == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
 
@@ -232,14 +232,16 @@ def test_wrong_weights_are_found_all_at_once():
     data = line(bad=np.where(X > 2, -1.0, 1.0))
     with pytest.raises(kf.InputError) as error:
         kf.calibrate("m = a * x + b", data, {"a": 0.0, "b": 0.0}, criteria=criteria)
-    found = [str(finding) for finding in error.value.findings]
-    assert found[0] == "criterion on m weight_channel: dataset bench has no channel ww. Did you mean w?"
-    assert found[1].startswith("criterion on m weight_channel: 20 weights of bad in dataset bench are below 0 or infin")
-    assert "the first, -1, at sample 41" in found[1]
-    assert found[2].startswith("criterion on m region 1")
-    assert found[3].startswith("criterion on m region 2: dataset bench has no channel z.")
-    assert found[4].startswith("criterion on m region 1: the condition requires time stamps")
-    assert len(found) == 5
+    messages = [str(finding) for finding in error.value.findings]
+    assert messages[0] == "criterion on m weight_channel: dataset bench has no channel ww. Did you mean w?"
+    assert messages[1].startswith(
+        "criterion on m weight_channel: 20 weights of bad in dataset bench are below 0 or infin"
+    )
+    assert "the first, -1, at sample 41" in messages[1]
+    assert messages[2].startswith("criterion on m region 1")
+    assert messages[3].startswith("criterion on m region 2: dataset bench has no channel z.")
+    assert messages[4].startswith("criterion on m region 1: the condition requires time stamps")
+    assert len(messages) == 5
 
 
 def test_weights_that_leave_nothing_are_an_error_and_those_of_one_dataset_are_not():

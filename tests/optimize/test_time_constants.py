@@ -17,8 +17,8 @@ def lag(**attributes):
 
 
 def lower(text, *parameters, **options):
-    found = bound_time_constants(build_problem(text, DATA, kf.ParameterSet(parameters), "m", node="y", **options))
-    return np.broadcast_to(found.parameters[parameters[0].name].lower, parameters[0].values.shape).tolist()
+    bounded = bound_time_constants(build_problem(text, DATA, kf.ParameterSet(parameters), "m", node="y", **options))
+    return np.broadcast_to(bounded.parameters[parameters[0].name].lower, parameters[0].values.shape).tolist()
 
 
 @pytest.mark.parametrize("start", [0.5, 20.0, -1.0])

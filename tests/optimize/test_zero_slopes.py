@@ -55,9 +55,9 @@ SCALARS = [kf.Scalar(name, 0.0) for name in "abc"]
     ],
 )
 def test_the_fewest_parameters_leave_zero(text, parameters, stuck, levels):
-    found = departed(text, *parameters)
-    assert found.stuck == stuck
-    assert found.levels == levels
+    moved = departed(text, *parameters)
+    assert moved.stuck == stuck
+    assert moved.levels == levels
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
@@ -68,8 +68,8 @@ def test_a_square_at_zero_is_fitted_whatever_its_size(scale):
 
 
 def test_parameters_without_a_unit_are_the_factors():
-    found = departed("y = A(u) * B(v)", curve("A", unit="-"), curve("B", unit="Nm"))
-    assert found.levels == {"A": 1.0}
+    moved = departed("y = A(u) * B(v)", curve("A", unit="-"), curve("B", unit="Nm"))
+    assert moved.levels == {"A": 1.0}
 
 
 @pytest.mark.parametrize(
@@ -126,8 +126,8 @@ def test_bounds_locks_and_pins_hold_where_a_start_is_moved():
 
 
 def test_a_factor_that_may_only_be_negative_moves_down():
-    found = departed("y = A(u) * a", curve("A", upper=0.0, lower=-100), kf.Scalar("a", 0.0, lower=-0.5, upper=0.0))
-    assert found.levels == {"a": -0.5}
+    moved = departed("y = A(u) * a", curve("A", upper=0.0, lower=-100), kf.Scalar("a", 0.0, lower=-0.5, upper=0.0))
+    assert moved.levels == {"a": -0.5}
 
 
 def test_zeros_that_are_the_optimum_are_kept():

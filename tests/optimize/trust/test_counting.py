@@ -21,8 +21,8 @@ def points(settling, **more):
 
 @pytest.mark.parametrize("average", [0.0, 1.0])
 def test_a_held_point_counts_once(average):
-    found = counted("m = PT1(G(u), 0.5)", points(Settling(5.0, average, step=0.1)), G=1.0)
-    assert found["G"].tolist() == [2, 3, 4, 3, 0]
+    counts = counted("m = PT1(G(u), 0.5)", points(Settling(5.0, average, step=0.1)), G=1.0)
+    assert counts["G"].tolist() == [2, 3, 4, 3, 0]
 
 
 @pytest.mark.parametrize(("average", "expected"), [(0.0, [0, 0, 0, 6, 6]), (2.05, [0, 0, 6, 6, 6])])
@@ -30,14 +30,14 @@ def test_a_held_point_counts_for_all_values_that_its_average_reads(average, expe
     """The ramp is looked up at 1.9, 2.0, ..., 4 s within the last two seconds."""
     monkeypatch.setattr("kennfeld.native.accumulator.TAPE_BYTES", 1)
     data = points(Settling(3.95, average, step=0.05))
-    found = counted("m = PT1(G(ramp), 0.05)\nramp = prev(ramp, 0) + dt", data, G=1.0)
-    assert found["G"].tolist() == expected
+    counts = counted("m = PT1(G(ramp), 0.05)\nramp = prev(ramp, 0) + dt", data, G=1.0)
+    assert counts["G"].tolist() == expected
 
 
 def test_a_point_without_a_target_does_not_count():
     y = np.array([1.0, np.nan, 2.0, 3.0, np.nan, 3.0])
-    found = counted("m = PT1(G(u), 0.5)", points(Settling(5.0, 1.0, step=0.1), y=y), G=1.0)
-    assert found["G"].tolist() == [1, 2, 3, 2, 0]
+    counts = counted("m = PT1(G(u), 0.5)", points(Settling(5.0, 1.0, step=0.1), y=y), G=1.0)
+    assert counts["G"].tolist() == [1, 2, 3, 2, 0]
 
 
 def test_recorded_samples_count_where_they_are_scored():
@@ -47,8 +47,8 @@ def test_recorded_samples_count_where_they_are_scored():
     y = 1 + u
     y[160:] = np.nan
     data = kf.Dataset.of("d", {"u": u, "y": y}, time=0.1 * np.arange(200), scored=scored)
-    found = counted("m = PT1(G(u), T(u))", data, G=1.0, T=0.5)
-    assert found["G"].tolist() == [20, 70, 100, 60, 10]
+    counts = counted("m = PT1(G(u), T(u))", data, G=1.0, T=0.5)
+    assert counts["G"].tolist() == [20, 70, 100, 60, 10]
 
 
 def test_what_only_unscored_samples_reach_is_not_held_by_smoothness():

@@ -27,7 +27,7 @@ def torque_fit(smoothness=1.0, *, pinned=False, bounded=False):
     return run(problem, kf.Options(continuation="off"))
 
 
-def found(trust, *words):
+def directions_with(trust, *words):
     """The directions whose sentence has all these words."""
     return [d for d in trust.directions if all(word in d.sentence for word in words)]
 
@@ -39,7 +39,7 @@ SHIFT = ("MapOptIgnition by 0.", "deg and shifting CurveEtaDeltaSpark along delt
 @pytest.mark.parametrize("smoothness", [0.0, 1.0])
 def test_the_scale_of_torque_and_efficiency_is_open(smoothness):
     result = torque_fit(smoothness)
-    (direction,) = found(result.trust, *SCALE)
+    (direction,) = directions_with(result.trust, *SCALE)
     assert direction.exact
     assert direction.remedy == "Pin a known value of CurveEtaDeltaSpark, e.g. at 0 to 1."
     assert set(direction.parts) == {"MapOptTorque", "CurveEtaDeltaSpark"}
@@ -56,7 +56,7 @@ def test_the_scale_of_torque_and_efficiency_is_open(smoothness):
 @pytest.mark.parametrize("smoothness", [0.0, 1.0])
 def test_what_is_said_to_change_nothing_changes_nothing(smoothness):
     result = torque_fit(smoothness)
-    (direction,) = found(result.trust, *SCALE)
+    (direction,) = directions_with(result.trust, *SCALE)
     data = {name: channel.values for name, channel in torque.bench().items()}
     inputs = {name: data[name] for name in ("Speed", "Rel_Airmass", "Ignition")}
 
@@ -76,7 +76,7 @@ def test_what_is_said_to_change_nothing_changes_nothing(smoothness):
 )
 def test_the_shift_of_ignition_and_efficiency_is_nearly_open(smoothness, settled):
     trust = torque_fit(smoothness, pinned=settled, bounded=settled).trust
-    (direction,) = found(trust, *SHIFT)
+    (direction,) = directions_with(trust, *SHIFT)
     assert not direction.exact
     assert "Pin a known value of MapOptIgnition" in direction.remedy
     assert 1e-3 < direction.ratio < 0.2
@@ -88,8 +88,10 @@ def test_the_shift_of_ignition_and_efficiency_is_nearly_open(smoothness, settled
 def test_a_pin_settles_the_scale_but_not_the_stretch_that_the_drag_makes_up_for():
     """Where eta -> 1 + a (eta - 1), torque -> torque / a, drag -> drag + (1/a - 1) torque, all but the grids stay."""
     trust = torque_fit(pinned=True, bounded=True).trust
-    assert not found(trust, *SCALE)
-    (direction,) = found(trust, "Scaling MapOptTorque", "stretching CurveEtaDeltaSpark about 1", "MapDragTorque")
+    assert not directions_with(trust, *SCALE)
+    (direction,) = directions_with(
+        trust, "Scaling MapOptTorque", "stretching CurveEtaDeltaSpark about 1", "MapDragTorque"
+    )
     assert direction is trust.directions[0]
     assert direction.ratio < 1e-4
 
@@ -158,15 +160,15 @@ def test_maps_on_one_grid_hide_an_offset_of_the_efficiency_behind_the_loss():
     start = kf.ParameterSet([surface, curve("Effect", 1 + 0.1 * np.arange(4.0)), loss])
     trust = kf.calibrate("m = Base(x, z) * Effect(turn) - Loss(x, z)", columns, start, target="y").trust
     assert [direction.exact for direction in trust.directions][:3] == [True, True, False]
-    assert found(trust, "Scaling Base by 1.01 and Effect by 1/1.01 has no effect on the fit.")
-    (hidden,) = found(trust, "Raising Effect by 0.01 and Loss by 0.01 times Base has no effect on the fit.")
+    assert directions_with(trust, "Scaling Base by 1.01 and Effect by 1/1.01 has no effect on the fit.")
+    (hidden,) = directions_with(trust, "Raising Effect by 0.01 and Loss by 0.01 times Base has no effect on the fit.")
     assert "Pin a known value of Effect" in hidden.remedy
 
 
 def test_a_product_of_three_leaves_two_scales_open():
-    found = sentences("m = A(x) * B(z) * k", [curve("A"), curve("B"), kf.Scalar("k", 2.0)], (1 + X) * (2 + Z))
-    assert len(found) == 2
-    assert all(direction.exact and "caling" in direction.sentence for direction in found)
+    open_directions = sentences("m = A(x) * B(z) * k", [curve("A"), curve("B"), kf.Scalar("k", 2.0)], (1 + X) * (2 + Z))
+    assert len(open_directions) == 2
+    assert all(direction.exact and "caling" in direction.sentence for direction in open_directions)
 
 
 def test_an_offset_in_front_of_a_curve_and_its_shift_are_nearly_one():
@@ -209,10 +211,10 @@ def test_a_threshold_that_a_search_without_gradients_has_found_is_told():
     options = kf.Options(method="global", max_evaluations=300)
     result = kf.calibrate("y = a * (u > T)", data, start, target="z", options=options)
     assert result.quality[0].rmse_after < 0.1
-    (direction,) = found(result.trust, "moved T", "its uncertainty is unknown")
+    (direction,) = directions_with(result.trust, "moved T", "its uncertainty is unknown")
     assert direction.exact
     assert list(direction.parts) == ["T"]
-    assert not found(result.trust, "kept at its start value")
+    assert not directions_with(result.trust, "kept at its start value")
 
 
 def curve_and_slope(**more):
@@ -301,7 +303,7 @@ def test_a_direction_leads_away_from_the_bound_that_a_value_has_reached(formula,
     data = {"x": x, "q": target + 0.1 * np.random.default_rng(0).normal(size=60)}
     result = kf.calibrate(formula, data, {"a": 1.0, "b": 1.0}, target="q", limits=bounds)
     assert result.parameters["a"].value == bounds["a"][1]
-    assert found(result.trust, sentence)
+    assert directions_with(result.trust, sentence)
 
 
 def test_a_direction_leads_away_from_a_curve_that_would_fall():
@@ -311,7 +313,7 @@ def test_a_direction_leads_away_from_a_curve_that_would_fall():
     rising = [kf.Shape("C", 0, "slope", lower=0.0)]
     result = kf.calibrate("y = C(x) + k*x", data, start, target="q", constraints=rising)
     assert result.parameters["k"].value == pytest.approx(0.2)
-    assert found(result.trust, "Lowering k and raising C at 10 and 5")
+    assert directions_with(result.trust, "Lowering k and raising C at 10 and 5")
 
 
 def test_a_direction_that_data_without_noise_determine_is_not_told():

@@ -90,8 +90,8 @@ def test_a_jump_between_pieces_is_no_correlation_within_them():
 
 def test_products_by_blocks_are_those_of_the_definition():
     values = np.random.default_rng(0).normal(size=70_000)
-    found = lagged_products(values, 3)
-    assert found == pytest.approx([values[: values.size - k] @ values[k:] for k in range(4)])
+    products = lagged_products(values, 3)
+    assert products == pytest.approx([values[: values.size - k] @ values[k:] for k in range(4)])
 
 
 def test_products_of_pieces_are_the_sums_of_those_of_each():

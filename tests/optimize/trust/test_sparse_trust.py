@@ -134,9 +134,9 @@ def test_where_most_directions_are_open_all_eigenvalues_are_taken():
     matrix = curvature(lookups(9, 11, 30))
     where = np.diag(matrix) > 0
     matrix = matrix[np.ix_(where, where)]
-    found = Spectrum.of_sparse(csr_array(matrix), csr_array(matrix))
-    assert isinstance(found.inverse, DenseInverse)
-    assert found.null.shape[1] == Spectrum.of_matrix(matrix).null.shape[1] > len(matrix) // 4
+    spectrum = Spectrum.of_sparse(csr_array(matrix), csr_array(matrix))
+    assert isinstance(spectrum.inverse, DenseInverse)
+    assert spectrum.null.shape[1] == Spectrum.of_matrix(matrix).null.shape[1] > len(matrix) // 4
 
 
 @pytest.mark.parametrize("dimension", mostly_slow([0, 1, 9], [0, 9]))
@@ -213,19 +213,19 @@ def test_what_is_said_of_a_fit_is_what_dense_matrices_say(name, monkeypatch):
     expected = run(PROBLEMS[name], PLAIN).trust
     monkeypatch.setattr(matrices, "LARGE", 10)
     monkeypatch.setattr(matrices, "FEW", 1.0)
-    found = run(PROBLEMS[name], PLAIN).trust
-    assert not isinstance(found.estimate.data, np.ndarray)
-    assert isinstance(found.estimate.spectrum.inverse, SparseInverse)
-    assert found.freedom == pytest.approx(expected.freedom, rel=1e-6)
-    assert found.noise == pytest.approx(expected.noise, rel=1e-6)
-    assert str(found) == str(expected)
-    assert found.null_space.as_json() == expected.null_space.as_json()
+    trust = run(PROBLEMS[name], PLAIN).trust
+    assert not isinstance(trust.estimate.data, np.ndarray)
+    assert isinstance(trust.estimate.spectrum.inverse, SparseInverse)
+    assert trust.freedom == pytest.approx(expected.freedom, rel=1e-6)
+    assert trust.noise == pytest.approx(expected.noise, rel=1e-6)
+    assert str(trust) == str(expected)
+    assert trust.null_space.as_json() == expected.null_space.as_json()
     slack = 1e-3 if name == "output" else 1e-7  # samples that touch a limit tell nearly the same, and rounding chooses
     for which in ("deviation", "scatter", "leverage"):
         for table_name, values in getattr(expected, which).items():
-            np.testing.assert_allclose(getattr(found, which)[table_name], values, rtol=1e-5, atol=slack, err_msg=which)
+            np.testing.assert_allclose(getattr(trust, which)[table_name], values, rtol=1e-5, atol=slack, err_msg=which)
     covariance = expected.covariance()
     largest = np.abs(covariance[np.isfinite(covariance)]).max(initial=0.0)
     np.testing.assert_allclose(
-        found.covariance(), covariance, rtol=1e-5, atol=max(1e-6, 10 * slack if name == "output" else slack) * largest
+        trust.covariance(), covariance, rtol=1e-5, atol=max(1e-6, 10 * slack if name == "output" else slack) * largest
     )

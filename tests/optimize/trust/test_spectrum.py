@@ -74,8 +74,8 @@ def test_a_large_matrix_is_inverted_by_its_factor_to_the_same():
     matrix = rows.T @ rows
     scale = np.sqrt(np.diag(matrix))
     matrix = matrix / scale / scale[:, None]
-    found = information_matrix._inverse_by_factor(matrix)
-    np.testing.assert_array_equal(found, found.T)
-    np.testing.assert_allclose(found, information_matrix._inverse(matrix), atol=1e-12 * np.abs(found).max())
+    inverse = information_matrix._inverse_by_factor(matrix)
+    np.testing.assert_array_equal(inverse, inverse.T)
+    np.testing.assert_allclose(inverse, information_matrix._inverse(matrix), atol=1e-12 * np.abs(inverse).max())
     with pytest.raises(np.linalg.LinAlgError):
         information_matrix._inverse_by_factor(np.ones((3, 3)))

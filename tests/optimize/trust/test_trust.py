@@ -28,9 +28,9 @@ def test_every_array_has_the_shape_of_its_table():
     trust = fit().trust
     mappings = ("informed", "samples", "deviation", "scatter", "by_smoothness", "leverage")
     for name in mappings:
-        found = getattr(trust, name)
-        assert list(found) == ["M"]
-        assert found["M"].shape == (4, 3)
+        arrays = getattr(trust, name)
+        assert list(arrays) == ["M"]
+        assert arrays["M"].shape == (4, 3)
     assert trust.informed["M"].dtype == trust.by_smoothness["M"].dtype == bool
     assert trust.samples["M"].dtype == np.int64
 

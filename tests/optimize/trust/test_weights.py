@@ -184,9 +184,9 @@ def test_recordings_keep_how_long_their_errors_last_whatever_the_weights():
 @given(st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=60))
 def test_each_sample_is_in_one_class(weights):
     w = np.array(weights)
-    found = classes(w)
-    assert len(found) <= 8
-    inside = np.array([(w > above) & (w <= most) for above, most in found])
+    weight_classes = classes(w)
+    assert len(weight_classes) <= 8
+    inside = np.array([(w > above) & (w <= most) for above, most in weight_classes])
     assert np.all(inside.sum(axis=0) == 1)
     assert np.all(inside.any(axis=1))
 
@@ -197,11 +197,11 @@ def test_the_groups_add_up_to_the_whole(text):
     other = kf.Dataset.of("e", {"x": X[:90], "y": CLEAN[:90], "w": W[:90]}, time=0.1 * np.arange(90), weight=3.0)
     criteria = (kf.Criterion("m", "y", weight_channel="w"), kf.Criterion("m", 1.0, 0.5))
     compiled = CompiledProblem(Problem(kf.formula(text, parameters=["C", "k"]), (data, other), TRUTH, criteria))
-    found = groups(compiled.problem, lambda bound: np.zeros((2, bound.count)), compiled.weighting)
-    assert len(found) == 18
+    score_groups = groups(compiled.problem, lambda bound: np.zeros((2, bound.count)), compiled.weighting)
+    assert len(score_groups) == 18
     full = compiled.values.pack(TRUTH)
     whole = compiled.sums.normal(full).matrix.copy()
-    parts = [compiled.sums_over(rescore(compiled, {group: 1.0})).normal(full).matrix.copy() for group in found]
+    parts = [compiled.sums_over(rescore(compiled, {group: 1.0})).normal(full).matrix.copy() for group in score_groups]
     assert np.sum(parts, axis=0) == pytest.approx(whole, rel=1e-9, abs=1e-9)
-    doubled = compiled.sums_over(rescore(compiled, dict.fromkeys(found, 2.0))).normal(full).matrix
+    doubled = compiled.sums_over(rescore(compiled, dict.fromkeys(score_groups, 2.0))).normal(full).matrix
     assert doubled == pytest.approx(2 * whole, rel=1e-9, abs=1e-9)
