@@ -96,10 +96,10 @@ class Workshop:
     def findings(self) -> list[Finding]:
         """What reading or checking finds. Lines of the project file are compared with its text, and then left out."""
         try:
-            found = self.project.check()
+            findings = self.project.check()
         except InputError as error:
-            found = list(error.findings)
-        return [self._without_line(finding) for finding in found]
+            findings = list(error.findings)
+        return [self._without_line(finding) for finding in findings]
 
     def _without_line(self, finding: Finding) -> Finding:
         location = finding.location
@@ -118,15 +118,15 @@ class Workshop:
 
     def error(self) -> str:
         """The only error."""
-        found = self.errors()
-        assert len(found) == 1, found
-        return found[0]
+        messages = self.errors()
+        assert len(messages) == 1, messages
+        return messages[0]
 
     def warning(self) -> str:
         """The only finding, which is a warning."""
-        found = self.warnings()
-        assert len(found) == 1, found
-        return found[0]
+        messages = self.warnings()
+        assert len(messages) == 1, messages
+        return messages[0]
 
 
 @pytest.fixture

@@ -83,9 +83,11 @@ def test_prepared_partitions_follow_the_content_of_the_database(project, tmp_pat
 
 
 def test_a_bus_log_without_a_database_names_the_key(project):
-    found = findings(project(""))
-    assert found[0].startswith("drive_a.mf4: this is a bus log: it holds 30 CAN frames of 1 identifier on CAN1 (0x1F4)")
-    assert 'dbc = ["engine.dbc"] in the [[dataset]]' in found[0]
+    messages = findings(project(""))
+    assert messages[0].startswith(
+        "drive_a.mf4: this is a bus log: it holds 30 CAN frames of 1 identifier on CAN1 (0x1F4)"
+    )
+    assert 'dbc = ["engine.dbc"] in the [[dataset]]' in messages[0]
 
 
 def test_a_database_that_is_not_there_is_an_error_of_its_key(project):
@@ -95,9 +97,9 @@ def test_a_database_that_is_not_there_is_an_error_of_its_key(project):
 
 
 def test_a_database_of_another_bus_decodes_nothing(project):
-    found = findings(project('dbc = { file = "engine.dbc", bus = 2 }'))
-    assert "none of its identifiers is described by engine.dbc" in found[0]
-    assert found[0].endswith("Check the database, and its bus if one is stated.")
+    messages = findings(project('dbc = { file = "engine.dbc", bus = 2 }'))
+    assert "none of its identifiers is described by engine.dbc" in messages[0]
+    assert messages[0].endswith("Check the database, and its bus if one is stated.")
 
 
 @pytest.mark.parametrize(
@@ -110,9 +112,9 @@ def test_a_database_of_another_bus_decodes_nothing(project):
     ],
 )
 def test_other_values_are_refused_with_their_line(project, dbc, said):
-    found = findings(project(dbc))
-    assert found[0].startswith("kennfeld.toml line 10 [[dataset]] 1 dbc")
-    assert said in found[0]
+    messages = findings(project(dbc))
+    assert messages[0].startswith("kennfeld.toml line 10 [[dataset]] 1 dbc")
+    assert said in messages[0]
 
 
 def test_a_message_of_a_raster_of_its_own_needs_a_raster(project, tmp_path):

@@ -140,9 +140,9 @@ def test_an_end_that_was_gone_on_from_is_a_state_among_others(make, tmp_path):
     assert names(tmp_path) == ["1-000002.json", "1-end.json"]
     make(SAVING).calibrate(after(2), resume=True)
     assert names(tmp_path) == ["1-000002.json", "1-000003.json", "1-000004.json"]
-    found = make(SAVING).saves().resume_points().states[1]
+    state = make(SAVING).saves().resume_points().states[1]
     costs = [json_note(tmp_path, name)["cost"] for name in names(tmp_path)]
-    assert found.cost == min(costs)
+    assert state.cost == min(costs)
 
 
 def json_note(tmp_path, name):

@@ -66,9 +66,9 @@ def test_exchanged_axes_are_a_warning(shop):
         "[parameters.M]\ninitial = 0\nx = { input = 'Load', begin = 1000, end = 3000, count = 3 }\n"
         "y = { input = 'Speed', begin = 10, end = 13, count = 3 }"
     )
-    found = shop.warnings()
+    messages = shop.warnings()
     assert any(
-        "[parameters.M] x: the input of the axis is Load, but the function looks M up with Speed" in w for w in found
+        "[parameters.M] x: the input of the axis is Load, but the function looks M up with Speed" in w for w in messages
     )
 
 

@@ -34,9 +34,9 @@ def gain(shop, x, more=""):
     ],
 )
 def test_any_axis_can_be_freed_and_begins_where_it_says_else_where_the_file_says(shop, x, points):
-    found = axis(gain(shop, x))
-    assert found.free
-    assert found.breakpoints.tolist() == points
+    free_axis = axis(gain(shop, x))
+    assert free_axis.free
+    assert free_axis.breakpoints.tolist() == points
 
 
 def test_an_axis_stands_still_unless_it_is_freed(shop):
@@ -45,14 +45,14 @@ def test_an_axis_stands_still_unless_it_is_freed(shop):
 
 
 def test_distance_and_range_are_taken(shop):
-    found = axis(gain(shop, '{ breakpoints = "free", min_distance = 100, range = [900, 3100] }'))
-    assert (found.min_distance, found.range) == (100.0, (900.0, 3100.0))
+    free_axis = axis(gain(shop, '{ breakpoints = "free", min_distance = 100, range = [900, 3100] }'))
+    assert (free_axis.min_distance, free_axis.range) == (100.0, (900.0, 3100.0))
 
 
 def test_a_group_axis_is_freed_in_its_section(shop):
     shop.add('[axes.AxisSpeed]\ninput = "Speed"\nbegin = 1000\nend = 3000\ncount = 4\nbreakpoints = "free"')
-    found = axis(gain(shop, '{ axis = "AxisSpeed" }'))
-    assert (found.name, found.free, len(found)) == ("AxisSpeed", True, 4)
+    free_axis = axis(gain(shop, '{ axis = "AxisSpeed" }'))
+    assert (free_axis.name, free_axis.free, len(free_axis)) == ("AxisSpeed", True, 4)
 
 
 def test_a_group_axis_of_the_initial_file_can_be_freed(shop):
@@ -60,8 +60,8 @@ def test_a_group_axis_of_the_initial_file_can_be_freed(shop):
     shop.values("start.json", Curve("Gain", speed, [1.0, 1.0, 1.0]), Scalar("offset", 0.0))
     shop.add("[axes.AxisSpeed]\nfree = true")
     gain(shop, '{ axis = "AxisSpeed" }')
-    found = axis(shop)
-    assert (found.free, found.breakpoints.tolist()) == (True, [1000, 2000, 3000])
+    free_axis = axis(shop)
+    assert (free_axis.free, free_axis.breakpoints.tolist()) == (True, [1000, 2000, 3000])
 
 
 @pytest.mark.parametrize(
@@ -95,8 +95,8 @@ def test_what_is_wrong_is_one_finding(shop, x, expected):
 
 def test_a_free_axis_without_a_start_is_a_finding(shop):
     shop.values("start.json", Scalar("offset", 0.0))
-    found = gain(shop, '{ breakpoints = "free" }', "initial = 1.0").error()
-    assert "[parameters.Gain] x: breakpoints are free, but no initial file has any. Write" in found
+    message = gain(shop, '{ breakpoints = "free" }', "initial = 1.0").error()
+    assert "[parameters.Gain] x: breakpoints are free, but no initial file has any. Write" in message
 
 
 def test_a_free_group_axis_without_a_start_is_a_finding(shop):
@@ -108,18 +108,18 @@ def test_a_table_that_would_move_along_unfitted_is_a_finding(shop):
     speed = Axis([1000, 2000, 3000], name="AxisSpeed")
     shop.values("start.json", Curve("Gain", speed, [1.0] * 3), Curve("Drag", speed, [1.0] * 3), Scalar("offset", 0.0))
     shop.add("[axes.AxisSpeed]\nfree = true")
-    found = gain(shop, '{ axis = "AxisSpeed" }').error()
-    assert "[axes.AxisSpeed]: its breakpoints are free, but Drag on it is not fitted" in found
+    message = gain(shop, '{ axis = "AxisSpeed" }').error()
+    assert "[axes.AxisSpeed]: its breakpoints are free, but Drag on it is not fitted" in message
 
 
 def test_free_breakpoints_of_a_table_that_is_not_fitted_are_a_warning(shop):
-    found = gain(shop, '{ breakpoints = "free" }', "free = false").warning()
-    assert "[parameters.Gain] x: the breakpoints of Gain.x are free, but no table with this axis is fitted" in found
+    message = gain(shop, '{ breakpoints = "free" }', "free = false").warning()
+    assert "[parameters.Gain] x: the breakpoints of Gain.x are free, but no table with this axis is fitted" in message
 
 
 def test_breakpoints_that_cannot_move_are_a_warning(shop):
-    found = gain(shop, "{ breakpoints = [1000, 3000], free = true }").warning()
-    assert "no breakpoint of Gain.x can move" in found
+    message = gain(shop, "{ breakpoints = [1000, 3000], free = true }").warning()
+    assert "no breakpoint of Gain.x can move" in message
 
 
 def test_a_project_fits_breakpoints_and_writes_them(shop, tmp_path):

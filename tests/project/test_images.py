@@ -23,8 +23,8 @@ def test_the_fitted_values_are_written_into_the_image(flash, capsys):
     written = flash.folder / "results" / "parameters.hex"
     assert memory_of(written.read_bytes()) == [100, 200, 300, 50]
     assert "checksums of the control unit are not updated" in capsys.readouterr().err
-    found = read(written, flash.folder / "ecu.a2l")
-    assert found["Gain"].values.tolist() == pytest.approx([1, 2, 3])
+    parameters = read(written, flash.folder / "ecu.a2l")
+    assert parameters["Gain"].values.tolist() == pytest.approx([1, 2, 3])
     assert read(flash.folder / "results" / "parameters.dcm")["offset"].value == pytest.approx(5, abs=1e-6)
 
 

@@ -50,14 +50,14 @@ def test_a_project_calibrates_on_several_files_and_rasters(project):
 
 
 def test_a_missing_raster_is_said_for_each_file(project):
-    found = [str(finding) for finding in project("").check() if "rasters" in finding.message]
-    assert [line.split(":")[0] for line in found] == ["bench_a.mf4", "bench_b.mf4"]
-    assert "Give a raster in s, such as raster = 0.01." in found[0]
+    messages = [str(finding) for finding in project("").check() if "rasters" in finding.message]
+    assert [line.split(":")[0] for line in messages] == ["bench_a.mf4", "bench_b.mf4"]
+    assert "Give a raster in s, such as raster = 0.01." in messages[0]
 
 
 def test_a_name_of_several_groups_is_to_be_chosen(project):
-    found = [str(finding) for finding in project("raster = 0.02", twice=True).check()]
-    assert "bench_a.mf4: 2 channels are named Speed. Name one of them: 10ms/Speed, 100ms/Speed." in found
+    messages = [str(finding) for finding in project("raster = 0.02", twice=True).check()]
+    assert "bench_a.mf4: 2 channels are named Speed. Name one of them: 10ms/Speed, 100ms/Speed." in messages
     chosen = project("raster = 0.02", twice=True, channels='[channels]\nSpeed = "10ms/Speed"')
     assert not [f for f in chosen.check() if f.severity == "error"]
     assert chosen.calibrate().parameters["Gain"].value == pytest.approx(0.05, rel=1e-6)

@@ -49,8 +49,8 @@ def test_many_values_are_a_warning(shop):
 
 
 def test_a_budget_of_a_descent_is_refused(shop):
-    found = shop.add("\n[optimizer]\nmax_evaluations = 100").error()
-    assert found == (
+    message = shop.add("\n[optimizer]\nmax_evaluations = 100").error()
+    assert message == (
         "kennfeld.toml [optimizer] max_evaluations: max_evaluations requires the method global, got gauss-newton. "
         'Write method = "global", or max_iterations.'
     )
@@ -79,6 +79,8 @@ def test_of_many_parameters_that_decide_some_are_named(shop):
     names = [f"k{number}" for number in range(40)]
     shop.text = "input Speed[rpm]\ninput Load\n" + f"Predict[Nm] = Load * Speed > {' + '.join(names)}\n"
     shop.values("start.json", *(Scalar(name, 1.0) for name in names))
-    found = shop.warning()
-    assert "Predict (>) jumps depending on k0, k1, k2, k3, k4 and 35 more; derivatives do not account for that" in found
-    assert found.endswith('Free up to 30 values, and write [optimizer] method = "global", and bounds for them.')
+    message = shop.warning()
+    assert (
+        "Predict (>) jumps depending on k0, k1, k2, k3, k4 and 35 more; derivatives do not account for that" in message
+    )
+    assert message.endswith('Free up to 30 values, and write [optimizer] method = "global", and bounds for them.')

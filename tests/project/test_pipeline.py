@@ -32,11 +32,11 @@ def test_what_the_cache_keeps_is_no_recording(shop):
     shop.bench("bench.parquet")
     shop.write(".kennfeld/cache/1-2-3.parquet", b"kept")
     shop.write("kennfeld/cache/a.parquet", b"mine")
-    found = [
+    files = [
         path.removeprefix(str(shop.folder))[1:].replace("\\", "/")
         for path in find_recordings(shop.folder, "**/*.parquet")
     ]
-    assert found == ["bench.parquet", "kennfeld/cache/a.parquet"]
+    assert files == ["bench.parquet", "kennfeld/cache/a.parquet"]
 
 
 def test_a_file_that_two_patterns_match_is_read_once(shop):

@@ -58,15 +58,15 @@ def test_a_run_leaves_these_files_and_no_others(result, tmp_path):
 
 def test_the_keys_of_the_result_stay(result, tmp_path):
     write(result, Line(), tmp_path)
-    found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    assert list(found) == [
+    contents = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert list(contents) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "certificate", "quality"),
         *("recordings", "starts", "resumed", "trust", "smoothness", "shifts", "warnings", "files"),
     ]
-    assert set(found["cost"]) == {"before", "after"}
-    assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
-    assert found["values"] == {"free": 2, "fixed": 0}
-    assert list(found["quality"][0]) == [
+    assert set(contents["cost"]) == {"before", "after"}
+    assert set(contents["seconds"]) == {"total", "read", "compile", "optimize"}
+    assert contents["values"] == {"free": 2, "fixed": 0}
+    assert list(contents["quality"][0]) == [
         *("criterion", "dataset", "use", "samples", "rmse_before", "rmse_after", "r2_after", "max_abs_after"),
     ]
 
@@ -94,19 +94,19 @@ def test_the_trust_has_a_line_for_each_free_value(tmp_path):
     rng = np.random.default_rng(0)
     columns = {"x": rng.uniform(0, 1, 50), "y": rng.uniform(0, 5, 50), "t": rng.normal(size=50)}
     text = "m = M(x, y) + k * x^2 * y + C(x)"
-    found = calibrate(text, columns, start, target="t", free=["M", "k"])
-    write(found, Line(), tmp_path)
+    fit = calibrate(text, columns, start, target="t", free=["M", "k"])
+    write(fit, Line(), tmp_path)
     with (tmp_path / "trust.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == COLUMNS
     assert [row["parameter"] for row in rows] == ["M"] * 6 + ["k"]
     assert [(row["x"], row["y"], row["z"]) for row in rows[:2]] == [("0.0", "0.0", ""), ("0.0", "5.0", "")]
     assert rows[6]["x"] == ""
-    assert [float(row["value"]) for row in rows[:6]] == found.parameters["M"].values.ravel().tolist()
+    assert [float(row["value"]) for row in rows[:6]] == fit.parameters["M"].values.ravel().tolist()
     deviation = [float(row["deviation"]) for row in rows[:6]]
-    assert deviation == pytest.approx(found.trust.deviation["M"].ravel(), rel=1e-5)
+    assert deviation == pytest.approx(fit.trust.deviation["M"].ravel(), rel=1e-5)
     assert deviation[4:] == [np.inf, np.inf]
-    assert [int(row["samples"]) for row in rows[:6]] == found.trust.samples["M"].ravel().tolist()
+    assert [int(row["samples"]) for row in rows[:6]] == fit.trust.samples["M"].ravel().tolist()
     assert [row["informed"] for row in rows[:6]] == ["1"] * 4 + ["0"] * 2
     assert rows[0]["unit"] == "Nm"
     told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["trust"]

@@ -28,8 +28,8 @@ def test_other_data_are_unseen(shop):
 
 def test_the_same_file_is_told(shop):
     message = "the test file bench.csv is also a training file"
-    found = seen(with_test(shop, "bench.csv", 'name = "again"\n'))
-    assert found == [f"kennfeld.toml [[dataset]] 2: {message}. {MEND}"]
+    messages = seen(with_test(shop, "bench.csv", 'name = "again"\n'))
+    assert messages == [f"kennfeld.toml [[dataset]] 2: {message}. {MEND}"]
 
 
 def test_a_copy_of_a_file_is_told(shop):

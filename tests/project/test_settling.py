@@ -73,8 +73,8 @@ def test_a_function_without_memory_is_told_that_it_needs_no_holding(points):
 
 
 def test_more_samples_than_memory_holds_are_an_error(points):
-    found = points.change("step = 0.1", "step = 1e-6").error()
-    assert "6 points of 20000001 samples each are 120000006 samples, which exceeds 100000000" in found
+    message = points.change("step = 0.1", "step = 1e-6").error()
+    assert "6 points of 20000001 samples each are 120000006 samples, which exceeds 100000000" in message
 
 
 @pytest.mark.parametrize(

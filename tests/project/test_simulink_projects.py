@@ -95,11 +95,11 @@ def test_limits_of_a_dictionary_hold_for_a_value_from_a_calibration_file(bounded
 def test_parameters_that_state_limits_have_their_way(bounded):
     given = ParameterSet([Scalar("Slope", 0.5, lower=np.array(0.25))])
     path, dictionary = bounded.folder / "line.slx", bounded.folder / "data.sldd"
-    for found in (
+    for parameters in (
         merge_start_values(simulink(path, parameters=[dictionary]).values, given),
         simulink(path, parameters=[dictionary, given]).values,
     ):
-        assert (float(found["Slope"].lower), float(found["Slope"].upper)) == (0.25, np.inf)
+        assert (float(parameters["Slope"].lower), float(parameters["Slope"].upper)) == (0.25, np.inf)
 
 
 @pytest.mark.parametrize("start", [{"Slope": 0.5}, ParameterSet([Scalar("Slope", 0.5)])])
@@ -127,15 +127,15 @@ def test_limits_of_a_table_hold_for_values_over_other_breakpoints(tmp_path):
     (tmp_path / "data.sldd").write_bytes(content)
     own = simulink(drawn.write(tmp_path, DRAWN), parameters=[tmp_path / "data.sldd"]).values
     read_from_file = ParameterSet([Curve("Eta", [0, 1, 3, 4], [2, 3, 7, 8])])
-    found = merge_start_values(own, read_from_file)["Eta"]
-    np.testing.assert_array_equal([found.lower, found.upper], [[0.0] * 4, [8.0] * 4])
+    table = merge_start_values(own, read_from_file)["Eta"]
+    np.testing.assert_array_equal([table.lower, table.upper], [[0.0] * 4, [8.0] * 4])
 
 
 def test_a_literal_that_the_project_names_is_a_parameter(drawn):
     drawn.add('[parameters."Plus:Bias"]\ninitial = 0.0\n')
-    found = drawn.project.calibrate().parameters
-    assert found["Slope"].value == pytest.approx(3, rel=1e-9)
-    assert found["Plus:Bias"].value == pytest.approx(1.5, rel=1e-9)
+    parameters = drawn.project.calibrate().parameters
+    assert parameters["Slope"].value == pytest.approx(3, rel=1e-9)
+    assert parameters["Plus:Bias"].value == pytest.approx(1.5, rel=1e-9)
 
 
 def test_a_block_is_cut_and_fed_from_a_formula(drawn):
@@ -245,9 +245,9 @@ def test_formula_text_goes_on_beyond_the_ends_of_a_table_as_its_model_does(tmp_p
     assert cli.run(["convert", str(source), str(target), "--parameters", str(tmp_path / "init.m")]) == 0
     u = np.array([-2.0, 0.5, 4.0])
     columns = {"u_Eta": u, "u_Phi": u}
-    found = evaluate(read_formula(target).graph, columns, read(target.with_suffix(".json")))
-    np.testing.assert_allclose(found["y_Eta"], [-1, 1.5, 8])
-    np.testing.assert_allclose(found["y_Phi"], [1, 1.5, 6])
+    outputs = evaluate(read_formula(target).graph, columns, read(target.with_suffix(".json")))
+    np.testing.assert_allclose(outputs["y_Eta"], [-1, 1.5, 8])
+    np.testing.assert_allclose(outputs["y_Phi"], [1, 1.5, 6])
 
 
 @pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json", "m"])
@@ -262,8 +262,8 @@ def test_a_table_from_a_calibration_file_goes_on_beyond_its_ends_as_in_the_model
     write_parameters(ParameterSet([Curve("Eta", [0, 1, 3], [2, 3, 7])]), tmp_path / f"start.{ending}")
     start = read(tmp_path / f"start.{ending}")
     assert merge_start_values(model.values, start)["Eta"].extrapolation == "linear"
-    found = evaluate(model.graph, {"u": np.array([-2.0, 4.0])}, merge_start_values(model.values, start))
-    np.testing.assert_allclose(found["y"], [0, 9])
+    outputs = evaluate(model.graph, {"u": np.array([-2.0, 4.0])}, merge_start_values(model.values, start))
+    np.testing.assert_allclose(outputs["y"], [0, 9])
 
 
 @pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json", "m"])
@@ -278,8 +278,8 @@ def test_python_starts_from_a_calibration_file_without_clipping_the_tables_of_a_
     model = simulink(source, parameters=[{"Eta": [1.0, 2.0, 6.0]}])
     write_parameters(model.values, shop.folder / f"start.{ending}")
     start = read(shop.folder / f"start.{ending}")
-    found = simulate(model, {"u": [-2.0, 4.0]}, start)
-    np.testing.assert_allclose(found["y"].values, [-1, 8])
+    simulation = simulate(model, {"u": [-2.0, 4.0]}, start)
+    np.testing.assert_allclose(simulation["y"].values, [-1, 8])
     clipped = ParameterSet([model.values["Eta"].changed(extrapolation="clip")])
     np.testing.assert_allclose(simulate(model, {"u": [-2.0, 4.0]}, clipped)["y"].values, [1, 6])
 
@@ -350,11 +350,13 @@ def check_demo_drawn_as_blocks(path, layout):
     (path.parent / "axes.m").write_text(axes_script(path.parent / "start.dcm"))
     text = text.replace('file = "torque.kf"', f'file = "{drawn.name}"\nparameters = "axes.m"', 1)
     path.write_text(text, encoding="utf-8")
-    found = Project.read(path).calibrate().parameters
-    assert found.keys() == expected.keys()
+    parameters = Project.read(path).calibrate().parameters
+    assert parameters.keys() == expected.keys()
     for name, one in expected.items():
-        np.testing.assert_allclose(found[name].values, one.values, rtol=1e-12)
-        assert [axis.breakpoints.tolist() for axis in found[name].axes] == [a.breakpoints.tolist() for a in one.axes]
+        np.testing.assert_allclose(parameters[name].values, one.values, rtol=1e-12)
+        assert [axis.breakpoints.tolist() for axis in parameters[name].axes] == [
+            a.breakpoints.tolist() for a in one.axes
+        ]
 
 
 def axes_script(start):
@@ -400,16 +402,16 @@ def test_a_model_that_cannot_be_read_is_the_one_thing_that_is_told(drawn, before
     drawn.model.write(drawn.folder, DRAWN)
     drawn.change("[parameters.Slope]\ninitial = 1.0\n", "[parameters.Slope]\nbounds = [0, 5]\n")
     drawn.change(before, after)
-    [found] = said(drawn)
-    assert found.removeprefix(f"{drawn.folder}/") == told
+    [message] = said(drawn)
+    assert message.removeprefix(f"{drawn.folder}/") == told
 
 
 def test_a_protected_model_is_told_as_such(drawn):
     (drawn.folder / "line.slxp").write_bytes(b"PK")
     drawn.change("line.slx", "line.slxp")
     drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
-    [found] = said(drawn)
-    assert "line.slxp is a protected model; its blocks cannot be read. Obtain the unprotected model" in found
+    [message] = said(drawn)
+    assert "line.slxp is a protected model; its blocks cannot be read. Obtain the unprotected model" in message
     assert cli.run(["convert", str(drawn.folder / "line.slxp"), "x.kf"]) == 2
 
 
@@ -429,8 +431,8 @@ def test_a_protected_model_is_told_as_such(drawn):
 )
 def test_a_parameter_that_the_model_does_not_have_is_told_once_with_the_nearest(drawn, section, told):
     drawn.add(f"[parameters.{section}]\nbounds = [0, 5]\n")
-    [found] = said(drawn)
-    assert found.startswith(told)
+    [message] = said(drawn)
+    assert message.startswith(told)
 
 
 def test_a_field_that_a_block_needs_as_a_number_is_given_and_not_fitted(drawn):
@@ -470,8 +472,8 @@ def test_a_node_that_is_a_misspelt_path_is_no_formula(drawn, node, told):
     model.chain("u", "Engine", "y")
     model.write(drawn.folder, DRAWN)
     drawn.change("node = 'y'", f"node = '{node}'")
-    [found] = [one for one in said(drawn) if "unknown node" in one]
-    assert found == f"kennfeld.toml [[criterion]] 1 node: {told}"
+    [message] = [one for one in said(drawn) if "unknown node" in one]
+    assert message == f"kennfeld.toml [[criterion]] 1 node: {told}"
 
 
 def test_what_runs_otherwise_than_in_simulink_is_a_remark_of_the_check(drawn):
@@ -578,6 +580,6 @@ def test_why_a_script_gives_a_variable_no_value_is_told_with_the_block_that_need
     (drawn.folder / "init.m").write_text("Slope = made_elsewhere(3);")
     drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
     drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
-    [found] = said(drawn)
-    assert found.startswith("line.slx variable Slope: undefined (assignment failed in init.m line 1)")
-    assert "; used by Times. Define it in a script" in found
+    [message] = said(drawn)
+    assert message.startswith("line.slx variable Slope: undefined (assignment failed in init.m line 1)")
+    assert "; used by Times. Define it in a script" in message

@@ -40,13 +40,13 @@ def test_one_factor_of_zero_is_none(product):
 
 def test_sections_that_check_prints_for_factors_start_at_one(product):
     product.text = "input Speed\ninput Load\nPredict = Fresh(Speed) * New(Load) + Offset\n"
-    found = [finding for finding in product.findings() if finding.excerpt]
-    assert [finding.excerpt.splitlines()[-1] for finding in found] == [
+    findings = [finding for finding in product.findings() if finding.excerpt]
+    assert [finding.excerpt.splitlines()[-1] for finding in findings] == [
         "initial = 1.0",
         "initial = 1.0",
         "initial = 0.0",
     ]
-    for finding in found:
+    for finding in findings:
         product.add(finding.excerpt.replace("count = 8", "count = 3"))
     project = Project.read(product.path)
     assert project.check() == []

@@ -50,10 +50,10 @@ def warnings(shop):
 
 def test_a_step_that_a_stiff_model_explodes_with_is_told_with_one_that_is_short_enough(lag):
     shop = lag(2000.0)
-    (found,) = warnings(shop)
-    assert "step" in str(found.location)
-    assert "step = 0.01 s is too long for the fixed-step solver: halving it changes " in found.message
-    (step,) = re.findall(r"Write step = (\S+) under", found.remedy)
+    (warning,) = warnings(shop)
+    assert "step" in str(warning.location)
+    assert "step = 0.01 s is too long for the fixed-step solver: halving it changes " in warning.message
+    (step,) = re.findall(r"Write step = (\S+) under", warning.remedy)
     assert 2000.0 * float(step) < 2.79  # where ode4 is stable
     shop.change('file = "lag.slx"', f'file = "lag.slx"\nstep = {step}')
     assert warnings(shop) == []
@@ -61,8 +61,8 @@ def test_a_step_that_a_stiff_model_explodes_with_is_told_with_one_that_is_short_
 
 def test_a_step_that_is_stable_but_inexact_is_told_too(lag):
     """At Rate * step = 2.7 ode4 still shrinks, by a factor of 0.88 a step in place of 0.07."""
-    (found,) = warnings(lag(270.0))
-    assert re.search(r"y by \d+% of its standard deviation", found.message)
+    (warning,) = warnings(lag(270.0))
+    assert re.search(r"y by \d+% of its standard deviation", warning.message)
 
 
 @pytest.mark.parametrize(("rate", "solver"), [(20.0, "ode15s"), (270.0, "ode4")])

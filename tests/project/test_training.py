@@ -54,10 +54,10 @@ def training(shop):
 def problems(path):
     """All problems, without the lines of the training file, which `test_a_problem_has_its_line` checks."""
     try:
-        found = read_training(path).check()[1]
+        findings = read_training(path).check()[1]
     except InputError as error:
-        found = error.findings
-    return [re.sub(r"^engine.toml line \d+", "engine.toml", str(finding)) for finding in found]
+        findings = error.findings
+    return [re.sub(r"^engine.toml line \d+", "engine.toml", str(finding)) for finding in findings]
 
 
 def test_a_problem_has_its_line(training):
@@ -75,8 +75,8 @@ def test_a_problem_has_its_line(training):
 
 
 def the_problem(path):
-    (found,) = problems(path)
-    return found
+    (problem,) = problems(path)
+    return problem
 
 
 def test_what_a_file_leaves_out_is_as_in_python(training):
@@ -108,8 +108,8 @@ def test_all_problems_of_a_file_are_found_at_once(training):
         'method = "exact"\ncentres = 0\nseed = -1\nstarts = 1.5\nstep = 0\nlags = { v = [-1] }\noutput_lags = [0]\n'
         'longest_lag = "a"\nlimits = [3, 1]\nfree_run = 1\nhold = -2\niterations = 0\nfile = "no/x.json"\ncolour = 1\n'
     )
-    found = problems(training(DYNAMIC, ('"level"\n', f'"level"\n{keys}'), ('["u"]', '["u", "level"]')))
-    named = [one.removeprefix("engine.toml [surrogate] ").partition(":")[0] for one in found]
+    messages = problems(training(DYNAMIC, ('"level"\n', f'"level"\n{keys}'), ('["u"]', '["u", "level"]')))
+    named = [one.removeprefix("engine.toml [surrogate] ").partition(":")[0] for one in messages]
     assert sorted(named) == sorted(
         [
             *("output", "method", "centres", "seed", "starts", "step", "lags v", "lags v", "lags u", "lags level"),
@@ -178,8 +178,8 @@ def test_a_static_one_learns_from_the_plateaus_of_recordings(training, shop):
 
 def test_a_dynamic_one_can_not(training):
     steady = 'files = ["tank.csv"]\nsteady = { channel = "u", window = 5, tolerance = 0 }'
-    found = problems(training(DYNAMIC, ('files = ["tank.csv"]', steady)))
-    assert any("requires time stamps" in one for one in found)
+    messages = problems(training(DYNAMIC, ('files = ["tank.csv"]', steady)))
+    assert any("requires time stamps" in one for one in messages)
 
 
 def test_units_can_be_stated_where_files_have_none(training, shop):
@@ -286,9 +286,9 @@ def test_a_file_that_is_listed_twice_is_said(training, shop, capsys):
     shop.bench("bench.csv", speed=np.linspace(1000, 3000, 12))
     again = 'files = ["bench.csv"]\n\n[[dataset]]\nname = "again"\nfiles = ["bench.csv"]'
     path = training(STATIC, ('files = ["bench.csv"]', again))
-    found = " ".join(problems(path))
-    assert "file bench.csv is used 2 times, by bench, again" in found
-    assert "12 of 24 training rows repeat the inputs of another row" in found
+    message = " ".join(problems(path))
+    assert "file bench.csv is used 2 times, by bench, again" in message
+    assert "12 of 24 training rows repeat the inputs of another row" in message
     assert cli.run(["surrogate", "train", str(path)]) == 0
     printed = " ".join(capsys.readouterr().err.split())
     assert "file bench.csv is used 2 times" in printed

@@ -173,15 +173,15 @@ def lagging(shop, head="Time", factor=1000, **columns):
 
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("min", 1 / 60), ("h", 1 / 3600)])
 def test_the_unit_of_the_time_may_be_stated(shop, unit, factor):
-    found = lagging(shop, factor=factor).add(f'[units]\nTime = "{unit}"')
-    assert found.findings() == []
-    assert found.project.calibrate().parameters["T"].value == pytest.approx(0.9, rel=1e-6)
+    project = lagging(shop, factor=factor).add(f'[units]\nTime = "{unit}"')
+    assert project.findings() == []
+    assert project.project.calibrate().parameters["T"].value == pytest.approx(0.9, rel=1e-6)
 
 
 def test_a_unit_of_time_in_the_file_gives_the_right_time_constant(shop):
-    found = lagging(shop, "Time [ms]")
-    assert found.findings() == []
-    assert found.project.calibrate().parameters["T"].value == pytest.approx(0.9, rel=1e-6)
+    project = lagging(shop, "Time [ms]")
+    assert project.findings() == []
+    assert project.project.calibrate().parameters["T"].value == pytest.approx(0.9, rel=1e-6)
 
 
 def test_time_that_looks_like_milliseconds_is_a_warning(shop):

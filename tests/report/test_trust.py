@@ -153,11 +153,11 @@ class TestStored:
         project, result = calibrated(shop)
         self.project = project
         write(result, project, tmp_path / "results")
-        found = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))
+        stored = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))
         whole = {"sentence": "One combination of values is undetermined.", "remedy": "Pin k."}
-        found["trust"] = {"directions": list(self.DIRECTIONS), "null_space": whole}
-        del found["files"]  # what follows was written by no run
-        (tmp_path / "results" / "result.json").write_text(json.dumps(found), encoding="utf-8")
+        stored["trust"] = {"directions": list(self.DIRECTIONS), "null_space": whole}
+        del stored["files"]  # what follows was written by no run
+        (tmp_path / "results" / "result.json").write_text(json.dumps(stored), encoding="utf-8")
         (tmp_path / "results" / "trust.csv").write_text(self.HEAD + "\n".join(self.LINES) + "\n", encoding="utf-8")
         return tmp_path / "results"
 

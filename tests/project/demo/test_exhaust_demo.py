@@ -100,8 +100,8 @@ def test_the_time_constants_are_the_engines(result):
 def test_the_map_is_the_engines_where_the_drive_went(result):
     data = exhaust.training()
     steady = diesel_drive.settled_temperature(data["Speed"].values, data["Injection"].values)
-    found = formula("y = MapSettled(Speed, Injection)", parameters=list(exhaust.start()))
-    assert np.sqrt(np.mean((_simulated(found, data, result.parameters) - steady) ** 2)) < 5.0
+    model = formula("y = MapSettled(Speed, Injection)", parameters=list(exhaust.start()))
+    assert np.sqrt(np.mean((_simulated(model, data, result.parameters) - steady) ** 2)) < 5.0
 
 
 def _simulated(model, data, parameters):
@@ -114,7 +114,7 @@ def _simulated(model, data, parameters):
 def test_other_drives_give_the_same_picture(seed):
     from kennfeld import calibrate
 
-    found = calibrate(
+    other = calibrate(
         formula(exhaust.FORMULA, parameters=list(exhaust.start())),
         exhaust.training(seed),
         exhaust.start(),
@@ -124,7 +124,7 @@ def test_other_drives_give_the_same_picture(seed):
         smoothness=exhaust.SMOOTHNESS,
         limits=exhaust.BOUNDS,
     )
-    assert found.quality[1].rmse_after <= 1.1 * exhaust.NOISE
+    assert other.quality[1].rmse_after <= 1.1 * exhaust.NOISE
 
 
 def test_the_project_file_says_what_the_module_says(project):

@@ -33,13 +33,13 @@ def demo(request, tmp_path_factory):
 def results(demo):
     from kennfeld.project.results import write as write_results
 
-    found = {}
+    fits = {}
     for file, folder in projects("idle"):
         project = kf.Project.read(demo / file)
         assert [finding for finding in project.check() if finding.severity == "error"] == []
-        found[file] = project.calibrate()
-        write_results(found[file], project, demo / folder)
-    return found
+        fits[file] = project.calibrate()
+        write_results(fits[file], project, demo / folder)
+    return fits
 
 
 def test_the_engine_runs_freely_on_another_recording(demo, request):
