@@ -43,8 +43,8 @@ def test_recordings_alone_make_a_model_that_runs_freely():
         )
         for half, use in (("Est", "training"), ("Val", "test"))
     ]
-    given = {"lags": {"u": (1, 18)}, "output_lags": (1, 4), "hold": 300.0, "centres": 40, "limits": (-np.inf, 10.0)}
-    made = train_surrogate(halves, SurrogateSettings("tank", ("u",), "y", kind="dynamic", **given))
-    free = {line.dataset: line.rmse for line in made.quality if line.mode == "free run"}
+    options = {"lags": {"u": (1, 18)}, "output_lags": (1, 4), "hold": 300.0, "centres": 40, "limits": (-np.inf, 10.0)}
+    surrogate = train_surrogate(halves, SurrogateSettings("tank", ("u",), "y", kind="dynamic", **options))
+    free = {line.dataset: line.rmse for line in surrogate.quality if line.mode == "free run"}
     assert free["Est"] < 0.3
     assert free["Val"] < 0.5

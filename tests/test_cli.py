@@ -385,8 +385,8 @@ class TestHowManyValues:
         change(project, "[optimizer]", "[optimizer]\nmax_iterations = 1")
         change(project, 'continuation = "auto"', "")
         cli.run(["calibrate", str(project)])
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert found["values"]["free"] == counted < found["values"]["free"] + found["values"]["fixed"]
+        stored = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert stored["values"]["free"] == counted < stored["values"]["free"] + stored["values"]["fixed"]
 
 
 class TestCtrlC:
@@ -400,9 +400,9 @@ class TestCtrlC:
 
         monkeypatch.setattr(progress._Lines, "__call__", press)
         assert cli.run(["calibrate", str(project)]) == 130
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert found["status"] == "stopped"
-        assert found["cost"]["after"] < 0.01 * found["cost"]["before"]
+        stored = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert stored["status"] == "stopped"
+        assert stored["cost"]["after"] < 0.01 * stored["cost"]["before"]
         assert len(lines) == 3
         assert "Ctrl-C again" in capfd.readouterr().err
 
@@ -596,22 +596,22 @@ class TestSeveralStarts:
 
 def children(pid):
     """Processes that a process has started; Linux tells in the file system."""
-    found = []
+    processes = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
         except OSError:
             continue
         if int(fields[1]) == pid and fields[0] != "Z":
-            found.append(int(stat.parent.name))
-    return found
+            processes.append(int(stat.parent.name))
+    return processes
 
 
 class TestResume:
-    def wait(self, found):
+    def wait(self, condition):
         """Until a condition holds."""
         for _ in range(3000):
-            if found():
+            if condition():
                 return
             time.sleep(0.02)
         pytest.fail("it never came")
@@ -642,10 +642,10 @@ class TestResume:
         out, err = capsys.readouterr()
         assert "Resumed from saves/1-" in out
         assert "warning: kennfeld.toml: changed since the checkpoints were written" in err
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert found["status"] == "converged"
-        assert found["resumed"][0].startswith("saves/1-")
-        assert found["quality"][0]["rmse_after"] < 1.8
+        stored = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+        assert stored["status"] == "converged"
+        assert stored["resumed"][0].startswith("saves/1-")
+        assert stored["quality"][0]["rmse_after"] < 1.8
 
     def test_without_saved_states_is_refused(self, project, capsys):
         assert cli.run(["calibrate", str(project), "--resume"]) == 2
@@ -722,8 +722,8 @@ class TestInfo:
         assert content in out.splitlines()[0]
         assert part in out
         assert cli.run(["info", "--json", str(pristine / name)]) == 0
-        found = json.loads(capsys.readouterr().out)
-        assert (found["content"], found["file"]) == (content, name)
+        info = json.loads(capsys.readouterr().out)
+        assert (info["content"], info["file"]) == (content, name)
 
     @pytest.mark.parametrize("name", ["bench.csv", "start.dcm", "torque.kf"])
     def test_shows_what_is_searched_alone(self, name, pristine, capsys):
@@ -732,9 +732,9 @@ class TestInfo:
         assert "Torq" in out
         assert "Ignition " not in out
         assert cli.run(["info", "--json", str(pristine / name), "--search", "torq"]) == 0
-        found = json.loads(capsys.readouterr().out)
-        assert "Torq" in json.dumps(found)
-        assert "Eta" not in json.dumps(found)
+        info = json.loads(capsys.readouterr().out)
+        assert "Torq" in json.dumps(info)
+        assert "Eta" not in json.dumps(info)
 
     def test_names_the_nearest_where_nothing_is_found(self, pristine, capsys):
         assert cli.run(["info", str(pristine / "bench.csv"), "--search", "Ignitoin"]) == 2
@@ -879,17 +879,22 @@ class TestDiffAndMerge:
 
     def test_json_for_a_program(self, files, capsys):
         assert cli.run(["diff", "a.dcm", "b.cdfx", "--json"]) == 1
-        found = json.loads(capsys.readouterr().out)
-        assert (found["left"], found["right"], found["equal"], found["compared"]) == ("a.dcm", "b.cdfx", False, 1)
-        assert found["differences"][0]["right"] - found["differences"][0]["left"] == 2**-52
-        assert [one["aspect"] for one in found["differences"]] == ["values", "presence"]
+        comparison = json.loads(capsys.readouterr().out)
+        assert (comparison["left"], comparison["right"], comparison["equal"], comparison["compared"]) == (
+            "a.dcm",
+            "b.cdfx",
+            False,
+            1,
+        )
+        assert comparison["differences"][0]["right"] - comparison["differences"][0]["left"] == 2**-52
+        assert [one["aspect"] for one in comparison["differences"]] == ["values", "presence"]
 
     def test_wrong_files_are_all_named_with_2(self, files, capsys):
         (files / "c.dcm").write_text("FESTWERT K\nWERT x\nEND\n")
         assert cli.run(["diff", "c.dcm", "nowhere.dcm"]) == 2
-        found = capsys.readouterr().err
-        assert "c.dcm line 2 (K): must be a finite number, got 'x'" in found
-        assert "nowhere.dcm: there is no such file" in found
+        stderr = capsys.readouterr().err
+        assert "c.dcm line 2 (K): must be a finite number, got 'x'" in stderr
+        assert "nowhere.dcm: there is no such file" in stderr
 
     @pytest.mark.parametrize(
         ("option", "given", "said"),

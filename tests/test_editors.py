@@ -52,8 +52,8 @@ def texts():
     demos = {f"demo {name}": import_module(f"kennfeld.project.demo.{name}").FORMULA for name in NAMES}
     blocks = {}
     for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
-        found = re.findall(r"^```kf\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-        blocks |= {f"{page.name} {number}": text for number, text in enumerate(found, 1)}
+        texts_of_page = re.findall(r"^```kf\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        blocks |= {f"{page.name} {number}": text for number, text in enumerate(texts_of_page, 1)}
     return files | demos | blocks | {"hostile": HOSTILE}
 
 

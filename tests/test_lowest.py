@@ -18,9 +18,9 @@ def lowest():
 
 
 def test_every_dependency_of_this_project_states_one(lowest):
-    found = list(lowest((ROOT / "pyproject.toml").read_text(encoding="utf-8")))
-    assert {"numpy", "llvmlite", "pytest"} <= {constraint.partition("==")[0] for constraint in found}
-    assert all(constraint.partition("==")[2] for constraint in found)
+    constraints = list(lowest((ROOT / "pyproject.toml").read_text(encoding="utf-8")))
+    assert {"numpy", "llvmlite", "pytest"} <= {constraint.partition("==")[0] for constraint in constraints}
+    assert all(constraint.partition("==")[2] for constraint in constraints)
 
 
 def test_extras_of_a_dependency_are_left_out(lowest):

@@ -97,12 +97,12 @@ def test_all_problems_are_there():
 def test_the_certified_values_are_found(name, start):
     problem = read(name)
     result = kf.calibrate(problem.formula, problem.columns, problem.starts[start], target="y", options=SETTINGS)
-    found = {n: result.parameters[n].value for n in problem.values}
+    values = {n: result.parameters[n].value for n in problem.values}
     names = {n: n for n in problem.values}
-    if name == "MGH17" and found["b4"] > found["b5"]:  # its two exponentials may change places
+    if name == "MGH17" and values["b4"] > values["b5"]:  # its two exponentials may change places
         names |= {"b2": "b3", "b3": "b2", "b4": "b5", "b5": "b4"}
-    found = {n: found[other] for n, other in names.items()}
-    assert found == pytest.approx(problem.values, rel=1e-6, abs=0.0), result.message
+    values = {n: values[other] for n, other in names.items()}
+    assert values == pytest.approx(problem.values, rel=1e-6, abs=0.0), result.message
     assert result.status == "converged"
     assert result.cost_after == pytest.approx(problem.squares, rel=1e-6, abs=1e-20)
     if problem.squares > 1e-15:  # less is the rounding of the data

@@ -33,23 +33,23 @@ def flat(name, samples, count, value):
     return kf.Map(name, *axes, np.full((count, count), value))
 
 
-def held_out(text, target, start, fitted, held, smoothness, **options):
+def held_out(text, target, start, fitted, test_points, smoothness, **options):
     """The result, and the RMSE at the held-out samples."""
     result = kf.calibrate(
         text,
         engine().select(fitted),
         start,
         target=target,
-        test=engine().select(held),
+        test=engine().select(test_points),
         smoothness=smoothness,
         options=kf.Options(**options),
     )
     return result, result.quality[1].rmse_after
 
 
-def error_of_a_map(target, fitted, held, smoothness, count=12):
+def error_of_a_map(target, fitted, test_points, smoothness, count=12):
     start = kf.ParameterSet([flat("M", fitted, count, engine()[target].values[fitted].mean())])
-    return held_out("y = M(engine_speed, engine_load)", target, start, fitted, held, smoothness)[1]
+    return held_out("y = M(engine_speed, engine_load)", target, start, fitted, test_points, smoothness)[1]
 
 
 def chosen_smoothness(fitted_samples):
@@ -67,7 +67,7 @@ def chosen_smoothness(fitted_samples):
 def test_the_exhaust_temperature_of_held_out_points_is_met_by_a_map():
     splits = [split(seed) for seed in range(20)]
     smoothness = chosen_smoothness([fitted for fitted, _ in splits[:2]])
-    errors = [error_of_a_map(TEMPERATURE, fitted, held, smoothness) for fitted, held in splits]
+    errors = [error_of_a_map(TEMPERATURE, fitted, test_points, smoothness) for fitted, test_points in splits]
     assert np.mean(errors) <= 0.098
 
 
@@ -84,10 +84,10 @@ def test_automatic_smoothness_meets_held_out_points_as_the_best_fixed_factor():
 @pytest.mark.slow
 def test_automatic_smoothness_of_a_chain_of_tables_keeps_them_near_their_start():
     """The scale of Base and Effect is known to no data; it went to thousands."""
-    target, (fitted, held) = "NOx", split(0)
-    result, error = held_out(CHAIN, target, chain(fitted, target), fitted, held, "auto")
+    target, (fitted, test_points) = "NOx", split(0)
+    result, error = held_out(CHAIN, target, chain(fitted, target), fitted, test_points, "auto")
     assert error < 1.05 * min(
-        held_out(CHAIN, target, chain(fitted, target), fitted, held, f)[1] for f in (1.0, 10.0, 100.0)
+        held_out(CHAIN, target, chain(fitted, target), fitted, test_points, f)[1] for f in (1.0, 10.0, 100.0)
     )
     for table in result.parameters.parameters:
         assert np.abs(table.values).max() < 50
@@ -117,10 +117,12 @@ def chain(fitted, target):
 @pytest.mark.slow
 def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_than_a_map():
     errors = []
-    for fitted, held in map(split, range(3)):
-        result, error = held_out(CHAIN, "NOx", chain(fitted, "NOx"), fitted, held, 0.3)
+    for fitted, test_points in map(split, range(3)):
+        result, error = held_out(CHAIN, "NOx", chain(fitted, "NOx"), fitted, test_points, 0.3)
         assert result.status == "converged"
-        errors.append((error, min(error_of_a_map("NOx", fitted, held, smoothness, 8) for smoothness in SMOOTHNESS)))
+        errors.append(
+            (error, min(error_of_a_map("NOx", fitted, test_points, smoothness, 8) for smoothness in SMOOTHNESS))
+        )
     mean, mean_of_the_best_maps = np.mean(errors, axis=0)
     assert mean < 0.9 * mean_of_the_best_maps
 
@@ -130,26 +132,26 @@ def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_t
 )
 def test_the_continuation_ends_below_the_plain_descent(seeds):
     ratios = []
-    for fitted, held in map(split, seeds):
-        problem = (CHAIN, "NOx", chain(fitted, "NOx"), fitted, held, 0.3)
+    for fitted, test_points in map(split, seeds):
+        problem = (CHAIN, "NOx", chain(fitted, "NOx"), fitted, test_points, 0.3)
         smoothed, plain = (held_out(*problem, continuation=choice)[0] for choice in ("auto", "off"))
         ratios.append(smoothed.cost_after / plain.cost_after)
     assert np.mean(ratios) < 0.95
 
 
-def consumption(fitted, held, **freedom):
+def consumption(fitted, test_points, **freedom):
     """The held-out error of a map of 8 x 8 breakpoints of the fuel consumption."""
     name = "specific_fuel_consumption"
     even = flat("M", fitted, 8, engine()[name].values[fitted].mean())
     start = kf.ParameterSet([even.changed(axes=tuple(axis.changed(**freedom) for axis in even.axes))])
-    return held_out("y = M(engine_speed, engine_load)", name, start, fitted, held, 0.1)
+    return held_out("y = M(engine_speed, engine_load)", name, start, fitted, test_points, 0.1)
 
 
 @pytest.mark.slow
 def test_free_breakpoints_meet_held_out_fuel_consumption_better_than_even_ones():
     errors = []
-    for fitted, held in map(split, range(3)):
-        (even, even_error), (free, free_error) = (consumption(fitted, held, free=free) for free in (False, True))
+    for fitted, test_points in map(split, range(3)):
+        (even, even_error), (free, free_error) = (consumption(fitted, test_points, free=free) for free in (False, True))
         assert free.status == "converged"
         assert free.cost_after < 0.95 * even.cost_after
         errors.append((free_error, even_error))
