@@ -84,6 +84,7 @@ def parameter_groups(variables: Sequence[FmuVariable]) -> Iterator[ParameterGrou
     for variable, (name, index) in named:
         limits = variable.unit, variable.minimum, variable.maximum
         if index:
+            # the table takes the place of its first member; the others find nothing left
             if family := members.pop(name, None):
                 yield _family(name, family)
         elif len(variable.shape) > _MOST_AXES:
@@ -114,6 +115,7 @@ def start_groups(states: Sequence[FmuVariable]) -> list[ParameterGroup]:
 
 
 def _renamed(states: Sequence[FmuVariable]) -> list[FmuVariable]:
+    # `x[1]` becomes `x.start[1]`, so that the start values of a family are a family as well
     return [state._replace(name=_START.sub(r"\1.start\2", state.name)) for state in states]
 
 
@@ -134,6 +136,7 @@ def _families(variables: Sequence[FmuVariable]) -> Mapping[str, tuple[str, tuple
     return {
         variable.name: (family, index)
         for family, numbered in members.items()
+        # a number `k` beside `k[1]` already has the name that the table would have
         if family not in names and _is_complete(list(numbered))
         for index, variable in numbered.items()
     }
@@ -141,6 +144,7 @@ def _families(variables: Sequence[FmuVariable]) -> Mapping[str, tuple[str, tuple
 
 def _is_complete(indices: Sequence[tuple[int, ...]]) -> bool:
     lengths = {len(index) for index in indices}
+    # the indices differ, so that as many as their largest numbers span leave no gap
     return len(lengths) == 1 and min(map(min, indices)) == 1 and len(indices) == math.prod(map(max, zip(*indices)))  # noqa: B905
 
 

@@ -66,7 +66,13 @@ def fmu(
 
 
 def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelFunction:
-    """Read an FMU as a function, as `function_files.read_function_file` calls it; `function` may name the interface.
+    """Read an FMU as a function, as `function_files.read_function_file` calls it.
+
+    Args:
+        path: the `.fmu` file.
+        function: the interface; empty for the first one that can be used.
+        name: name for calls in formula text, which precedes those of parameters; empty for a model of its own.
+        step: the step in s; None for that of the default experiment.
 
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
@@ -76,6 +82,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
     Findings(find_obstacles(description, path, interface)).finish()
     prefix = f"{name}." if name else ""
     parameters = parameters_of(description.parameters, prefix)
+    # the digest makes a file that is replaced later an error, see `read_unchanged`
     known = (str(path.resolve()), digest_of(path))
     starts = start_values_of(description.started_states, prefix)
     write: Write
@@ -126,7 +133,7 @@ def takes_time(description: FmuDescription, step: float | None) -> bool:
 
 
 def usable_interface(description: FmuDescription, path: Path) -> str:
-    """Return the interface by which an FMU is used: model exchange, unless only co-simulation is possible."""
+    """Choose the interface by which an FMU is used: model exchange, unless only co-simulation is possible."""
     interfaces = (MODEL_EXCHANGE, CO_SIMULATION)
     usable = [each for each in interfaces if not find_obstacles(description, path, each)]
     offered = [each for each in interfaces if interface_of(description, each) is not None]
@@ -139,10 +146,11 @@ def interface_of(description: FmuDescription, interface: str) -> FmuInterface | 
 
 
 def find_obstacles(description: FmuDescription, path: Path, interface: str) -> tuple[Finding, ...]:
-    """Return why an FMU cannot be used here by an interface; empty if it can."""
+    """Find why an FMU cannot be used here by an interface; empty if it can."""
     findings, location = Findings(), Location(path.name)
     own, folder = interface_of(description, interface), platform_folder(description.version)
     if own is None:
+        # an FMU of FMI 3.0 may offer neither of them
         both = (description.model_exchange, description.co_simulation)
         offered = [text for text, each in zip(INTERFACES.values(), both, strict=True) if each is not None]
         message = (
@@ -174,7 +182,7 @@ def _find_discrete(description: FmuDescription, interface: str, location: Locati
 
 
 def find_remarks(description: FmuDescription, path: Path, interface: str) -> list[Finding]:
-    """Return what runs differently from the source."""
+    """Find what runs differently from the source."""
     differing = _trajectory_remarks if interface == CO_SIMULATION else _equation_remarks
     sentences = [*differing(description)]
     if description.unused:

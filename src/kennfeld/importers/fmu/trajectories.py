@@ -53,7 +53,7 @@ class TrajectoryFunction:
 
 
 def load_start(path: str, digest: str) -> TrajectoryFunction:
-    """Return (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
+    """Load (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
 
     Raises:
         InputError: the file has changed, or its code cannot be used.
@@ -62,13 +62,13 @@ def load_start(path: str, digest: str) -> TrajectoryFunction:
 
 
 def load_step(path: str, digest: str) -> TrajectoryFunction:
-    """Return (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
+    """Load (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
     return load_trajectories(path, digest).step
 
 
 @computed_once
 def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
-    """Return the trajectories of an FMU in this process."""
+    """Load an FMU for trajectories in this process."""
     source = Path(path)
     return FmuTrajectories(source, read_unchanged(source, digest), digest)
 
@@ -138,6 +138,7 @@ class FmuTrajectories:
         starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         with self.reports.muted():
+            # the third trial leaves other inputs and states behind, which the reset before the fourth one has to remove
             first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
             if NO_INSTANCE in self.reports.reasons:
                 said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
@@ -177,7 +178,7 @@ def _other_start_of(variable: FmuVariable, position: int) -> float:
 
 
 def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:
-    """Return the numbers of values that the code of an FMU takes and returns."""
+    """Count the values that the code of an FMU takes and returns."""
     interface, version = description.co_simulation, description.version
     assert interface is not None
     return TrajectoryLayout(
@@ -197,10 +198,10 @@ def set_at_start(description: FmuDescription) -> tuple[FmuVariable, ...]:
 
 
 def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the inputs in the order in which the code takes them."""
+    """Sort the inputs as the code takes them."""
     return description.sorted_by_type(description.number_inputs)
 
 
 def outputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the outputs in the order in which the code returns them."""
+    """Sort the outputs as the code returns them."""
     return description.sorted_by_type(description.number_outputs)

@@ -63,7 +63,11 @@ def read_function(path: Path, function: str = "", name: str = "", step: float | 
 
 
 def network_function(network: Network, name: str = "") -> ModelFunction:
-    """Return a network as a function."""
+    """Write a network once on trial, and describe it as a function.
+
+    Raises:
+        InputError: shapes of inputs are missing, names occur twice, or operators are not supported.
+    """
     location = Location.of_file(network.file)
     unknown = [port.name for port in network.inputs if port.shape is None]
     if unknown:
@@ -74,6 +78,7 @@ def network_function(network: Network, name: str = "") -> ModelFunction:
         raise InputError.of(location, "none of its outputs holds numbers", "Export it with numbers as outputs.")
     labels = [label for port in network.inputs for label in port.labels]
     prefix = f"{name}." if name else ""
+    # shapes of outputs, layers and what is not supported show only when the network is written
     trial = GraphBuilder()
     context = write_network(network, trial, [trial.input(label) for label in labels], prefix)
     output_nodes(context)

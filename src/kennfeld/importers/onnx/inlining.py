@@ -26,7 +26,7 @@ class ExpandedSize(NamedTuple):
 
 
 def expanded_size(model: Any) -> ExpandedSize:
-    """Return the size that a model has without functions of its own.
+    """Compute the size that a model has without functions of its own.
 
     A small file can hold functions that call each other so often that they would not fit into memory.
 
@@ -62,11 +62,13 @@ class _Sizes:
         if key not in self._functions:
             yield ExpandedSize(1, node.ByteSize(), 0)
             return
+        # measured once: n functions that each call the one before twice stand for 2^n operators
         if key not in self._sizes:
             self._sizes[key] = self._inner(self._functions[key].node, level)
         yield self._sizes[key]
 
     def _inner(self, nodes: Sequence[Any], level: int) -> ExpandedSize:
+        # one level more than the limit, so that `total` of the caller raises
         if level >= MAX_DEPTH:
             return ExpandedSize(0, 0, 1)
         inner = self.total(nodes, level + 1)
@@ -78,7 +80,7 @@ def _key(item: Any, name: str) -> _Key:
 
 
 def inlined(model: Any) -> Any:
-    """Return a model without functions of its own, and without operators that only the standard defines by others.
+    """Inline the functions of a model, and operators that only the standard defines by others.
 
     Raises:
         Exception: of several kinds, from the package onnx, if the model is invalid.

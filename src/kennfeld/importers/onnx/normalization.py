@@ -90,6 +90,7 @@ def imputer(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if values is None:
         raise UnsupportedOperatorError("it has no values")
     replaced = op.get("replaced_value_float", op.get("replaced_value_int64", 0))
+    # NaN is not equal to itself
     missing = c.truth("ne", x, x) if np.isnan(replaced) else c.truth("eq", x, float(replaced))
     return c.where(missing, np.asarray(values, dtype=np.float64), x)
 

@@ -35,6 +35,7 @@ def quantized(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     kind = "uint8" if zero is None else constant(zero, "y_zero_point").dtype.name
     if kind not in _RANGES or op.get("output_dtype", 0):
         raise UnsupportedOperatorError(f"quantisation to {kind} is not supported")
+    # limit(round(x / scale) + zero point)
     number = round_half_even(c, c.apply("div", x, _along(op, scale, x)))
     if zero is not None:
         number = c.apply("add", number, _along(op, zero, x))

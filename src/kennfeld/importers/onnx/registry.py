@@ -96,6 +96,7 @@ class Context:
 
         `weights` have a row per input, then the biases; [inputs + 1, outputs].
         """
+        # equal weights are one parameter: the passes of a loop or steps of a sequence share theirs
         content = np.array(weights.shape).tobytes() + weights.tobytes()
         name = self._names.setdefault(content, f"{self._prefix}layer{len(self._names) + 1}")
         inputs, outputs = weights.shape[0] - 1, weights.shape[1]
@@ -125,6 +126,7 @@ class Context:
 
 def _consumers(network: Network) -> Mapping[str, Operator]:
     counts = Counter(name for operator in network.used_operators for name in operator.inputs)
+    # an output of the network has a user more, so that no layer absorbs what follows it
     counts.update(port.name for port in network.outputs)
     users = {name: operator for operator in network.used_operators for name in operator.inputs}
     return {name: user for name, user in users.items() if counts[name] == 1}

@@ -73,6 +73,7 @@ def size(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def reshape(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     x, sizes = first(arguments), integers(op, arguments, 1, "shape") or []
     if not op.get("allowzero", 0):
+        # 0 keeps the dimension of the input
         sizes = [shape_of(x)[i] if size == 0 else size for i, size in enumerate(sizes)]
     return rearrange(lambda array: array.reshape(sizes), x)
 
@@ -159,6 +160,7 @@ def _part(start: int, end: int, step: int, size: int) -> slice:
     start, end = (at + size if at < 0 else at for at in (start, end))
     if step > 0:
         return slice(min(max(start, 0), size), min(max(end, 0), size), step)
+    # backwards, -1 is before the first element, where a slice of Python would count from the end
     end = min(max(end, -1), size - 1)
     return slice(min(max(start, 0), size - 1), None if end < 0 else end, step)
 
@@ -169,6 +171,7 @@ def split(c: Context, op: Operator, arguments: Arguments) -> Sequence[Tensor]:
     whole = shape_of(x)[axis]
     sizes = integers(op, arguments, 1, "split")
     if sizes is None:
+        # equal parts, of which the last one may be shorter
         size = -(-whole // count)
         sizes = [min(size, whole - size * i) for i in range(count)]
     ends = np.cumsum(sizes)
@@ -188,6 +191,7 @@ def pad(c: Context, op: Operator, arguments: Arguments) -> Tensor:
         raise UnsupportedOperatorError(f"mode {mode} is not supported")
     ends = [(0, 0)] * count
     for place, axis in enumerate(axes):
+        # the file lists all begins, then all ends
         ends[axis] = sizes[place], sizes[place + len(axes)]
     check_size([size + sum(each) for size, each in zip(shape_of(x), ends, strict=True)])
     kept = [slice(max(-begin, 0), size - max(-end, 0)) for size, (begin, end) in zip(shape_of(x), ends, strict=True)]
@@ -221,6 +225,7 @@ def move_blocks(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if op.kind == "SpaceToDepth":
         split = (batch, channels, rows // block, block, columns // block, block)
         joined = (batch, channels * block**2, rows // block, columns // block)
+        # CRD numbers the new channels by (channel, row, column) of the block, DCR by (row, column, channel)
         order = (0, 1, 3, 5, 2, 4) if by_channel else (0, 3, 5, 1, 2, 4)
         return rearrange(lambda array: array.reshape(split).transpose(order).reshape(joined), x)
     inner = channels // block**2
