@@ -12,6 +12,7 @@ def port_number(block: ModelBlock) -> int:
     3
     """
     written = (block.value("Port") or "1").strip()
+    # a text that is not a number, or too long for one, counts as the default
     return int(written) if re.fullmatch(r"\d{1,9}", written) else 1
 
 

@@ -48,6 +48,7 @@ _MAX_PORTS = 10_000  # of a block
 def read_mask(block: SectionNode) -> Mask | None:
     """Return the mask in a block's section, None if it has none."""
     instance = block.first("InstanceData")
+    # a link keeps its mask within InstanceData
     element = block.first("Mask") or (instance.first("Mask") if instance is not None else None)
     if element is not None:
         return _mask(element, element.all("MaskParameter"))
@@ -92,6 +93,7 @@ def _flat(block: SectionNode) -> Mask:
     values = dict(enumerate(_split(keys.get("MaskValueString", "")), 1))
     styles = dict(enumerate(map(_style, split_arguments(keys.get("MaskStyleString", ""))), 1))
     parameters = []
+    # `gain=@1;note=&2;`: an expression (@) or a text (&), and the number of its value in MaskValueString
     for match in filter(None, map(_VARIABLE.match, keys.get("MaskVariables", "").split(";"))):
         at = int(match[3][:6])
         style, choices = styles.get(at, ("", ()))
@@ -169,6 +171,7 @@ class BlockReader:
         return ModelBlock(
             type=kind,
             name=name,
+            # SIDs are numbers and colons; the @ keeps those of older files apart from them
             sid=keys.get("SID") or f"{number + 1}@{path}",
             path=path,
             parameters=parameters,
@@ -220,6 +223,7 @@ class _Addresses:
 
     def __init__(self, blocks: list[ModelBlock]) -> None:
         self.by_sid = {block.sid: block for block in blocks}
+        # reversed, so that the first of several blocks with one name is kept
         self.by_name = {block.name: block for block in reversed(blocks)}
         self.unknown: list[str] = []
 
@@ -227,6 +231,7 @@ class _Addresses:
         """Return the source ("Src") or destination ("Dst") of a line or branch, None if it has none."""
         keys = section.keys
         if side in keys:
+            # newer layouts write "12#out:1", with the SID; older ones SrcBlock "Gain" and SrcPort 1
             match = _ADDRESS.match(keys[side])
             block = self.by_sid.get(match[1]) if match else None
             return self._endpoint(block, keys[side], match[2] if match else "", match[3] if match else "")
@@ -262,6 +267,7 @@ def _line(section: SectionNode, addresses: _Addresses) -> SignalLine:
         end = addresses.end(branch, "Dst")
         if end is not None:
             ends.append(end)
+        # reversed, so that the stack yields branches in file order
         waiting.extend(reversed(list(branch.all("Branch"))))
     return SignalLine(source, tuple(ends), normalize_name(section.keys.get("Name", "")) or addresses.name(source))
 
@@ -273,6 +279,7 @@ def _ports(block: SectionNode) -> Ports | None:
         return Ports(_count(counted.keys.get("in", "0")), _count(counted.keys.get("out", "0")))
     if "Ports" not in block.keys:
         return None
+    # further numbers of `Ports [2, 1, 0, 1]` count control and physical ports
     return Ports(*map(_count, _NUMBER.findall(block.keys["Ports"])[:2]))
 
 
@@ -314,6 +321,7 @@ def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode |
     if kind != "Reference" or source is None:
         return None
     specific = instance.keys if instance is not None else {}
+    # what stands in InstanceData sets the library block, even if its name is like one of a look
     rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | specific
     rest = {key: value for key, value in rest.items() if key not in _LINKING}
     return LibraryLink(normalize_path(source), parameters.get("SourceType", ""), rest)

@@ -84,6 +84,7 @@ def active_configuration(model: SectionNode) -> SectionNode | None:
     """Return the active configuration stored in the model's section, else the first."""
     classes = ("Simulink.ConfigSet", _ELSEWHERE)
     sets = [part for part in model.every() if (part.keys.get("ClassName") or part.kind) in classes]
+    # the property is the configuration itself, or an empty object with the number of the one meant
     properties = (p for p in (*sets, *model.every()) if p.keys.get("PropName") == "ActiveConfigurationSet")
     named = next(properties, None)
     full = [part for part in sets if part is not named or part.parts]
@@ -158,7 +159,9 @@ def _workspace_bytes(text: str) -> bytes:
     """Decode 6-bit characters, offset by the blank; the back quote stands for the blank."""
     characters = np.frombuffer(text.encode("latin-1", "replace"), dtype=np.uint8)
     sixes = ((characters - 32) & 63).astype(np.uint32)
+    # an incomplete group at the end of a truncated record is dropped
     sixes = sixes[: sixes.size // 4 * 4].reshape(-1, 4)
+    # 24 bits of each group, the first character on top
     words = sixes[:, 0] << 18 | sixes[:, 1] << 12 | sixes[:, 2] << 6 | sixes[:, 3]
     return np.stack([words >> 16 & 255, words >> 8 & 255, words & 255], axis=1).astype(np.uint8).tobytes()
 
@@ -243,6 +246,7 @@ def _no_diagram(package: ModelPackage, diagnostics: ReadDiagnostics) -> FileReje
 
 
 def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument:
+    # the fields of the diagram take precedence, as they are read last
     defaults = read_block_defaults(package.section("simulink/bddefaults.xml"), model)
     stateflow = package.section("simulink/stateflow/machine.xml") or package.section("simulink/stateflow.xml")
     charts = read_charts(stateflow, partial(_part, package, "stateflow")) if stateflow is not None else {}

@@ -14,6 +14,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
+# possessive quantifiers: a line that does not match is not tried again in other ways
 _PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]++(\S++)[ \t]*+([^\n]*+)\n", re.MULTILINE)
 _END = re.compile(rb"^__MWOPC_PACKAGE_END__", re.MULTILINE)
 _REMEDY = "Use a complete copy of the file."
@@ -54,6 +55,7 @@ class ModelPackage:
 
     def _unpack(self, member: zipfile.ZipInfo, archive: zipfile.ZipFile) -> bytes | None:
         with archive.open(member) as stream:
+            # counted while reading, because an archive may state smaller sizes than it unpacks to
             raw = stream.read(self.room + 1)
         self.room -= len(raw)
         if self.room < 0:
@@ -75,6 +77,7 @@ class ModelPackage:
 
 def is_zip(raw: bytes) -> bool:
     """Return True if bytes start like a zip archive."""
+    # the second is the begin of an empty archive
     return raw[:4] in (b"PK\3\4", b"PK\5\6")
 
 
@@ -91,6 +94,7 @@ def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
     if too_much:
         diagnostics.error("", f"expands to far more data than a model contains: {too_much}", _REMEDY)
         return ModelPackage(diagnostics)
+    # one budget for all parts together
     room = max(_BASE_UNPACKED_BYTES, _MAX_COMPRESSION_RATIO * len(raw))
     return ModelPackage(diagnostics, members, archive, room=room)
 
@@ -102,6 +106,7 @@ def text_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
         raise diagnostics.refuse("", "is truncated: the text package has no end", _REMEDY)
     release = _PACKAGE.search(raw)
     match = list(_PART.finditer(raw))
+    # a part ends where the header of the next one begins
     stops = [*(part.start() for part in match[1:]), end.start()]
     texts = {}
     for part, stop in zip(match, stops, strict=False):

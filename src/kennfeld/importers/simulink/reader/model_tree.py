@@ -158,6 +158,7 @@ def split_path(path: str) -> tuple[str, ...]:
     ('Engine', 'km/h')
     """
     return tuple(
+        # a doubled slash is one within a name: it waits as a NUL, which no name contains, while the path is split
         normalize_name(name.replace("\0", "/"))
         for name in re.sub(r"//", "\0", path).split("/")
         if name or "/" not in path
@@ -230,6 +231,7 @@ class MaskParameter:
             return self.expression
         if self.type == "checkbox":
             return {"on": "1", "off": "0"}.get(self.expression.strip(), self.expression)
+        # an evaluated choice is the number of its text, from 1
         chosen = self.type in ("popup", "radiobutton") and self.expression in self.options
         return str(self.options.index(self.expression) + 1) if chosen else self.expression
 
@@ -330,6 +332,7 @@ class System:
 
     def every(self) -> Iterator[ModelBlock]:
         """Yield all blocks of this system and below, a subsystem before its content."""
+        # a stack of iterators, which keeps the order of the file
         waiting = [iter(self.blocks)]
         while waiting:
             block = next(waiting[-1], None)

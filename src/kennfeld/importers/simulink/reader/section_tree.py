@@ -26,6 +26,7 @@ _MAX_FINDINGS = 50  # of each kind; a garbled file has thousands
 COMPLETE_COPY = "Use a complete copy of the file."
 _DAMAGED = "The file may be truncated or damaged: use a complete copy."
 
+# a key up to white space, a brace or a quote; the rest is its value
 _LINE = re.compile(r"([^\s{}\"]++)\s*+(.*)\Z", re.DOTALL)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"?', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
@@ -127,6 +128,7 @@ def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool 
     """
     builder = _XmlSectionBuilder(part, diagnostics, fold)
     try:
+        # expat refuses white space before the XML declaration
         builder.parser.Parse(raw.lstrip(), True)
     except FileRejectedError:
         return None
@@ -181,6 +183,7 @@ class _XmlSectionBuilder:
             self.pieces.clear()
             return
         section = self.open.pop()
+        # text between child elements is indentation
         if self.pieces and not section.parts:
             section.text = "".join(self.pieces)
         self.pieces.clear()
@@ -208,6 +211,7 @@ def brace_text(raw: bytes) -> str:
     """Decode a classic file in the encoding it names; undecodable characters are replaced."""
     named = _ENCODING.search(raw[:_HEAD])
     encoding = _ENCODINGS.get(named[1].decode("ascii", "replace").lower(), "") if named else ""
+    # cp1252 lacks five bytes, latin-1 none
     for candidate in (encoding or "utf-8", "utf-8", "cp1252"):
         with contextlib.suppress(UnicodeDecodeError):
             return raw.decode(candidate)
@@ -301,6 +305,7 @@ class _BraceParser:
         pieces = [value]
         while depth > 0 and self.at < min(len(self.lines), start + _MAX_MATRIX_LINES):
             line = self.lines[self.at].strip()
+            # the matrix was never closed: these belong to the sections around it
             if line in ("}", "") or line.endswith("{"):
                 break
             pieces.append(line)
@@ -356,6 +361,7 @@ class _Converter:
         section = SectionNode(kind, 0)
         for key, value in members.items():
             if key == _PROPERTIES and isinstance(value, dict):
+                # properties in a group of their own become keys and parts of the object, as in XML
                 inner = self.section(kind, value, depth + 1)
                 section.keys |= inner.keys
                 section.parts += inner.parts
