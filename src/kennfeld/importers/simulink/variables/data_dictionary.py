@@ -112,6 +112,7 @@ def _text_value(name: str, value: Any) -> SectionNode:
 
 def _list_section(name: str, values: list[Any]) -> SectionNode:
     """Return the section of a row of numbers, a text, or a cell array."""
+    # ["text"] is a string of MATLAB, which is not a cell array
     if len(values) == 1 and isinstance(values[0], str):
         return _section(name, "string", values[0])
     if not all(isinstance(value, int | float) for value in values):
@@ -153,6 +154,7 @@ def _typed_numbers(name: str, kind: str, written: str) -> SectionNode:
     """
     match = _MATRIX.match(written)
     body = match[3] if match else written
+    # what remains without the numbers must be separators: `1 + 2i` is not the row 1, 2
     if not _BETWEEN.fullmatch(_NUMBER.sub("", body)):
         return _section(name, kind, body)
     numbers = [number.lower() for number in _NUMBER.findall(body)]
@@ -160,6 +162,7 @@ def _typed_numbers(name: str, kind: str, written: str) -> SectionNode:
         return _section(name, kind, " ".join(numbers), "" if len(numbers) == 1 else f"1*{len(numbers)}")
     rows, columns = int(match[1]), int(match[2])
     if rows * columns == len(numbers):
+        # element (row, column) is at row * columns + column in the text, at column * rows + row in XML
         numbers = [numbers[row * columns + column] for column in range(columns) for row in range(rows)]
     return _section(name, kind, " ".join(numbers), f"{rows}*{columns}")
 
@@ -218,8 +221,10 @@ def read_dictionary(
     read, seen = _read_once(path, known), {path.resolve()}
     waiting = [(path.parent, name) for name in read.references] if follow else []
     while waiting:
+        # breadth first: of several entries with one name, that with the fewest references in between wins
         folder, name = waiting.pop(0)
         file = find_beside(name, (folder, *folders)) or folder / file_name(name)
+        # dictionaries may refer to each other in a circle
         if file.resolve() in seen or file.name in given:
             continue
         seen.add(file.resolve())
@@ -240,6 +245,7 @@ def file_name(written: str) -> str:
 
 def find_beside(name: str, folders: Iterable[Path]) -> Path | None:
     """Return the file of a name in the first folder that contains it; folders within the name are ignored."""
+    # a folder within the name could lead to any file of the machine
     plain = file_name(name)
     return next((path for folder in folders if plain and (path := folder / plain).is_file()), None)
 
@@ -298,6 +304,7 @@ def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
         if kind != "DD.ENTRY" or "Value" not in said:
             continue
         name, section = said["Name"].text if "Name" in said else "", said["Value"]
+        # an object is the value itself, or its only element
         classes = {part.keys.get("Class", "") for part in (section, *section.all("Element"))}
         if not classes.isdisjoint(_NOT_DATA):
             solvers[name] = solver_from(section)
@@ -390,6 +397,7 @@ def _several(values: tuple[Value, ...], section: SectionNode) -> Value:
 
 def _numbers(section: SectionNode) -> Value:
     """Return an array stored by columns."""
+    # the i of an imaginary part, not that of Inf
     if section.keys.get("IsComplex") in ("1", "true") or "i" in section.text.replace("Inf", "").replace("inf", ""):
         raise UnusableValueError("it is complex")
     written = section.text.split()
@@ -398,11 +406,13 @@ def _numbers(section: SectionNode) -> Value:
         shape = tuple(int(n) for n in section.keys["Dimension"].split("*")) if "Dimension" in section.keys else None
     except ValueError:
         raise UnusableValueError(f"its numbers cannot be read: {section.text.strip()[:40]}") from None
+    # without a size: a number, a row, or nothing
     shape = shape or ((1, 1) if values.size == 1 else (min(values.size, 1), values.size))
     if (
         len(shape) > 30
         or min(shape) < 0
         or max(shape) > _MAX_DIMENSION
+        # as a float, which cannot overflow
         or values.size != int(np.prod(shape, dtype=float))
     ):
         raise UnusableValueError(f"it has {values.size} numbers for a size of {section.keys.get('Dimension', '')[:40]}")

@@ -15,6 +15,7 @@ from kennfeld.matlab.evaluator import evaluate
 _REST = re.compile(r"%.*|\.\.\..*")
 _HEAD = re.compile(r"\s*classdef\s*(?:\([^)]*\))?\s*(\w+)\s*(?:<\s*([\w.]+))?")
 _LISTS = re.compile(r"(?:^|[;,])\s*enumeration\b\s*(?:\([^)\n]*\))?(.*?)\bend\b", re.MULTILINE | re.DOTALL)
+# `First`, `First(1)` or `First(uint8(min(1, 2)))`: brackets in up to three levels
 _MEMBER = re.compile(r"([A-Za-z]\w*)\s*(?:\(((?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\))?")
 _BASES = ("Simulink.IntEnumType", "Simulink.Mask.EnumerationBase", "double", "single", "logical")
 _INTEGER = re.compile(r"u?int\d+\Z")
@@ -90,6 +91,7 @@ def members_of(variable: Variable | None) -> Mapping[str, float]:
 def unqualified_member(variables: Mapping[str, Variable], name: str) -> float | None:
     """Return the number of a member that is named without its class, None if it is unknown or ambiguous."""
     numbers = {members[name] for variable in variables.values() if name in (members := members_of(variable))}
+    # the same number in several enumerations is still unambiguous
     return numbers.pop() if len(numbers) == 1 else None
 
 
@@ -103,6 +105,7 @@ def enumeration_files(folders: Iterable[Path], files: Iterable[Path] = ()) -> di
     for path in paths:
         if path.stem not in enumerations and (text := _class_text(path)):
             enumeration = enumeration_of(text)
+            # MATLAB finds a class by the name of its file
             if enumeration is not None and enumeration[0] == path.stem:
                 enumerations[path.stem] = enumeration_variable(enumeration[1], path.name)
     return enumerations
@@ -122,6 +125,7 @@ def _class_text(path: Path) -> str:
     try:
         with path.open("rb") as stream:
             head = stream.read(_MAX_HEAD_BYTES)
+            # a folder may hold large scripts, of which the begin is enough
             rest = stream.read(_MAX_CLASS_CHARACTERS) if b"classdef" in head else b""
     except OSError:
         return ""

@@ -76,8 +76,10 @@ def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
         raise ProgramError(f"the file {path.name} cannot be read: {error.strerror or error}") from None
     except InputError as error:
         raise ProgramError(str(error.findings[0])) from None
+    # a file with statements outside of its functions is a script
     if not script.functions or script.statements:
         return {}
+    # MATLAB calls the first function by the name of the file, whatever its own name is
     return {**{function.name: function for function in script.functions}, path.stem: script.functions[0]}
 
 
@@ -207,12 +209,14 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
                 Finding(Location(name, path=key), "its type is not supported", severity="warning")
             )
             continue
+        # a script returns all variables: those it left unchanged keep their source, limits and unit
         before = variables.get(key)
         if before is None or not equal_values(before.value, result.value):
             comment = result.description or outcome.comments.get(key, "")
             variables[key] = replace(result, description=comment)
     for key, why in outcome.undefined.items():
         variables.undefined[key] = why
+        # an old value must not stand for one that the script fails to compute
         if key in variables and variables[key].source != USER_SOURCE:
             del variables[key]
 

@@ -43,6 +43,7 @@ class Variable:
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
         """Return the variable with limits, None for none; limits that its own value violates are ignored."""
         lowest, highest = -np.inf if lower is None else lower, np.inf if upper is None else upper
+        # limits of a table object are those of its table, not of its breakpoints
         value = self.value.get("Table") if isinstance(self.value, Mapping) else self.value
         if not isinstance(value, np.ndarray) or not np.all((value >= lowest) & (value <= highest)):
             return self
@@ -87,6 +88,7 @@ class Scope:
         inside = Scope(self.variables, {}, self)
         for parameter in block.mask.parameters:
             field = f"{block.path}:{parameter.name}"
+            # evaluated outside of the mask: a parameter K may be set to a variable K
             inside.masked[parameter.name] = MaskVariable(
                 parameter.meaning, self, parameter.evaluated, field, parameter.expression
             )
@@ -105,6 +107,7 @@ class Scope:
         variables = {
             name: MaskVariable(text, around, True, f"{block.path}:{name}", text) for name, text in arguments.items()
         }
+        # arguments hide the variables of the referenced model that have their names
         return Scope(own.variables, {**variables}, own) if variables else own
 
     def shown(self) -> dict[str, str]:
@@ -152,7 +155,9 @@ def _run_mask_code(scope: Scope, code: str) -> Scope:
     inside, left = scope, set[str]()
     for statement in script.statements:
         name = _assigned_name(statement)
+        # `left` holds names that only running the code gives, and spreads to what is computed from them
         if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *names_read(statement.value)}):
+            # a layer per statement: `K = 2*K` reads the K of the layer outside
             inside = Scope(scope.variables, {name: MaskVariable(format_expression(statement.value), inside)}, inside)
         else:
             left |= names_assigned(statement)
@@ -244,6 +249,7 @@ def equal_values(value: ParameterValue, other: ParameterValue) -> bool:
     if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
         if not (isinstance(value, np.ndarray) and isinstance(other, np.ndarray)):
             return False
+        # 3, [3] and [[3]] are the same value in MATLAB
         return np.array_equal(np.atleast_2d(value), np.atleast_2d(other), equal_nan=True)
     if isinstance(value, Mapping) and isinstance(other, Mapping):
         return value.keys() == other.keys() and all(equal_values(value[key], other[key]) for key in value)

@@ -75,6 +75,7 @@ class FileSearch:
         for place in (folder, *self.folders):
             if place not in self._enumerations:
                 self._enumerations[place] = enumeration_files([place])
+            # earlier places take precedence
             enumerations = {**self._enumerations[place], **enumerations}
         return enumerations
 
@@ -104,6 +105,7 @@ def collect_variables(
                 variables[name] = Variable(value, source=USER_SOURCE)
         else:
             parameter_sets += _add_file(variables, Path(source), search)
+    # taken before the workspace is read, which may override them
     by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
     _workspace(variables, document, search)
     variables.findings += [
@@ -115,6 +117,7 @@ def collect_variables(
     variables.strangers = ParameterSet(
         parameter for name, parameter in overriding.items() if name.partition(".")[0] not in variables
     )
+    # last, so that they override the workspace as well
     variables.update({name: _with_parameter(variables.get(name), parameter) for name, parameter in overriding.items()})
     return variables
 
@@ -175,6 +178,7 @@ def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[
 
 def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
     read = search.dictionary(path)
+    # before the entries, whose enumerated values are members of these
     variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
@@ -275,6 +279,7 @@ def _with_parameter(known: Variable | None, parameter: Parameter) -> Variable:
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
     if known is not None and isinstance(known.value, np.ndarray) and _sizes(known.value) == _sizes(value):
+        # a curve of a calibration file has one dimension, a variable of the model is a row or a column
         value = value.reshape(known.value.shape)
     description = parameter.description or (known.description if known is not None else "")
     lower: float | Numbers = known.lower if known is not None else -np.inf
@@ -293,6 +298,7 @@ def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[
     """Return the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
     settings, seen = document.solver, set[str]()
     while settings.reference:
+        # a configuration may refer to another one, and by mistake in a circle
         name = settings.reference
         if name in seen or name not in variables.solvers:
             why = "refers to itself" if name in seen else "was not found"

@@ -73,6 +73,7 @@ def stored_variable(kind: str, properties: Mapping[str, Value]) -> StoredVariabl
         )
         return replace(_plain("", kind, _part(table)), breakpoints=breakpoints, properties=properties)
     inner = _several(axes)
+    # a Simulink.Breakpoint holds its value one level down, in `Breakpoints`
     if inner and "Value" not in properties:
         properties = {**properties, **_part(inner[0])}
     return _plain("", kind, properties)
@@ -153,6 +154,7 @@ def _data(loaded: n.MatFileContent, message: str) -> StoredVariables:
     reader, entries = _NodeDecoder(), {}
     for name, node in loaded.variables.items():
         try:
+            # one value that cannot be used leaves the others usable
             entries[name] = _entry(name, node, reader.value(node, name))
         except UnusableValueError as why:
             reader.unreadable[name] = str(why)
@@ -213,6 +215,7 @@ class _NodeDecoder:
         properties = {}
         for name, inner in node.fields.items():
             try:
+                # a decoder of its own: what it skips within a property is not reported
                 properties[name] = _NodeDecoder().value(inner, name)
             except UnusableValueError:
                 if name in _NEEDED:
