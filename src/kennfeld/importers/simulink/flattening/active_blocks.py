@@ -34,7 +34,9 @@ def active_choice(block: ModelBlock, labels: Sequence[str], scope: Scope) -> int
         raise EvaluationError("it is a Variant Assembly Subsystem, whose choices are files; this is not supported")
     written = block.value("VariantControlMode")
     named = (block.value("LabelModeActiveChoice") or "").strip()
+    # names a choice by its label, whatever the controls say
     over = (block.value("OverrideUsingVariant") or "").strip()
+    # older files have no mode: a label that is chosen says which one it is
     mode = written or ("label" if named else "expression")
     if mode not in _MODES:
         raise EvaluationError(f"VariantControlMode {mode[:60]!r} is not supported")
@@ -59,6 +61,7 @@ def _is_true(label: str, scope: Scope) -> bool:
     text = label.strip()
     if not text or text.startswith("%") or text in ("(default)", "(codegen)"):
         return False
+    # an import simulates, so that (sim) is active and (codegen) is not
     if text == "(sim)":
         return True
     numbers = ParameterExpressions(GraphBuilder(), DeclaredParameters()).numbers(condition_of(text, scope), scope)
@@ -129,6 +132,7 @@ def system_with_choice(block: ModelBlock, at: int | None) -> System:
         EvaluationError: if the choice has a port that the variant subsystem lacks.
     """
     outer = block.system or System()
+    # ports of the subsystem and its control ports, such as EnablePort
     kept = tuple(block for block in outer.blocks if block.type in _PORTS or block.type.endswith("Port"))
     if at is None:
         return System(kept)
@@ -167,6 +171,7 @@ def without_commented_blocks(system: System) -> System:
         return system
     kept = tuple(block for block in system.blocks if block.sid not in commented)
     lines = tuple(_lines(system, commented))
+    # by destination, the commented block that fed it, for the report
     fed = {
         end: system.by_sid[line.source.block].name
         for line in lines
@@ -194,6 +199,7 @@ def _trace_commented(
     source: Endpoint | None, sources: Mapping[Endpoint, Endpoint | None], commented: Mapping[str, str]
 ) -> Endpoint | None:
     """Return the origin of a signal, seen through blocks that are commented through; it may be commented out."""
+    # blocks that are commented through may form a ring, which has no origin
     seen: set[Endpoint] = set()
     while source is not None and source.block in commented:
         if commented[source.block] == "on" or source.port != "out" or source in seen:
