@@ -62,6 +62,7 @@ class BlockFailures(dict[FlatBlock, BlockFailure]):
     def note(self, flat: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
         """Record why a block is unsupported unless a reason is known; undefined variables are collected."""
         failure = self.setdefault(flat, BlockFailure(flat, message, remedy, (undefined,) if undefined else ()))
+        # a block that fails for another reason keeps that one
         if undefined and failure.undefined:
             self[flat] = failure._replace(undefined=tuple(dict.fromkeys((*failure.undefined, undefined))))
 

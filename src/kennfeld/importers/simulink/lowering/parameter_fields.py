@@ -90,6 +90,7 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bo
     except InputError:
         return None
     path = field_path(bare)
+    # a mask parameter may refer to itself through further masks
     if path is None or deep > 50:
         return None
     meaning = scope.find(path[0])
@@ -99,6 +100,7 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bo
         if further is None:
             return None
         name, variable, transposed = further
+        # two transposes cancel out, and a vector is the same table either way
         return name, variable, _is_matrix(variable) and turned != transposed
     meant = _resolve_path(meaning, path, scope)
     return (".".join(path), meant, turned and _is_matrix(meant)) if meant is not None else None
@@ -128,6 +130,7 @@ def _strip_casts(tree: m.Expression) -> tuple[m.Expression, bool]:
     while True:
         if isinstance(tree, m.Transpose):
             tree, turned = tree.operand, not turned
+        # x(:) is a column, whether x was transposed or not
         elif isinstance(tree, m.Call) and tree.arguments == (m.Colon(),):
             tree, turned = tree.of, False
         elif isinstance(tree, m.Call) and tree.of in (m.Name("single"), m.Name("double")) and len(tree.arguments) == 1:
@@ -158,7 +161,9 @@ def selected_indices(
     places = [int(n) - first for n in block.evaluate(text).ravel()]
     if option == "Starting index (dialog)" and places:
         length = selection_length(block, axis) if count is None else count
+        # one more than fits is enough to be refused; the length itself may be huge
         places = list(range(places[0], places[0] + min(length, size + 1)))
+    # -1 in older files selects all elements
     elif places == [-1 - first]:
         return list(range(size))
     check_indices(places, size, text)

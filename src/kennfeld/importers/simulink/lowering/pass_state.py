@@ -57,6 +57,7 @@ class DimensionInference:
     def state_shape(self, key: Key, init: Signal) -> Shape:
         """Return the shape of a state: from an earlier pass, else of its initial value."""
         if init.size == 1 and key not in self.guesses.shapes:
+            # a scalar that nothing determines may be widened by a block that reads it
             self._scalars.setdefault(key[0], key)
         return self.guesses.shapes.get(key, init.shape)
 
@@ -82,6 +83,7 @@ class ModelInputs(dict[str, FlatBlock | None]):
     def name(self, flat: FlatBlock) -> str:
         """Return the channel name of a port."""
         name = port_label(flat.block) if flat.type == "Inport" else (flat.block.value("GotoTag") or "A").strip()
+        # the names of the clock are channels of their own, those of parameters are taken
         if name in self.guesses.taken or name in CLOCK:
             name = f"{name}_in"
         self[name] = flat

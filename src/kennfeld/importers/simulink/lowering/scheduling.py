@@ -33,6 +33,7 @@ def explicit_sample_time(flat: FlatBlock, expressions: ParameterExpressions) -> 
     if flat.type == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
         return None
     numbers = expressions.numbers(text, flat.scope).ravel()
+    # [period offset]; -1 is inherited, inf constant, 0 continuous
     period = float(numbers[0]) if numbers.size else -1.0
     offset = float(numbers[1]) if numbers.size > 1 else 0.0
     if period == -1.0:
@@ -69,6 +70,7 @@ class ModelClock:
         hit = sample_hit(builder, rate, self.step)
         if hit is None:
             return None
+        # minor steps of the solver have other times, but belong to the same hit
         return builder.node("hold", (hit,)) if self.continuous else hit
 
 
@@ -125,11 +127,13 @@ class SampleTimes:
 
     def sample(self, flat: FlatBlock, wired: SignalOrBus, remembers: bool) -> SignalOrBus:
         """Return an output at the block's sample time, held between hits."""
+        # a block without states follows its inputs, which are already held at an inherited sample time
         rate = self.sample_time(flat) if remembers else self.specified_sample_time(flat)
         if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, ExternalBus):
             return wired
         if isinstance(wired, Bus):
             return Bus({name: self.sample(flat, member, remembers) for name, member in wired.members.items()})
+        # such a signal changes at the hits only, so that holding it would add states in vain
         if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)
         return self.hold(flat, wired, rate)
@@ -147,6 +151,7 @@ class SampleTimes:
 
     def _hold_node(self, hit: int, node: int) -> int:
         before = self.builder.state()
+        # y = hit ? x : y', which begins with x
         y = self.builder.call("select", hit, node, before)
         self.builder.close(before, node, y)
         return y

@@ -31,6 +31,7 @@ def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int,
     """
     node = inits[state]
     for _ in range(_MAX_ROUNDS):
+        # each round replaces the states behind the value by their initial values, which may depend on further states
         behind = set(ancestors(builder.nodes, [node]))
         if state not in behind:
             return node
@@ -43,9 +44,11 @@ def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int,
 
 def _replace_states(builder: GraphBuilder, root: int, behind: set[int], known: Mapping[int, int]) -> int:
     replaced = dict(known)
+    # arguments have lower numbers than the nodes that use them
     for at in sorted(behind - known.keys()):
         op, args, payload = builder.nodes[at]
         changed = tuple(replaced[a] for a in args)
+        # a constant need not be held
         if op == "hold" and builder.value(changed[0]) is not None:
             replaced[at] = changed[0]
         else:
@@ -93,6 +96,7 @@ class StatePorts:
                 self._states[flat] = np.array([self.builder.state() for _ in range(int(np.prod(shape)))]).reshape(shape)
             rate = self.timing.sample_time(flat)
             port = Signal(self._states[flat], rate.period, builder=self.builder)
+            # the state is written at hits with the value for the next one, which must not show before that
             slow = flat.type == "DiscreteIntegrator" and rate.period not in (CONTINUOUS, CONSTANT)
             self._shown[flat] = self.timing.hold(flat, port, rate) if slow else port
             self.agenda.add(flat)
@@ -102,6 +106,7 @@ class StatePorts:
         """Return new state nodes, or those created when the state port was read."""
         flat, number = key
         if number == STATE_PORT and flat in self._states:
+            # the port was read before its block was lowered, as a scalar until a pass has told its size
             if self._states[flat].size == first.size:
                 return [int(node) for node in self._states[flat].ravel()]
             self.shapes.guesses.shape(key, first.shape)
