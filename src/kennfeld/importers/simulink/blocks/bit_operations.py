@@ -82,6 +82,7 @@ def _masks(block: BlockContext, word: IntegerType | None) -> list[int]:
 
 def _complement(block: BlockContext, x: Signal, word: IntegerType | None) -> Signal:
     assert word is not None
+    # NOT x = -1 - x in two's complement, 2^bits - 1 - x without a sign
     top = -1.0 if word.signed else 2.0**word.bits - 1
     return top - x
 
@@ -104,6 +105,7 @@ def _whole(value: float) -> int:
 
 def _apply_mask(block: BlockContext, op: str, x: Signal, mask: int) -> Signal:
     """Apply a mask through `x AND m`: x OR m = x + m - (x AND m), x XOR m = x + m - 2 (x AND m)."""
+    # a negative mask through its complement: x AND m = x - (x AND NOT m)
     both = _and(block, x, mask) if mask >= 0 else x - _and(block, x, -mask - 1)
     return _from_and(op, x, block.constant(float(mask)), both)
 
@@ -154,13 +156,16 @@ def _fold(block: BlockContext, op: str, parts: list[Signal]) -> Signal:
 
 def _combine_pair(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
     """Apply an operation to two signals bit by bit, or to one and a constant mask; NaN beyond int32 and uint32."""
+    # a constant is a mask, whose runs of ones take fewer nodes and no limit of 32 bits
     for signal, other in ((a, b), (b, a)):
         value = block.builder.value(signal.flat[0])
         if value is not None:
             return _apply_mask(block, op, other, _whole(value))
     both, edge = block.constant(0.0), 2.0**_MAX_SIGNAL_BITS
     for at in range(_MAX_SIGNAL_BITS):
+        # the product of two bits is their AND; both fields carry the weight 2^at
         both = both + _field(a, at, 1) * _field(b, at, 1) / 2.0**at
+    # two negative numbers also share the endless ones above bit 31, worth -2^32
     both = both - edge * ((a < 0.0) & (b < 0.0))
     fits = (a >= -edge) & (a < edge) & ((b >= -edge) & (b < edge))
     return select(fits, _from_and(op, a, b, both), float("nan"))
@@ -170,6 +175,7 @@ def _combine_pair(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
 def bit_set(block: BlockContext) -> SignalOrBus:
     """Return the input with one bit set."""
     x, bit, weight = _bit(block)
+    # adds the weight if the bit is 0
     return x + weight * (1.0 - _field(x, bit, 1) / 2.0**bit)
 
 
@@ -237,5 +243,6 @@ def _shift_bits(block: BlockContext, x: Signal, by: Signal, path: str, word: Int
     if path == "Right":
         return right
     shifted = x * 2.0 ** (by if path == "Left" else -by)
+    # bits beyond the word are lost on the left, those below 2^0 on the right by rounding down
     pushed = block.signal(integer_types.wrap_to_type(block.builder, shifted.nodes, word), shifted.period)
     return pushed if path == "Left" else select(by < 0.0, pushed, right)

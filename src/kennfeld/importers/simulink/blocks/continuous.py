@@ -19,6 +19,7 @@ def transport_delay(block: BlockContext) -> SignalOrBus:
     """Return the input delayed by a constant time, interpolated linearly between steps."""
     time, step = block.numeric_field("DelayTime"), _fixed_step(block)
     count = time / step
+    # 0.3 s / 0.1 s is a little below 3
     whole = int(np.floor(count + 1e-9))
     if not 1 <= whole <= 100_000:
         raise UnsupportedError(f"its delay of {time:g} s must be between 1 and 100000 steps of {step:g} s")
@@ -27,6 +28,7 @@ def transport_delay(block: BlockContext) -> SignalOrBus:
     share = count - whole
     if abs(share) < 1e-9:
         return _delay_output(block, block.constant(time), late, init)
+    # u[k - whole] and u[k - whole - 1], between which the delayed time lies
     later = block.discrete_state(init, lambda _: late)
     return _delay_output(block, block.constant(time), late + share * (later - late), init)
 
@@ -87,11 +89,12 @@ def variable_delay(block: BlockContext) -> SignalOrBus:
 def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], first: int) -> Signal:
     """Interpolate linearly between the two steps around `time`.
 
-    `late` holds the inputs of past steps, latest first, beginning `first` steps ago. Before the earliest the line is
-    extrapolated; after the latest the value is held.
+    `late` holds the inputs of past steps, latest first, beginning `first` steps ago. The line between the two latest
+    ones is extrapolated to a shorter delay; the value of the oldest one is held for a longer delay.
     """
     steps = time / block.base_step
     result = late[-1]
+    # from the longest delay to the shortest, so that the last condition that holds selects
     for at in range(len(late) - 1, 0, -1):
         share = steps - float(first + at - 1)
         between = late[at - 1] + share * (late[at] - late[at - 1])
@@ -106,15 +109,18 @@ def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Sign
     def travel(before: Signal) -> Signal:
         rate_before = block.discrete_state(rate, lambda _: rate)
         begun = block.discrete_state(zero, lambda _: block.constant(1.0))
+        # trapezoidal rule: s[k] = s[k-1] + T / 2 (1 / tau[k] + 1 / tau[k-1]), s[0] = 0
         return select(begun, before + 0.5 * block.base_step * (rate + rate_before), zero)
 
     distance = block.feedback(zero, travel)
     distances = [block.discrete_state(zero, lambda _: distance, at) for at in range(1, len(late) + 1)]
+    # what leaves the pipe entered it when the distance was one pipe length less
     entered = distance - 1.0
     y = late[-1]
     for at in range(len(late) - 1, 0, -1):
         between = interpolate_line(entered, (distances[at], distances[at - 1]), (late[at], late[at - 1]))
         y = select(entered >= distances[at], between, y)
+    # less than a step ago: held, as the present input may not feed through
     y = select(entered >= distances[0], late[0], y)
     return select(entered < zero, init, y)
 
@@ -177,6 +183,7 @@ def reset_signal(block: BlockContext, u: Signal, kind: str, sampled: bool = Fals
     if kind in ("level hold", "sampled level"):
         return apply("ne", u, 0.0)
     if kind == "level":
+        # a level resets while it is not 0, and once more in the step in which it returns to 0
         before = block.discrete_state(block.constant(0.0), lambda _: u)
         return apply("ne", u, 0.0) | apply("ne", before, 0.0)
     raise UnsupportedError(f"its reset {kind!r} is not supported")
@@ -185,6 +192,7 @@ def reset_signal(block: BlockContext, u: Signal, kind: str, sampled: bool = Fals
 def has_feedthrough(block: BlockContext) -> bool:
     """Return True if the numerator of a transfer function has the order of its denominator."""
     numerator = block.matrix("Numerator")
+    # a leading coefficient that is the constant 0 feeds nothing through, whatever the order
     same_order = numerator.shape[-1] >= block.matrix("Denominator").size
     return same_order and any(block.builder.value(int(node)) != 0 for node in numerator[..., 0])
 
@@ -208,6 +216,7 @@ def _rational(block: BlockContext, numerator: list[int], denominator: list[int])
     a = [divide_by_lead(block, node, denominator[0]) for node in denominator[1:]]
     if order == 0:
         return block.signal([b[0]]) * block.input()
+    # x1' = -a1 x1 - a2 x2 - ... + u, x2' = x1, ...; y = (b1 - a1 b0) x1 + ... + b0 u
     A = np.full((order, order), const(0.0), dtype=np.int64)
     A[0, :] = [call("neg", node) for node in a]
     A[range(1, order), range(order - 1)] = const(1.0)
@@ -219,6 +228,7 @@ def _rational(block: BlockContext, numerator: list[int], denominator: list[int])
 
 def divide_by_lead(block: BlockContext, node: int, lead: int) -> int:
     """Return a coefficient divided by the leading one; a constant 0 stays 0."""
+    # 0 over a parameter would be a node that is not known to be 0, and a loop through it an algebraic one
     return node if block.builder.value(node) == 0 else block.builder.call("div", node, lead)
 
 
@@ -293,6 +303,7 @@ def _polynomial(block: BlockContext, roots: list[int]) -> list[int]:
     call, zero, nodes = block.builder.call, block.builder.const(0.0), [block.builder.const(1.0)]
     for root in roots:
         shifted = [call("mul", call("neg", root), node) for node in nodes]
+        # p(x) (x - root) = x p(x) - root p(x)
         nodes = [call("add", high, low) for high, low in zip([*nodes, zero], [zero, *shifted], strict=True)]
     return nodes
 

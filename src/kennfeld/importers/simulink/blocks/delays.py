@@ -85,6 +85,7 @@ def integer_delay(block: BlockContext) -> SignalOrBus:
 def _delay_by(block: BlockContext, init: Signal, steps: int) -> Signal:
     if steps == 0:
         return block.input()
+    # one state that is read `steps` steps later; a block that skips steps needs a state for each of its samples
     if init.size == 1 and block.compiler.gates.is_written_every_step(block.flat):
         return block.discrete_state(init, lambda _: block.input(), steps)
     return _taps(block, init, steps, None, None)[-1]
@@ -108,6 +109,7 @@ def _taps(block: BlockContext, init: Signal, steps: int, runs: Signal | None, an
 
     def following(at: int) -> SignalRule:
         def then(_: Signal) -> Signal:
+            # shift register: tap 0 takes the input, each other one what the tap before it held
             new = block.input(0) if at == 0 else taps[at - 1]
             return new if runs is None else select(runs, new, taps[at])
 
@@ -127,6 +129,7 @@ def _controlled_delay(
     taps = _taps(block, init, steps, runs, anew)
     y, shortest = taps[-1], _shortest(block)
     if length is not None:
+        # length n selects tap n - 1; without PreventDirectFeedthrough, length 0 selects the input
         y = select_by_index(length, taps if shortest else [block.input(0), *taps], shortest + 1.0)
     if runs is None:
         return y
@@ -190,6 +193,7 @@ def unit_delay_with_preview(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return the next and the present content of a unit delay."""
     ports, init, signals = _inputs(block), block.parameter("vinit"), list[Signal]()
     anew = block.input(ports["RV"]) if "RV" in ports else init
+    # the first output is the content of the next sample, which the state then takes
     y = block.discrete_state(init, lambda _: signals[0])
     signals.append(_next_content(block, ports, y, anew))
     return signals[0], y

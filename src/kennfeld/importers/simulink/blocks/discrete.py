@@ -98,6 +98,7 @@ def _direct_form(block: BlockContext, b: list[int], a: list[int], inits: Signal,
     initial states, to which `anew` resets.
     """
     lead, order = a[0], len(a) - 1
+    # `ahead` is b0, the only coefficient through which the input reaches the output in the same sample
     ahead, *gains = (block.signal([divide_by_lead(block, node, lead)], CONSTANT) for node in b)
     back = [block.signal([divide_by_lead(block, node, lead)], CONSTANT) for node in a[1:]]
     states: list[Signal] = []
@@ -115,6 +116,7 @@ def _direct_form(block: BlockContext, b: list[int], a: list[int], inits: Signal,
     starts = _initial_states(block, inits, order, lead)
     states += [block.discrete_state(start, follow(at)) for at, start in enumerate(starts)]
     if anew is not None:
+        # in place, because `enter` reads the same list when the states are completed
         states[:] = [select(anew, start, state) for start, state in zip(starts, states, strict=True)]
     terms = [gain * state for gain, state in zip(gains, states, strict=True)]
     if block.builder.value(ahead.flat[0]) != 0:
@@ -152,6 +154,7 @@ def initial_condition(block: BlockContext) -> SignalOrBus:
 
 def _method(block: BlockContext) -> tuple[str, bool]:
     """Return the method of a discrete integrator, and True if it accumulates without the sample time."""
+    # "ForwardEuler" in older files, "Integration: Forward Euler" or "Accumulation: ..." in newer ones
     written = block.field_text("IntegratorMethod").replace(" ", "")
     kind, _, method = written.partition(":")
     if not method:
@@ -173,6 +176,7 @@ def discrete_integrator(block: BlockContext) -> Outputs:
     gain, ahead = block.parameter("gainval"), block.parameter("gainval")
     if not accumulates:
         _check_not_triggered(block)
+        # on uneven time, T before the sample (gain) and T after it (ahead) differ
         gain, ahead = gain * block.sample_step(), ahead * block.next_sample_step()
     reset = external_reset(block, sampled=True)
     y = with_saturation(block, _accumulate(block, method, (gain, ahead), init, reset))
@@ -203,6 +207,8 @@ def _accumulate(
     def then(_: Signal) -> Signal:
         return signals[0] if method == "backward" else limit_output(block, signals[0] + increment(gains[1]))
 
+    # forward: y = x, x' = y + K T2 u; backward: y = x + K T1 u, x' = y;
+    # trapezoidal: y = x + K T1 u / 2, x' = y + K T2 u / 2, with T1 before the sample and T2 after it
     x = block.discrete_state(init, then, ported=True)
     # the output, not the state before the input is added, starts at the initial value
     as_output = block.field_text("InitialConditionSetting") in ("Output", "State and output")
@@ -235,6 +241,7 @@ def discrete_derivative(block: BlockContext) -> SignalOrBus:
 
 def scaled_difference(block: BlockContext, u: Signal, init: str) -> Signal:
     """Return (u - u') / T, in which u' is the input of the previous sample; a field states the first u' / T."""
+    # the state holds u' divided by the step that ends at the next sample
     now, then = u / block.sample_step(), u / block.next_sample_step()
     return now - block.discrete_state(block.parameter(init), lambda _: then)
 
@@ -286,6 +293,7 @@ def moving_average(block: BlockContext) -> SignalOrBus:
     """Return the weighted sum of the last inputs, latest first."""
     weights = block.parameter("mgainval").flat
     number, zero = block.builder.const(1.0), block.builder.const(0.0)
+    # an FIR filter: all poles are 0
     return _direct_form(block, weights, [number] + [zero] * (len(weights) - 1), block.parameter("vinit"))
 
 

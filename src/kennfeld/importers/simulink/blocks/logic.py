@@ -28,6 +28,7 @@ def relational_operator(block: BlockContext) -> SignalOrBus:
     operator, u = block.field_text("Operator"), block.input(0)
     match operator:
         case "isNaN":
+            # NaN alone differs from itself
             return apply("ne", u, u)
         case "isInf":
             return apply("eq", abs(u), float("inf"))
@@ -96,6 +97,7 @@ def detect_edge(block: BlockContext) -> SignalOrBus:
 def combinatorial_logic(block: BlockContext) -> SignalOrBus:
     """Return the row of a truth table whose index is given by the inputs as bits, most significant first."""
     table, u = block.matrix("TruthTable"), block.input()
+    # 2^width rows
     width = table.shape[0].bit_length() - 1
     if u.size == 1 < width:
         block.suggest_dimensions((width,))
@@ -142,6 +144,7 @@ def jk_flip_flop(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Lower a J-K flip-flop: on the falling edge of CLK, J sets Q, K resets it, both toggle it."""
     j, k = block.is_true(0), block.is_true(2)
     falls = block.zero_crossing(block.hold_in_minor_steps(block.input(1)), "falling")
+    # q' = J and not q, or not K and q
     q = _state(block, lambda before: select(falls, select(before, ~k, j), before))
     return q, ~q
 

@@ -24,11 +24,13 @@ def gain(block: BlockContext) -> SignalOrBus:
     if kind.startswith("Element-wise"):
         return block.parameter("Gain") * u
     k = block.matrix("Gain")
+    # a scalar of unknown width takes that of the matrix in the next pass
     if u.size == 1 < k.shape[1] and "u*K" not in kind:
         block.suggest_dimensions((k.shape[1],))
     column = u.matrix
     left, right = (column, k) if "u*K" in kind else (k, column)
     if "u*K" in kind and u.nodes.ndim == 1:
+        # a vector from the left is a row if the matrix has as many rows, else a column
         left = u.nodes.reshape(1, -1) if k.shape[0] == u.size else column
     nodes = _product(block, left, right)
     return block.signal(nodes.ravel() if u.nodes.ndim == 1 and 1 in nodes.shape else nodes, u.period)
@@ -224,12 +226,14 @@ def _trigonometric(block: BlockContext, operator: str, u: Signal) -> Outputs:
 def polynomial(block: BlockContext) -> SignalOrBus:
     """Evaluate a polynomial, coefficients with the highest power first."""
     u = block.input()
+    # Horner's rule
     return functools.reduce(lambda result, term: result * u + term, block.parameter("Coefs").elements)
 
 
 @block("Fcn", Expr="sin(u[1])", SampleTime="-1")
 def function(block: BlockContext) -> SignalOrBus:
     """Evaluate an expression of the input elements u, u[1], u[2], ..."""
+    # the syntax of Fcn in that of MATLAB: u[1] is u(1), ! is ~, but != stays
     text = _INDEX.sub(r"u(\1)", block.field_text("Expr"))
     text = re.sub(r"!(?!=)", "~", text)
     u = block.input()

@@ -68,6 +68,7 @@ def _assigned(block: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[
     new_nodes, assigned = _spread_values(values, counts), nodes.copy()
     for source in np.ndindex(*counts):
         for place, condition in _targets(block, nodes.shape, axes, source):
+            # in the order of the values: of several with one index, the last one counts
             new, old = int(new_nodes[source]), int(assigned[place])
             assigned[place] = new if condition is None else block.builder.call("select", condition, new, old)
     return assigned
@@ -90,6 +91,7 @@ def _targets(
         along: list[tuple[int, int | None]] = []
         if isinstance(places, Signal):
             call, index = block.builder.call, places.flat[at]
+            # an index that is only known at run time is compared with each element
             along += [(k, call("eq", index, block.builder.const(float(k)))) for k in range(size)]
         else:
             along.append((places[at], None))
@@ -136,6 +138,7 @@ def cross_product(block: BlockContext) -> SignalOrBus:
     if a.size != 3 or b.size != 3:
         raise UnsupportedError(f"its inputs must have 3 elements each, got {a.size} and {b.size}")
     p, q, call = a.flat, b.flat, block.builder.call
+    # c_k = a_i b_j - a_j b_i for (i, j, k) in cyclic order
     nodes = [call("sub", call("mul", p[i], q[j]), call("mul", p[j], q[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
     return block.signal(nodes, period_of((a, b)), a.shape)
 
@@ -183,5 +186,6 @@ def inverse_of(block: BlockContext, matrix: Nodes) -> Nodes:
         return np.array([[block.builder.call("div", block.builder.const(1.0), whole)]], dtype=np.int64)
     nodes = np.empty_like(matrix)
     for row, column in np.ndindex(*matrix.shape):
+        # transposed: the inverse is the adjugate over the determinant
         nodes[column, row] = block.builder.call("div", _cofactor(block, matrix, row, column), whole)
     return nodes

@@ -49,6 +49,7 @@ def inport(block: BlockContext) -> SignalOrBus:
         return _call_every_step(block)
     if block.flat.type == "Inport":
         shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
+        # -1 is inherited: a scalar, or what a block downstream suggests
         shape = shape or block.compiler.shapes.input_shape(block.flat)
         if block.field_text("OutDataTypeStr", "").startswith("Bus:"):
             return block.compiler.inputs.open_bus(block.flat)
@@ -121,6 +122,7 @@ def control(block: BlockContext) -> tuple[SignalOrBus, ...]:
     active = _all(block, list(conditions.values()))
     if "trigger" not in conditions:
         return active, reset_condition(block, active)
+    # without the enable port, which a trigger only samples
     triggered = _all(block, [conditions[port] for port in ("trigger", "outer") if port in conditions])
     return active, reset_condition(block, active, triggered)
 
@@ -157,6 +159,7 @@ def _enabled_again(block: BlockContext, active: Signal, triggered: Signal | None
         earlier.append(before)
         return active if triggered is None else select(triggered, active, before)
 
+    # unconditional, because it must see the steps in which the subsystem does not run
     block.unconditional_feedback(block.constant(0.0), evaluate)
     return active & ~earlier[0]
 
@@ -193,6 +196,7 @@ def _hold_output(block: BlockContext, signal: Signal) -> Signal:
         return signal
     runs = block.signal([active], signal.period)
     init = block.signal(fit_to_shape(stated.nodes, signal.shape))
+    # between triggers, outputs are held whatever the setting
     resettable = control is not None and "trigger" not in control.control_ports
     if block.field_text("OutputWhenDisabled") == "reset" and resettable:
         return select(runs, signal, init)
@@ -265,6 +269,7 @@ def _first_true(block: BlockContext, conditions: Iterable[Signal]) -> tuple[Sign
 @block("SwitchCase", CaseConditions="{1}", ShowDefaultCase="on", CaseShowDefault="on", SampleTime="-1")
 def switch_case(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return 1 at the output of the case that contains the input, or at the default output."""
+    # cases are integers, and Simulink cuts the control signal off towards 0
     u = block.truncate(block.input())
     return _first_true(block, [block.is_among(u, cases) for cases in case_values(block, "CaseConditions")])
 
@@ -299,6 +304,7 @@ def _constant_count(block: BlockContext) -> float:
     signal = block.input()
     value = block.builder.value(signal.flat[0]) if signal.size == 1 else None
     source = block.source()
+    # a variable in a Constant block is a parameter elsewhere; here its number is read as a constant
     if value is None and source is not None and source.flat.type == "Constant":
         with evaluating("its iteration count has no value"):
             numbers = block.compiler.expressions.numbers(source.flat.block.value("Value") or "1", source.flat.scope)
@@ -339,6 +345,7 @@ def iteration(block: BlockContext) -> tuple[SignalOrBus, ...]:
     said = block.compiler.value(SignalSource(before, 0)) if before is not None else None
     outer = block.compiler.gates.run_condition(block.flat)
     if block.flat.passes[-1] > 1 and isinstance(said, Signal):
+        # an iteration runs only if all before it did
         active = said & active
     elif outer is not None:
         active = block.signal([outer]) & active
@@ -354,6 +361,7 @@ def iteration_output(block: BlockContext) -> SignalOrBus:
     outputs = [block.input_or_bus(at) for at in range(0, block.input_count, 2)]
 
     def last_pass(*signals: Signal) -> Signal:
+        # a do-while loop always runs once, so that nothing from the step before is needed
         if block.builder.value(passes[0].flat[0]) == 1:
             return _last_selected(signals[0], passes, signals)
         init = block.initial_output() or block.constant(0.0)

@@ -249,6 +249,7 @@ def _change_rate(block: BlockContext, wired: SignalOrBus) -> SignalOrBus:
     if wired.period == CONSTANT:
         return wired
     wanted = _output_sample_time(block, wired)
+    # a slower output is a sample of the input, held
     if wanted is not None and wanted > wired.period * (1 + _TIME_TOLERANCE):
         return block.compiler.timing.hold(block.flat, wired, SampleTime(wanted))
     wanted = min(_downstream_sample_times(block), default=wired.period) if wanted is None else wanted
@@ -293,6 +294,7 @@ def _downstream_sample_times(block: BlockContext) -> Iterator[float]:
                 continue
             seen.add(reader)
             if reader.type in CONTINUOUS_BLOCK_TYPES:
+                # a solver reads its inputs in every step
                 yield CONTINUOUS
             elif period is None or period == CONSTANT:
                 waiting.append(reader)
@@ -304,6 +306,7 @@ def _delay_transition(block: BlockContext, u: Signal) -> Signal:
     """Return the signal before the last hit of its own sample time, its initial value before the first."""
     init = _initial(block)
     before, hits = block.discrete_state(init, lambda _: u), block.compiler.timing.hits(u.period)
+    # y = hit ? u' : y', in which u' is the input of the step before the hit
     return block.feedback(init, lambda shown: select(hits, before, shown))
 
 

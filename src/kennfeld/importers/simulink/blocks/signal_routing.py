@@ -50,6 +50,7 @@ def conversion(block: BlockContext) -> SignalOrBus:
 def _by_bits(block: BlockContext, wanted: str) -> SignalOrBus:
     """Return the number that the stored bits of the input represent in another type."""
     plain = re.fullmatch(r"u?int(8|16|32|64)|double|single|half", wanted)
+    # the bits of an integer are its value; those of a fixed-point number depend on its scaling
     if not (plain and integer_type_of(block.source())):
         message = "it reinterprets the stored bits of a number, but fixed-point types are ignored"
         raise UnsupportedError(message, "Use a Gain block with the scaling instead, or bind it.")
@@ -115,6 +116,7 @@ def _stated(block: BlockContext) -> list[int]:
 def _widths(block: BlockContext, size: int) -> list[int]:
     stated = _stated(block)
     if len(stated) > 1:
+        # -1 leaves a width open: what remains is shared evenly among these
         free = [at for at, width in enumerate(stated) if width <= 0]
         rest = size - sum(width for width in stated if width > 0)
         for at, width in zip(free, _divide_evenly(rest, len(free)), strict=True):
@@ -265,6 +267,7 @@ def selector(block: BlockContext) -> SignalOrBus:
     for axis, option in enumerate(options[:dimensions]):
         text = index_fields[axis] if axis < len(index_fields) else ""
         if option in ("Index vector (port)", "Starting index (port)"):
+            # axis by axis: what remains after one is selected along the next
             nodes = _select_variable(block, nodes, axis, _variable_indices(block, option, axis, block.input(port)))
             port += 1
         else:
@@ -344,6 +347,7 @@ def multiport_switch(block: BlockContext) -> SignalOrBus:
     else:
         first = 0 if order.startswith("Zero") or block.is_on("zeroidx") else 1
         numbers = [[float(first + at)] for at in range(len(data))]
+    # built from the last port, which any number without a case takes, to the first
     selected = data[-1]
     for at in reversed(range(len(data) - 1)):
         selected = select_signal(block.is_among(index, numbers[at]), data[at], selected)
@@ -361,6 +365,7 @@ def data_store_memory(block: BlockContext) -> SignalOrBus:
     """Return the content of a data store at the start of the step."""
     init = block.parameter("InitialValue")
     dimensions = [int(n) for n in block.numeric_array("Dimensions").ravel()]
+    # a scalar start fills a store with stated dimensions
     if init.size == 1 and min(dimensions, default=-1) > 0:
         init = block.signal(fit_to_shape(init.nodes, tuple(dimensions)), init.period)
     return block.compiler.contents.content(block.flat, init)

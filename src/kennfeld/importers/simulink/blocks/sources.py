@@ -80,6 +80,7 @@ def _angle_of_hit(block: BlockContext) -> Signal:
     sample = block.compiler.timing.specified_period(block.flat)
     if sample is None or not 0 < sample < CONSTANT:
         raise UnsupportedError("it counts samples, but its sample time is inherited")
+    # 0.3 s / 0.1 s is a little below 3, which would repeat a sample
     hit = apply("floor", block.time / sample + 1e-6)
     return 2 * np.pi * ((hit + block.parameter("Offset")) / block.parameter("Samples"))
 
@@ -88,6 +89,7 @@ def _angle_of_hit(block: BlockContext) -> Signal:
 def chirp(block: BlockContext) -> SignalOrBus:
     """Return a sine whose frequency rises linearly from f1 at 0 s to f2 at T and beyond."""
     f1, f2, t = block.parameter("f1"), block.parameter("f2"), block.time
+    # phase = 2 pi integral(f1 + (f2 - f1) t / T)
     rate = (f2 - f1) / (2.0 * block.parameter("T"))
     return apply("sin", 2 * np.pi * (t * (f1 + rate * t)))
 
@@ -122,6 +124,7 @@ def pulses(block: BlockContext) -> SignalOrBus:
         period, delay, width = period * sample, delay * sample, block.numeric_field("PulseWidth") * sample
     if not period > 0:
         raise UnsupportedError(f"its Period must be > 0, got {period:g}")
+    # an edge at a sample must not slip to the next one by rounding
     since = block.time - delay + block.time_tolerance()
     high = (since >= 0.0) & (since % period < width)
     return block.hold_in_minor_steps(select(high, block.parameter("Amplitude"), 0.0))
@@ -159,6 +162,7 @@ def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[floa
     if (block.value("PulseType") or defaults["PulseType"]) != "Time based":
         return [number("SampleTime", "1")]
     period = number("Period")
+    # a step that divides all three hits every edge
     return [period, period * number("PulseWidth") / 100, number("PhaseDelay")]
 
 
@@ -241,6 +245,7 @@ def _hold_points(block: BlockContext, now: Signal, points: _RecordedSeries) -> S
 def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
     """Interpolate between points; two points at the same time are a jump."""
     times = points.times
+    # a curve per piece between jumps: a curve of its own cannot have two equal breakpoints
     ends = [0, *(np.flatnonzero(np.diff(times) == 0) + 1), len(times)]
     if len(ends) > _MAX_STEPS:
         raise UnsupportedError(f"it has {len(ends) - 2} discontinuities; at most {_MAX_STEPS} are supported", _BIND)
@@ -252,5 +257,6 @@ def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, b
         piece = block.constant(float(part.values[0]))
         if len(part.times) > 1:
             piece = constant_curve(block, name, x, part.times, part.values, method)
+        # the last piece that has begun
         pieces.append(select(near >= float(times[first]), piece, pieces[-1]) if pieces else piece)
     return pieces[-1]
