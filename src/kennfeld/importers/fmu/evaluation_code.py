@@ -119,7 +119,7 @@ class _InstanceCalls:
         return c_pointer(self.f, f"{self.layout.prefix}_{name}")
 
     def address(self, name: str) -> str:
-        """Return the address of a function that is about to be called, which is recorded."""
+        """Record the call of a function that follows, and return the address of the function."""
         write_begin(self.f, self.record, recorded_functions(self.layout).index(name) + 1)
         return self.memory(name)
 
@@ -337,6 +337,7 @@ def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
     calls = _InstanceCalls(f, layout, worst, "0")
     lock = calls.memory("control")
     write_acquire(f, lock, "i32")
+    # the first instance alone has the values of x; the others differ from it in one parameter each
     f.call("point", [("ptr", "%x"), ("ptr", "%y"), ("i64", "0")])
     with f.when(f.new("icmp ne ptr %slopes, null")):
         # before differences, which leave the instance at another point
@@ -453,6 +454,7 @@ def _choose_instance(layout: CallLayout) -> FunctionWriter:
     f = FunctionWriter("choose", [("i64", "index"), ("ptr", "number")], "noinline")
     calls = _InstanceCalls(f, layout, f.slot("i32"), "0")
     slots, control, instances = (calls.memory(name) for name in ("slots", "control", "instances"))
+    # 0 is the first instance, which no slot has: it stands for none, and for the instance to use if there is no room
     known = f.load(slots, "%index", "i64")
     f.store(known, "%number", kind="i64")
     used = f.load_index(control, USED)
@@ -502,12 +504,12 @@ def _columns(calls: _InstanceCalls, shape: _FunctionShape, kind: int) -> Iterato
 
 
 def recorded_functions(layout: CallLayout) -> Sequence[str]:
-    """Return the names of functions in the order of their numbers in records of calls."""
+    """List the functions in the order of their numbers in records of calls."""
     return equation_functions(layout._replace(directional=True))
 
 
 def equation_functions(layout: CallLayout) -> Sequence[str]:
-    """Return the names of the functions of the library that the code calls."""
+    """List the functions of the library that the code calls, by name."""
     second, number = layout.version == "2.0", layout.version[0]
     names = ["Reset", "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "EnterContinuousTimeMode"]
     names += ["SetTime", "SetContinuousStates", "GetContinuousStates"]

@@ -63,7 +63,7 @@ def read_unchanged(path: Path, digest: str) -> FmuDescription:
 
 
 def platform_folder(version: str) -> str:
-    """Return the name of the folder of libraries for this machine."""
+    """Name the folder of libraries for this machine."""
     machine = platform.machine().lower()
     if version == "3.0":
         # FMI 3.0 names x86_64-linux or aarch64-darwin; FMI 2.0 linux64, win64 or darwin64

@@ -48,7 +48,7 @@ class FmuParameters(NamedTuple):
 
 
 def parameters_of(variables: Sequence[FmuVariable], prefix: str = "") -> FmuParameters:
-    """Return the parameters of variables; `prefix` precedes their names.
+    """Group variables to parameters; `prefix` precedes their names.
 
     >>> first, second = (FmuVariable(f"k[{i}]", i, "Real", "parameter", "fixed", (3.0 + i,)) for i in (1, 2))
     >>> parameters_of([second, first]).parameters["k"].values, parameters_of([second, first]).values[0].coordinates
@@ -97,7 +97,7 @@ def parameter_groups(variables: Sequence[FmuVariable]) -> Iterator[ParameterGrou
 
 
 def start_values_of(states: Sequence[FmuVariable], prefix: str = "") -> FmuParameters:
-    """Return the start values of states as parameters `NAME.start`, which are locked.
+    """Group the start values of states to parameters `NAME.start`, which are locked.
 
     >>> states = [FmuVariable("x[1]", 1, "Real", "local", "continuous", (3.0,))]
     >>> (value,) = start_values_of(states).parameters.parameters
@@ -110,7 +110,7 @@ def start_values_of(states: Sequence[FmuVariable], prefix: str = "") -> FmuParam
 
 
 def start_groups(states: Sequence[FmuVariable]) -> list[ParameterGroup]:
-    """Return the groups of the start values of states."""
+    """Group the start values of states."""
     return list(parameter_groups(_renamed(states)))
 
 

@@ -94,6 +94,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         timed = int(takes_time(description, step))
         write = EquationCalls(description, parameters.values, starts.values, (*known, timed)).write
         memory = bool(description.states)
+    # formula text cannot write brackets and parentheses; a model of its own keeps the names
     spell = call_name if name else str
     inputs = [FunctionInput(spell(x), v.unit, later=together) for v in description.number_inputs for x in v.elements]
     outputs = [FunctionOutput(spell(element), v.unit) for v in description.number_outputs for element in v.elements]
@@ -111,7 +112,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
 
 
 def call_name(element: str) -> str:
-    """Return the name of an input or output as formula text can write it.
+    """Spell the name of an input or output as formula text can write it.
 
     >>> call_name("y[1,2]"), call_name("pipe[1].p"), call_name("der(x)")
     ('y.1.2', 'pipe.1.p', 'der_x_')

@@ -98,7 +98,7 @@ class FmuLibrary:
             provide(f"{prefix}_{name}", address)
 
     def instantiate(self) -> int:
-        """Return the address of a new instance for model exchange.
+        """Create an instance for model exchange, and return its address.
 
         Raises:
             InputError: the library refuses.
@@ -121,7 +121,7 @@ class FmuLibrary:
         return instance
 
     def prepare(self) -> tuple[bytes, bytes, bytes, int]:
-        """Return name, token, place of resources, and the address of the callbacks or of the logger; see `creation`."""
+        """Prepare name, token, place of resources and callbacks or logger, whose address it returns; see `creation`."""
         second = self.description.version == "2.0"
         # FMI 2.0 takes a URI; FMI 3.0 a path that ends in a separator
         where = self._resources.as_uri() if second else f"{self._resources}{os.sep}"

@@ -28,7 +28,7 @@ def can_format() -> bool:
 
 
 def write_logger(sink: str) -> list[FunctionWriter]:
-    """Return functions of which `logger(place)` writes the address of a logger to a place.
+    """Write functions of which `logger(place)` writes the address of a logger to a place.
 
     Args:
         sink: name by which `void sink(int64_t status, const char *message)` was provided.

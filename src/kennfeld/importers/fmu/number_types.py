@@ -59,7 +59,7 @@ _TYPES = {
 
 
 def number_type(version: str, name: str) -> FmuType | None:
-    """Return a type by its name in FMI 2.0 or 3.0; None if it holds no numbers.
+    """Look up a type by its name in FMI 2.0 or 3.0; None if it holds no numbers.
 
     >>> number_type("2.0", "Enumeration").access, number_type("3.0", "UInt16").most, number_type("3.0", "String")
     ('Integer', 65535.0, None)

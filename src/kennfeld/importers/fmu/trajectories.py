@@ -101,8 +101,10 @@ class FmuTrajectories:
     def _provide_memory(self) -> None:
         layout = self.layout
         control = np.zeros(16, dtype=np.int64)
+        # on trial, see `_check_reset`
         control[REUSED] = 1
         self._keep("control", control)
+        # words of 8 bytes, in which the code keeps integers, doubles and addresses
         slots = np.zeros((layout.slots, layout.words), dtype=np.int64)
         slots[:, RECORD] = [self.record.address(slot) for slot in range(layout.slots)]
         self._keep("slots", slots)
@@ -155,6 +157,7 @@ class FmuTrajectories:
         ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
         start = np.array([0.0, 0.0, *inputs, *parameters])
         self.start.call(start.ctypes.data, ticket.ctypes.data, None)
+        # sample 0 is at the start time, which returns the outputs that the initialization left
         for number, result in enumerate(outputs):
             point = np.array([ticket[0], number * (description.step or _TRIAL_STEP), *inputs])
             self.step.call(point.ctypes.data, result.ctypes.data, None)
@@ -193,7 +196,7 @@ def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLay
 
 
 def set_at_start(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the parameters, and the states whose values at the start can be set; all of them are doubles."""
+    """List the parameters, and the states whose values at the start can be set; all of them are doubles."""
     return (*description.parameters, *description.started_states)
 
 

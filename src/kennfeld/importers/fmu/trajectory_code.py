@@ -97,7 +97,7 @@ def write_step(layout: TrajectoryLayout) -> list[FunctionWriter]:
 
 
 def trajectory_functions(layout: TrajectoryLayout) -> Sequence[str]:
-    """Return the names of the functions of the library that the code calls."""
+    """List the functions of the library that the code calls, by name."""
     second = layout.version == "2.0"
     names = ["Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
     names += ["Instantiate", "SetupExperiment", "GetBooleanStatus", "GetRealStatus"] if second else []
@@ -119,7 +119,7 @@ class _SlotCalls:
         return c_pointer(self.f, f"{self.layout.prefix}_{name}")
 
     def function(self, name: str) -> str:
-        """Return the address of a function of the library that is about to be called, which is recorded."""
+        """Record the call of a function of the library that follows, and return its address."""
         write_begin(self.f, _record(self.f, self.slot), trajectory_functions(self.layout).index(name) + 1)
         return self.memory(name)
 

@@ -31,7 +31,7 @@ class _Windows(NamedTuple):
     ends: Sequence[int]
 
     def places(self, sizes: Sequence[int]) -> Array:
-        """Return which elements of the padded signal each window has; [dimensions, windows..., elements...]."""
+        """Find the elements of the padded signal that each window has; [dimensions, windows..., elements...]."""
         starts = [
             # a window covers dilation * (kernel - 1) + 1 elements, all of which the padded signal must have
             np.arange(0, size + begin + end - dilation * (kernel - 1), stride)
@@ -45,7 +45,7 @@ class _Windows(NamedTuple):
         return np.asarray(corners[..., None] + inner.reshape(len(sizes), *[1] * (corners.ndim - 1), -1))
 
     def of(self, array: Array, fill: float) -> Array:
-        """Return the windows of an array [batch, channels, sizes...]: [batch, channels, windows..., elements]."""
+        """Cut an array [batch, channels, sizes...] into windows: [batch, channels, windows..., elements]."""
         places = self.places(array.shape[2:])
         edges = [(0, 0), (0, 0), *zip(self.begins, self.ends, strict=True)]
         padded = np.pad(array, edges, constant_values=fill)

@@ -86,6 +86,7 @@ def network_function(network: Network, name: str = "") -> ModelFunction:
     remarks = [*context.remarks, *skipped, *([_SINGLE] if network.is_single else [])]
     spell = plain if name else str
     inputs, outputs = ([spell(label) for label in each] for each in (labels, output_labels(context)))
+    # names that differ in characters which formula text does not know become equal
     if repeated := sorted({label for each in (inputs, outputs) for label in each if each.count(label) > 1}):
         raise InputError.of(location, f"several elements are named {', '.join(repeated)}", "Rename the inputs.")
     return ModelFunction(
@@ -104,7 +105,7 @@ def _write(network: Network, prefix: str, builder: GraphBuilder, arguments: Sequ
 
 
 def plain(label: str) -> str:
-    """Return the name of an element as formula text can call it.
+    """Spell the name of an element as formula text can call it.
 
     >>> plain("y[0,1]"), plain("onnx::Gemm_0"), plain("7")
     ('y.0.1', 'onnx_Gemm_0', '_7')

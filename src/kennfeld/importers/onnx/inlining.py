@@ -44,7 +44,7 @@ class _Sizes:
         self._sizes: dict[_Key, ExpandedSize] = {}
 
     def total(self, nodes: Sequence[Any], level: int) -> ExpandedSize:
-        """Return the size of nodes, which themselves are within so many calls and graphs."""
+        """Add up the size of nodes, which themselves are within so many calls and graphs."""
         operators = size = depth = 0
         for node in nodes:
             for part in self._parts(node, level):
@@ -98,6 +98,7 @@ def _defined_by_others(model: Any) -> Any:
         if not missing or len(model.graph.node) > MAX_OPERATORS:
             break
         replaced = _replaced(model, missing)
+        # the rest has no function in the standard, or the package is too old
         if len(replaced.graph.node) == len(model.graph.node):
             break
         model = replaced
@@ -108,6 +109,7 @@ def _replaced(model: Any, kinds: Sequence[tuple[str, str]]) -> Any:
     """Return a network without operators of some kinds, or the same if the package onnx cannot replace them."""
     from onnx import helper, inliner, shape_inference
 
+    # a copy, since what the inliner needs must not stay in the model if it fails
     typed = type(model).FromString(model.SerializeToString())
     inputs = {port.name for port in typed.graph.input}
     for tensor in typed.graph.initializer:  # the inliner needs the types of constants as well

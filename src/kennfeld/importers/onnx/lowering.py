@@ -115,6 +115,6 @@ def output_nodes(context: Context) -> list[int]:
 
 
 def output_labels(context: Context) -> list[str]:
-    """Return the names of the elements of the outputs, by the shapes that they have after the computation."""
+    """Name the elements of the outputs, by the shapes that they have after the computation."""
     ports = [replace(port, shape=shape_of(context.tensors[port.name])) for port in context.network.number_outputs]
     return [label for port in ports for label in port.labels]

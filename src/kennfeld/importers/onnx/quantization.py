@@ -48,6 +48,7 @@ def _along(op: Operator, tensor: Tensor, x: Tensor) -> Tensor:
     """Align a scale or zero point with the axis that it belongs to."""
     if op.get("block_size", 0) or len(shape_of(tensor)) > 1:
         raise UnsupportedOperatorError("quantisation in blocks is not supported")
+    # one scale for all elements; otherwise one along `axis`
     if not shape_of(tensor) or shape_of(tensor) == (1,):
         return rearrange(lambda array: array.reshape(()), tensor)
     count = len(shape_of(x))

@@ -60,6 +60,7 @@ def read_network(path: Path) -> Network:
     # protobuf reads an empty file as a model without content
     if not model.graph.node and not model.graph.output:
         raise InputError.of(location, "the file holds no network", _REMEDY)
+    # before functions are inlined, which could fill the memory
     _check_size(model, location)
     _load_external_data(model, path)
     try:

@@ -72,14 +72,14 @@ class _RecurrentCell(NamedTuple):
     late_reset: bool = False
 
     def gates(self, c: Context, x: Tensor, h: Tensor, numbers: Sequence[int], activation: _Activation) -> list[Tensor]:
-        """Return the outputs of gates with the same activation, each [batch, hidden]."""
+        """Compute the outputs of gates with the same activation, each [batch, hidden]."""
         fused = not activation.clip and activation.kind in _FUSED
         total = self.sums(c, x, h, numbers, _FUSED[activation.kind] if fused else "identity")
         result = total if fused else activation(c, total)
         return [_take(result, slice(self.hidden * i, self.hidden * (i + 1)), 1) for i in range(len(numbers))]
 
     def sums(self, c: Context, x: Tensor, h: Tensor, numbers: Sequence[int], activation: str = "identity") -> Tensor:
-        """Return products of inputs and state with weights, [batch, gates * hidden]."""
+        """Multiply inputs, [batch, inputs], and state, [batch, hidden], by weights: [batch, gates * hidden]."""
         places = np.concatenate([np.arange(self.hidden * i, self.hidden * (i + 1)) for i in numbers])
         own = [_take(each, places, 0) for each in (self.weights, self.recurrence)]
         # [W R]', [inputs + hidden, gates * hidden]; the file has a bias for W and one for R

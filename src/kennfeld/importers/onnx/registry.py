@@ -65,11 +65,13 @@ class Context:
         if outputs is not None:
             results = [outputs] if isinstance(outputs, NodeTensor | np.ndarray | np.generic) else outputs
             tensors = [result if isinstance(result, NodeTensor) else np.asarray(result) for result in results]
+            # an operator may leave out its last outputs
             self.tensors.update(zip(op.outputs, tensors, strict=False))
 
     def run(self, body: Network, arguments: Sequence[Tensor]) -> list[Tensor]:
-        """Return the outputs of a graph within an operator."""
+        """Compute the outputs of a graph within an operator."""
         inner = Context(body, self.builder, self._prefix)
+        # shared, so that names of layers are counted through and passes of a loop share their weights
         inner.layers, inner.remarks, inner._names = self.layers, self.remarks, self._names
         inner._products, inner.apply = self._products, self.apply
         inner.tensors.update(zip((port.name for port in body.inputs), arguments, strict=True))

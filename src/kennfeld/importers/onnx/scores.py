@@ -32,7 +32,7 @@ def transformed(c: Context, scores: Tensor, kind: str) -> Tensor:
 
 
 def labels_of(op: Operator) -> list[int]:
-    """Return the labels of the classes; texts are numbered from 0."""
+    """Read the labels of the classes; texts are numbered from 0."""
     names = ("classlabels_int64s", "classlabels_ints", "classlabels_strings")
     labels = next((op.get(name) for name in names if op.get(name)), None)
     if labels is None:

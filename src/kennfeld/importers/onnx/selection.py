@@ -145,7 +145,7 @@ def arg_extreme(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 
 @operator("Hardmax")
 def hardmax(c: Context, op: Operator, arguments: Arguments) -> Tensor:
-    """Return 1 for the first largest element along an axis, before version 13 along all that follow, else 0."""
+    """Mark the first largest element along an axis by 1, before version 13 along all that follow, the others by 0."""
     x = first(arguments)
     shape = shape_of(x)
     axis = op.get("axis", -1 if op.version >= 13 else 1) % len(shape)

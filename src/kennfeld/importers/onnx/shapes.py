@@ -26,7 +26,7 @@ def first(arguments: Arguments) -> Tensor:
 
 
 def integers(op: Operator, arguments: Arguments, place: int, name: str) -> list[int] | None:
-    """Return whole numbers that newer versions take as an argument and older ones as an attribute; None without."""
+    """Read whole numbers that newer versions take as an argument and older ones as an attribute; None without."""
     if len(arguments) > place and arguments[place] is not None:
         return [int(number) for number in constant(arguments[place], name).ravel()]
     value = op.get(name)
@@ -38,6 +38,7 @@ def identity(c: Context, op: Operator, arguments: Arguments) -> Tensor | Sequenc
     x = first(arguments)
     if len(arguments) > 2 and arguments[2] is not None and constant(arguments[2], "training_mode").any():
         raise UnsupportedOperatorError("it is in training mode; export the network for inference")
+    # the second output of Dropout is its mask
     return [x, np.ones(shape_of(x), dtype=bool)][: len(op.outputs)]
 
 
@@ -84,6 +85,7 @@ def flatten(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     sizes = shape_of(x)
     axis = op.get("axis", 1)
     rows = int(np.prod(sizes[: axis + len(sizes) if axis < 0 else axis]))
+    # numpy cannot infer -1 from an array without elements
     return rearrange(lambda array: array.reshape(rows, -1 if array.size else 0), x)
 
 
@@ -194,6 +196,7 @@ def pad(c: Context, op: Operator, arguments: Arguments) -> Tensor:
         # the file lists all begins, then all ends
         ends[axis] = sizes[place], sizes[place + len(axes)]
     check_size([size + sum(each) for size, each in zip(shape_of(x), ends, strict=True)])
+    # first what negative numbers remove, then what positive ones append
     kept = [slice(max(-begin, 0), size - max(-end, 0)) for size, (begin, end) in zip(shape_of(x), ends, strict=True)]
     added = [(max(begin, 0), max(end, 0)) for begin, end in ends]
     nodes = c.nodes(x)[tuple(kept)]

@@ -98,6 +98,7 @@ def _trees(op: Operator, prefix: str, count: int) -> Trees:
     nodes: dict[Key, TreeNode] = {}
     leaves: dict[Key, Weights] = {}
     for (tree, node, feature, mode, value, yes, no), track in zip(zip(*columns, strict=True), missing, strict=True):
+        # its weights are in the lists of targets
         if mode == "LEAF":
             leaves[tree, node] = {}
         elif mode in COMPARISONS:
@@ -128,6 +129,7 @@ def _numbered_trees(op: Operator, count: int) -> Trees:
     modes = [_MODES[int(mode)] for mode in _column(op, "nodes_modes")]
     splits, features = _column(op, "nodes_splits"), _column(op, "nodes_featureids")
     missing = _column(op, "nodes_missing_value_tracks_true") or [0] * len(modes)
+    # [true side, false side] of (0, number of a node) or (1, number of a leaf)
     branches = [
         [(int(bool(leaf)), int(number)) for number, leaf in zip(*columns, strict=True)]
         for columns in (

@@ -126,6 +126,7 @@ def _tree(c: Context, trees: Trees, order: Sequence[Key], row: Sequence[int], ta
             results[key] = c.builder.call("select", _condition(c, node, row), *(results[b] for b in node.branches))
     if len(c.builder.nodes) > MAX_NODES:
         raise UnsupportedOperatorError(f"the trees require more than {MAX_NODES} operations per step")
+    # the root, which comes after all of its branches
     return results[order[-1]]
 
 

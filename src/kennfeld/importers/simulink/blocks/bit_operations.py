@@ -21,7 +21,7 @@ _TYPE_REMEDY = "Specify an integer output type such as uint16 on the block that 
 @block("Bitwise Operator", linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
        BitMask="bin2dec('11011001')", BitMaskRealWorld="Stored Integer")  # fmt: skip
 def bitwise_operator(block: BlockContext) -> SignalOrBus:
-    """Return a bitwise operation on the inputs, on the elements of a single input, or on the input and a mask.
+    """Apply a bitwise operation to the inputs, to the elements of a single input, or to the input and a mask.
 
     The result and the mask have the type of the first input: the mask 217 as int8 is -39.
     """
@@ -44,7 +44,7 @@ def bitwise_operator(block: BlockContext) -> SignalOrBus:
 
 
 def stored_integer(block: BlockContext, index: int, otherwise: IntegerType | None = None) -> Signal:
-    """Return the integer stored for an input, rounded and wrapped or saturated by the block that specifies its type.
+    """Compute the integer stored for an input, rounded and wrapped or saturated by the block that specifies its type.
 
     If no block specifies a type, it is `otherwise`.
     """
@@ -53,7 +53,7 @@ def stored_integer(block: BlockContext, index: int, otherwise: IntegerType | Non
 
 
 def fit_to_type(block: BlockContext, x: Signal, word: IntegerType) -> Signal:
-    """Return the signal rounded and wrapped or saturated to an integer type."""
+    """Round a signal, and wrap or saturate it, to an integer type."""
     return block.signal(integer_types.fit_to_type(block.builder, x.nodes, word), x.period)
 
 
@@ -173,7 +173,7 @@ def _combine_pair(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
 
 @block("Bit Set", linked=True, iBit="0")
 def bit_set(block: BlockContext) -> SignalOrBus:
-    """Return the input with one bit set."""
+    """Set one bit of the input."""
     x, bit, weight = _bit(block)
     # adds the weight if the bit is 0
     return x + weight * (1.0 - _field(x, bit, 1) / 2.0**bit)
@@ -181,7 +181,7 @@ def bit_set(block: BlockContext) -> SignalOrBus:
 
 @block("Bit Clear", linked=True, iBit="0")
 def bit_clear(block: BlockContext) -> SignalOrBus:
-    """Return the input with one bit cleared."""
+    """Clear one bit of the input."""
     x, bit, weight = _bit(block)
     return x - weight * (_field(x, bit, 1) / 2.0**bit)
 

@@ -16,7 +16,7 @@ _MAX_STATES = 1000  # of a variable delay, which needs a state for each step
 
 @block("TransportDelay", needs=no_feedthrough, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
 def transport_delay(block: BlockContext) -> SignalOrBus:
-    """Return the input delayed by a constant time, interpolated linearly between steps."""
+    """Delay the input by a constant time in s, interpolated linearly between steps."""
     time, step = block.numeric_field("DelayTime"), _fixed_step(block)
     count = time / step
     # 0.3 s / 0.1 s is a little below 3
@@ -68,7 +68,7 @@ def _handles_zero(block: BlockContext) -> bool:
        VariableDelayType="Variable transport delay", MaximumDelay="10", InitialOutput="0", PadeOrder="0",
        ZeroDelay="off")  # fmt: skip
 def variable_delay(block: BlockContext) -> SignalOrBus:
-    """Return the input delayed by a variable time, or by the transport time of a pipe."""
+    """Delay the input by a variable time in s, or by the transport time of a pipe."""
     kind = block.option("VariableDelayType", "Variable transport delay", "Variable time delay")
     time = block.hold_in_minor_steps(block.input(1))
     if time.size != 1:
@@ -137,20 +137,20 @@ def has_external_reset(block: BlockContext) -> bool:
 
 
 def output_limits(block: BlockContext) -> tuple[Signal, Signal] | None:
-    """Return the lower and upper limit of the output, None if it is not limited."""
+    """Read the lower and upper limit of the output, None if it is not limited."""
     if not block.is_on("LimitOutput"):
         return None
     return block.parameter("LowerSaturationLimit"), block.parameter("UpperSaturationLimit")
 
 
 def limit_output(block: BlockContext, y: Signal) -> Signal:
-    """Return the output within its limits."""
+    """Limit the output."""
     limits = output_limits(block)
     return y if limits is None else clip(y, *limits)
 
 
 def integrator_start(block: BlockContext) -> Signal:
-    """Return the initial value of an integrator: a parameter, or its last input."""
+    """Read the initial value of an integrator: a parameter, or its last input."""
     external = block.field_text("InitialConditionSource") == "external"
     return block.input(block.input_count - 1) if external else block.parameter("InitialCondition")
 
@@ -227,7 +227,7 @@ def _rational(block: BlockContext, numerator: list[int], denominator: list[int])
 
 
 def divide_by_lead(block: BlockContext, node: int, lead: int) -> int:
-    """Return a coefficient divided by the leading one; a constant 0 stays 0."""
+    """Divide a coefficient by the leading one; a constant 0 stays 0."""
     # 0 over a parameter would be a node that is not known to be 0, and a loop through it an algebraic one
     return node if block.builder.value(node) == 0 else block.builder.call("div", node, lead)
 
@@ -252,7 +252,7 @@ Matrices: TypeAlias = tuple[Nodes, Nodes, Nodes, Nodes]
 
 
 def linear_output(block: BlockContext, matrices: Matrices, create: Callable[[SignalRule], Signal]) -> Signal:
-    """Return y = C x + D u; `create` returns the states x, whose slopes or next values are A x + B u."""
+    """Compute y = C x + D u; `create` returns the states x, whose slopes or next values are A x + B u."""
     A, B, C, D = matrices
     x = create(lambda x: _matrix_times_vector(block, A, x) + _matrix_times_vector(block, B, block.input()))
     y = _matrix_times_vector(block, C, x)
@@ -260,7 +260,7 @@ def linear_output(block: BlockContext, matrices: Matrices, create: Callable[[Sig
 
 
 def read_matrices(block: BlockContext) -> tuple[Matrices, Signal]:
-    """Return A, B, C, D and the initial states of a state space model."""
+    """Read A, [n, n], B, [n, inputs], C, [outputs, n], D, [outputs, inputs], and the initial states, [n]."""
     A, B, C, D = (block.matrix(name) for name in "ABCD")
     init = block.parameter(block.field_name("InitialCondition", "X0"))
     first = block.signal(np.full((A.shape[0],), init.flat[0])) if init.size == 1 else init
@@ -281,7 +281,7 @@ def _matrix_times_vector(block: BlockContext, matrix: Nodes, x: Signal) -> Signa
 
 @block("Derivative", CoefficientInTFapproximation="inf")
 def derivative(block: BlockContext) -> SignalOrBus:
-    """Return the difference quotient of the input since the previous major step; 0 in the first step."""
+    """Compute the difference quotient of the input since the previous major step; 0 in the first step."""
     u = block.hold_in_minor_steps(block.input())
     return (u - block.discrete_state(u, lambda _: u)) / block.base_step
 
@@ -309,7 +309,7 @@ def _polynomial(block: BlockContext, roots: list[int]) -> list[int]:
 
 
 def quotient(block: BlockContext) -> tuple[list[int], list[int]]:
-    """Return numerator and denominator of zeros, poles and gain, highest power first."""
+    """Multiply out zeros, poles and gain to numerator and denominator, highest power first."""
     zeros, poles = _roots(block, "Zeros"), _roots(block, "Poles")
     if len(zeros) > len(poles):
         raise UnsupportedError(f"it has more zeros ({len(zeros)}) than poles ({len(poles)})")
@@ -334,7 +334,7 @@ def zero_pole(block: BlockContext) -> SignalOrBus:
 @block("SecondOrderIntegrator", needs=no_feedthrough, ICX="0.0", ICDXDT="0.0", ICSourceX="internal",
        ICSourceDXDT="internal", ExternalReset="none", LimitX="off", LimitDXDT="off", ShowOutput="both")  # fmt: skip
 def second_order_integrator(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return the second and the first integral of the input."""
+    """Integrate the input twice; return the second and the first integral."""
     for name in ("ICSourceX", "ICSourceDXDT"):
         block.option(name, "internal")
     for name in ("LimitX", "LimitDXDT", "ExternalReset"):

@@ -60,7 +60,7 @@ def _shortest(block: BlockContext) -> int:
        InitialCondition="0.0", InitialConditionSource="Dialog", ExternalReset="None", ShowEnablePort="off",
        PreventDirectFeedthrough="off", SampleTime="-1")  # fmt: skip
 def delay(block: BlockContext) -> SignalOrBus:
-    """Return the input of a number of samples ago."""
+    """Delay the input by a number of samples."""
     ports = _ports(block)
     init = block.input(ports["init"]) if "init" in ports else block.parameter("InitialCondition")
     if "length" not in ports:
@@ -77,7 +77,7 @@ def delay(block: BlockContext) -> SignalOrBus:
 @block("Integer Delay", "IntegerDelay", needs=no_feedthrough, sample="samptime", NumDelays="4", vinit="0.0",
        samptime="-1", InitialCondition="0.0")  # fmt: skip
 def integer_delay(block: BlockContext) -> SignalOrBus:
-    """Return the input of a number of samples ago (block of older releases)."""
+    """Delay the input by a number of samples (block of older releases)."""
     init = block.parameter(block.field_name("InitialCondition", "vinit"))
     return _delay_by(block, init, block.integer_field("NumDelays", 0, 100_000))
 
@@ -182,7 +182,7 @@ def _inputs(block: BlockContext) -> dict[str, int]:
     tsamp="-1",
 )
 def unit_delay_variant(block: BlockContext) -> SignalOrBus:
-    """Return the input of the previous sample, held while disabled and set to the initial value by a reset."""
+    """Delay the input by one sample; hold it while disabled, and set it to the initial value by a reset."""
     ports = _inputs(block)
     init = block.input(ports["IC"]) if "IC" in ports else block.parameter("vinit")
     return block.discrete_state(init, lambda y: _next_content(block, ports, y, init))

@@ -197,7 +197,7 @@ def _object(block: BlockContext) -> SignalOrBus:
 
 
 def method_of(block: BlockContext) -> Method:
-    """Return the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
+    """Read the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
     between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
     kind = _METHODS.get(between)
     if kind is None:
@@ -235,7 +235,7 @@ def _axes(block: BlockContext, table: str, names: list[str]) -> list[Axis]:
 
 
 def breakpoint_axis(block: BlockContext, name: str) -> Axis:
-    """Return the breakpoints of a dimension; a variable gives the axis its name, so that tables share it."""
+    """Read the breakpoints of a dimension; a variable gives the axis its name, so that tables share it."""
     field = parameter_field(block, name)
     group = field.name if field.is_variable else ""
     return _axis(field.values, f"its {name}", name=group, unit=field.variable.unit)
@@ -270,6 +270,7 @@ def _look_up(
     values = _reshape_values(field.values, tuple(len(axis) for axis in axes), field.name)
     if any(len(axis) < 2 for axis in axes):
         raise UnsupportedError(f"its {field.name} has a dimension with only one breakpoint")
+    # literals of a block stay as they are unless they are promoted
     locked = not (field.is_variable or field.name in block.compiler.declared.promoted)
     inputs = block.flat.input_names
     axes = [axis if axis.name else axis.changed(input=inputs.get(at, "")) for at, axis in enumerate(axes)]
@@ -355,7 +356,7 @@ def _old_method(block: BlockContext) -> Method:
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
        Table="[4 5 6;16 19 20;10 18 23]", SampleTime="-1")  # fmt: skip
 def direct_lookup(block: BlockContext) -> SignalOrBus:
-    """Return an element or column of a table by indices from 0, clipped to the table."""
+    """Select an element or column of a table by indices from 0, clipped to the table."""
     wanted = block.option("InputsSelectThisObjectFromTable", "Element", "Column")
     if block.is_on("TableIsInput"):
         raise UnsupportedError("its table is an input, which is not supported", "Use a Selector block instead.")
@@ -402,7 +403,7 @@ def _select_point(x: Signal, points: list[Signal], values: list[Signal], how: st
 
 
 def index_axes(block: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:
-    """Return axes 0, 1, 2, ...; raise `UnsupportedError` if a calibration file gives the table other breakpoints."""
+    """Create axes 0, 1, 2, ...; raise `UnsupportedError` if a calibration file gives the table other breakpoints."""
     axes = [Axis(np.arange(size)) for size in shape]
     own = parameter_field(block, table).variable.axes
     if own and not all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(own, axes, strict=False)):

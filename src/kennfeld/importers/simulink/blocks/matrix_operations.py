@@ -40,6 +40,7 @@ def assignment(block: BlockContext) -> SignalOrBus:
             axes.append(selected_indices(block, option, text, nodes.shape[axis], axis, count))
     assigned = _assigned(block, nodes, values, axes)
     if dimensions == 1:
+        # elements of a matrix are numbered by columns
         assigned = assigned.reshape(into.shape, order="F")
     return block.signal(assigned, period_of(block.inputs))
 
@@ -133,7 +134,7 @@ def transpose(block: BlockContext) -> SignalOrBus:
 
 @block("Cross Product", "3x3 Cross Product", linked=True)
 def cross_product(block: BlockContext) -> SignalOrBus:
-    """Return the cross product of two vectors of three elements."""
+    """Compute the cross product of two vectors of three elements."""
     a, b = block.input(0), block.input(1)
     if a.size != 3 or b.size != 3:
         raise UnsupportedError(f"its inputs must have 3 elements each, got {a.size} and {b.size}")
@@ -145,14 +146,14 @@ def cross_product(block: BlockContext) -> SignalOrBus:
 
 @block("Determinant of 3x3 Matrix", linked=True)
 def determinant(block: BlockContext) -> SignalOrBus:
-    """Return the determinant of a matrix."""
+    """Compute the determinant of a matrix."""
     x = block.input()
     return block.signal([determinant_of(block, _square(x.matrix))], x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
 def inverse(block: BlockContext) -> SignalOrBus:
-    """Return the inverse of a matrix."""
+    """Invert a matrix."""
     x = block.input()
     return block.signal(inverse_of(block, x.matrix), x.period)
 
@@ -180,7 +181,7 @@ def _cofactor(block: BlockContext, matrix: Nodes, row: int, column: int) -> int:
 
 
 def inverse_of(block: BlockContext, matrix: Nodes) -> Nodes:
-    """Return the inverse of a matrix of up to three rows by cofactors; infinite or NaN if singular."""
+    """Invert a matrix, Int[rows, rows], of up to three rows by cofactors; infinite or NaN if singular."""
     whole = determinant_of(block, _square(matrix))
     if matrix.shape == (1, 1):
         return np.array([[block.builder.call("div", block.builder.const(1.0), whole)]], dtype=np.int64)

@@ -107,7 +107,7 @@ class _PidController:
             raise UnsupportedError("it integrates over time in a triggered subsystem, which is not supported")
 
     def output(self, proportional: Signal, integral: Signal, derivative: Signal) -> Signal:
-        """Return the control signal for the errors of the P, I and D terms."""
+        """Compute the control signal for the errors of the P, I and D terms."""
         block, terms = self.block, list[Signal]()
         self.error, self.results = integral, list[Signal]()  # results before and after limits
         if "P" in self.parts:

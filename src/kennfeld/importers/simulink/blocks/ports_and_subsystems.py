@@ -47,6 +47,7 @@ def inport(block: BlockContext) -> SignalOrBus:
     shape: tuple[int, ...] = (1,)
     if block.is_on("OutputFunctionCall"):
         return _call_every_step(block)
+    # a From without a Goto is an input as well, of one element
     if block.flat.type == "Inport":
         shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
         # -1 is inherited: a scalar, or what a block downstream suggests
@@ -78,7 +79,7 @@ def _call_every_step(block: BlockContext) -> SignalOrBus:
 @block("SignalConversion", "SignalSpecification")
 @block("Environment Controller", linked=True)  # its first input is the one used in simulation
 def pass_on(block: BlockContext) -> SignalOrBus:
-    """Return the first input."""
+    """Pass on the first input."""
     return block.input_or_bus(0)
 
 
@@ -185,7 +186,7 @@ def _any(block: BlockContext, truths: Signal) -> Signal:
 
 @block("ConditionalOutput", InitialOutput="[]", OutputWhenDisabled="held")
 def conditional_output(block: BlockContext) -> SignalOrBus:
-    """Return an output of a conditional subsystem: computed while it runs, else held or set to the initial value."""
+    """Pass on an output of a conditional subsystem while it runs; else hold it, or set it to the initial value."""
     return map_members(lambda signal: _hold_output(block, signal), "", block.input_or_bus(0))
 
 
@@ -205,7 +206,7 @@ def _hold_output(block: BlockContext, signal: Signal) -> Signal:
 
 @block("Merge", Inputs="2", InitialOutput="[]")
 def merge(block: BlockContext) -> SignalOrBus:
-    """Return the output of the subsystem that ran last; if several run in a step, of the last of them."""
+    """Pass on the output of the subsystem that ran last; if several run in a step, of the last of them."""
     sources = [source for source in block.flat.inputs if source is not None]
     init = _initial_merge_value(block, sources)
     running = [_runs(block, source) for source in sources]
@@ -242,7 +243,7 @@ def _runs(block: BlockContext, source: SignalSource) -> Signal:
 
 @block("If", IfExpression="u1 > 0", ElseIfExpressions="", ShowElse="on", NumInputs="1", SampleTime="-1")
 def if_block(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return 1 at the output of the first condition that holds."""
+    """Set the output of the first condition that holds to 1, the others to 0."""
     others = [text for text in block.field_text("ElseIfExpressions").split(",") if text.strip()]
     names = {f"u{at + 1}": block.input(at).nodes.reshape(-1, 1) for at in range(block.input_count)}
     conditions: list[Signal] = []
@@ -268,7 +269,7 @@ def _first_true(block: BlockContext, conditions: Iterable[Signal]) -> tuple[Sign
 
 @block("SwitchCase", CaseConditions="{1}", ShowDefaultCase="on", CaseShowDefault="on", SampleTime="-1")
 def switch_case(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return 1 at the output of the case that contains the input, or at the default output."""
+    """Set the output of the case that contains the input, or the default output, to 1, the others to 0."""
     # cases are integers, and Simulink cuts the control signal off towards 0
     u = block.truncate(block.input())
     return _first_true(block, [block.is_among(u, cases) for cases in case_values(block, "CaseConditions")])
@@ -380,7 +381,7 @@ def for_each(block: BlockContext) -> SignalOrBus:
 
 @block("ForEachPartition")
 def part(block: BlockContext) -> SignalOrBus:
-    """Return the part of a signal that belongs to an element."""
+    """Cut the part that belongs to an element out of a signal."""
     each, number = _each(block)
     width, dimension = _setting(each, "InputPartitionWidth", number), _setting(each, "InputPartitionDimension", number)
     if _setting(each, "InputPartitionOffset", number, 0):

@@ -24,7 +24,7 @@ _MAX_BREAKPOINTS = 2000  # each is compared with the input
        BreakpointsFirstPoint="10", BreakpointsSpacing="10", BreakpointsNumPoints="11",
        UseLastBreakpoint="off")  # fmt: skip
 def prelookup(block: BlockContext) -> Outputs:
-    """Return the index, from 0, of the cell that contains the input, and the fraction within it."""
+    """Find the index, from 0, of the cell that contains the input, and the fraction within it."""
     selection = block.option("OutputSelection", "Index and fraction", "Index only", "Index and fraction as bus")
     beyond = block.option("ExtrapMethod", "Clip", "None - Clip", "Linear")
     index, fraction = _cell(block, block.input(0), _breakpoints(block))

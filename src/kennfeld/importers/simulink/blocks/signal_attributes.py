@@ -31,6 +31,8 @@ from kennfeld.models.sample_times import SampleTime
 
 _Scale: TypeAlias = "Mapping[str, Fraction | float]"
 
+# exact by definition: international yard and pound (1959), standard gravity (CGPM 1901); as fractions, the ratio of
+# two units is rounded once
 _FOOT, _INCH, _MILE = Fraction("0.3048"), Fraction("0.0254"), Fraction("1609.344")
 _POUND, _G = Fraction("0.45359237"), Fraction("9.80665")
 _FORCE = _POUND * _G
@@ -134,14 +136,14 @@ def celsius_to_fahrenheit(block: BlockContext) -> SignalOrBus:
 
 @block("Cartesian to Polar", linked=True)
 def cartesian_to_polar(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return the radius and angle of x and y."""
+    """Convert x and y to radius and angle in rad."""
     x, y = block.input(0), block.input(1)
     return apply("sqrt", x * x + y * y), apply("atan2", y, x)
 
 
 @block("Polar to Cartesian", linked=True)
 def polar_to_cartesian(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return x and y of a radius and angle."""
+    """Convert radius and angle in rad to x and y."""
     radius, angle = block.input(0), block.input(1)
     return radius * apply("cos", angle), radius * apply("sin", angle)
 
@@ -154,7 +156,7 @@ def refuse(block: BlockContext) -> SignalOrBus:
 
 @block("Conversion Inherited", "Data Type Conversion Inherited", linked=True)
 def like_another(block: BlockContext) -> SignalOrBus:
-    """Return the second input; the first only provides its type."""
+    """Pass on the second input; the first only provides its type."""
     return block.input_or_bus(1)
 
 
@@ -166,14 +168,14 @@ def refuse_scaling_strip(block: BlockContext) -> SignalOrBus:
 
 @block("Width")
 def width(block: BlockContext) -> SignalOrBus:
-    """Return the number of elements of the input."""
+    """Count the elements of the input."""
     return block.constant(float(sum(signal.size for _, signal in leaf_signals(block.input_or_bus(0)))))
 
 
 @block("Probe", ProbeWidth="on", ProbeSampleTime="on", ProbeComplexSignal="on", ProbeSignalDimensions="on",
        ProbeFramedSignal="off")  # fmt: skip
 def probe(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return width, sample time and offset, complexity (0) and dimensions of the input."""
+    """Report width, sample time and offset in s, complexity (0) and dimensions of the input."""
     return tuple(_probe(block, name, block.input()) for name in _PROBE_FIELDS if block.is_on(name))
 
 

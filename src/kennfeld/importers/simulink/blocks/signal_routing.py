@@ -38,7 +38,7 @@ _MAX_COMPARISONS = 100_000
 @block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1",
        ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
 def conversion(block: BlockContext) -> SignalOrBus:
-    """Return the input, as values are physical; converted to boolean, 1 unless it is 0."""
+    """Pass on the input, as values are physical; converted to boolean, 1 unless it is 0."""
     wanted = _wanted_type(block)
     if block.field_text("ConvertRealWorld").startswith("Stored"):
         return _by_bits(block, wanted)
@@ -69,18 +69,18 @@ def _wanted_type(block: BlockContext) -> str:
 
 @block("Mux", Inputs="4")
 def mux(block: BlockContext) -> SignalOrBus:
-    """Return all elements of all inputs as one vector."""
+    """Join all elements of all inputs to one vector."""
     return as_one_vector(block, *(block.input_or_bus(at) for at in range(block.input_count)))
 
 
 @block("BusToVector")
 def bus_to_vector(block: BlockContext) -> SignalOrBus:
-    """Return the signals of a bus as one vector."""
+    """Join the signals of a bus to one vector."""
     return as_one_vector(block, block.input_or_bus(0))
 
 
 def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
-    """Return all elements of signals and buses as one vector."""
+    """Join all elements of signals and buses to one vector."""
     parts = [signal for item in wired for _, signal in leaf_signals(item)]
     return block.signal([node for part in parts for node in part.flat], period_of(parts))
 
@@ -91,6 +91,7 @@ def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
     wired = block.input_or_bus(0)
     if isinstance(wired, Bus):
         members = list(wired.members.values())
+        # a bus of as many members is taken apart, any other one is a vector
         if len(members) == _outputs(block):
             return tuple(members)
         wired = as_one_vector(block, wired)
@@ -137,7 +138,7 @@ def _divide_evenly(size: int, count: int) -> list[int]:
 
 @block("BusCreator", Inputs="2")
 def bus_creator(block: BlockContext) -> SignalOrBus:
-    """Return a bus of the inputs, named after their lines."""
+    """Collect the inputs to a bus, named after their lines."""
     labels = [block.flat.input_names.get(at, "") for at in range(block.input_count)]
     names = bus_member_names(labels, block.field_text("Inputs"))
     return Bus({name: block.input_or_bus(at) for at, name in enumerate(names)})
@@ -299,6 +300,7 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
     slices = [block.signal(np.atleast_1d(np.take(nodes, at, axis=axis))) for at in range(nodes.shape[axis])]
     picked = []
     for place in places.flat:
+        # an index is cut off to an integer; beyond the ends, it selects the first or last element
         selected = select_by_index(block.signal([place]), slices, 1.0 + first)
         picked.append(selected.nodes.reshape(np.take(nodes, 0, axis=axis).shape))
     return np.stack(picked, axis=axis)
@@ -306,14 +308,14 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
 
 @block("ManualSwitch", CurrentSetting="1", sw="1")
 def manual_switch(block: BlockContext) -> SignalOrBus:
-    """Return the input selected by the stored switch position."""
+    """Pass on the input selected by the stored switch position."""
     upper = block.numeric_field(block.field_name("CurrentSetting", "sw")) != 0
     return block.input_or_bus(0 if upper else 1)
 
 
 @block("Switch", Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
 def switch(block: BlockContext) -> SignalOrBus:
-    """Return the first input if the second meets the criterion, else the third."""
+    """Pass on the first input if the second meets the criterion, else the third."""
     criterion = block.option("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
     u = block.input(1)
     if criterion == "u2 ~= 0":
@@ -362,7 +364,7 @@ def inactive(block: BlockContext) -> SignalOrBus:
 
 @block("DataStoreMemory", needs=no_feedthrough, DataStoreName="A", InitialValue="0", Dimensions="-1")
 def data_store_memory(block: BlockContext) -> SignalOrBus:
-    """Return the content of a data store at the start of the step."""
+    """Read the content of a data store at the start of the step."""
     init = block.parameter("InitialValue")
     dimensions = [int(n) for n in block.numeric_array("Dimensions").ravel()]
     # a scalar start fills a store with stated dimensions
@@ -382,7 +384,7 @@ def _memory(block: BlockContext) -> BlockContext:
 
 @block("DataStoreRead", needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
 def data_store_read(block: BlockContext) -> SignalOrBus:
-    """Return the content of a data store after the writers that run before this block."""
+    """Read the content of a data store after the writers that run before this block."""
     content = data_store_memory(_memory(block))
     assert isinstance(content, Signal)
     return block.compiler.contents.content_after(content, block.compiler.stores.writers_before(block.flat))

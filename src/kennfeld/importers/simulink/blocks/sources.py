@@ -57,7 +57,7 @@ def step(block: BlockContext) -> SignalOrBus:
 
 @block("Ramp", slope="1", start="0", InitialOutput="0")
 def ramp(block: BlockContext) -> SignalOrBus:
-    """Return a line that starts to rise at a time."""
+    """Rise along a line from a time in s on."""
     start = block.parameter("start")
     since = apply("max", block.time - start, 0.0)
     first = block.parameter("X0" if block.field_text("X0", "") else "InitialOutput")  # X0 in older files
@@ -67,7 +67,7 @@ def ramp(block: BlockContext) -> SignalOrBus:
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
        Phase="0", Samples="10", Offset="0", SampleTime="-1")  # fmt: skip
 def sine(block: BlockContext) -> SignalOrBus:
-    """Return amplitude sin(angle) + bias with the angle frequency t + phase, or 2 pi (sample + offset) / samples."""
+    """Compute amplitude sin(angle) + bias; the angle is frequency t + phase, or 2 pi (sample + offset) / samples."""
     if block.option("SineType", "Time based", "Sample based") == "Sample based":
         angle = _angle_of_hit(block)
     else:
@@ -87,7 +87,7 @@ def _angle_of_hit(block: BlockContext) -> Signal:
 
 @block("chirp", "Chirp Signal", linked=True, f1="0.1", T="100", f2="1")
 def chirp(block: BlockContext) -> SignalOrBus:
-    """Return a sine whose frequency rises linearly from f1 at 0 s to f2 at T and beyond."""
+    """Lower a sine whose frequency rises linearly from f1 in Hz at 0 s to f2 at T in s and beyond."""
     f1, f2, t = block.parameter("f1"), block.parameter("f2"), block.time
     # phase = 2 pi integral(f1 + (f2 - f1) t / T)
     rate = (f2 - f1) / (2.0 * block.parameter("T"))
@@ -97,7 +97,7 @@ def chirp(block: BlockContext) -> SignalOrBus:
 @block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
        TimeSource="Use simulation time")  # fmt: skip
 def generator(block: BlockContext) -> SignalOrBus:
-    """Return a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
+    """Lower a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
     form = block.field_text("WaveForm")
     if form not in ("sine", "square"):
         raise UnsupportedError(f"its wave form {form[:40]!r} is not supported, only sine and square", _BIND)
@@ -113,7 +113,7 @@ def generator(block: BlockContext) -> SignalOrBus:
 @block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",
        PulseWidth="1", PhaseDelay="0")  # fmt: skip
 def pulses(block: BlockContext) -> SignalOrBus:
-    """Return pulses with `Period`, `PulseWidth` (percent of the period) and `PhaseDelay`, in s or in samples."""
+    """Lower pulses with `Period`, `PulseWidth` (percent of the period) and `PhaseDelay`, in s or in samples."""
     block.option("TimeSource", "Use simulation time")
     period, delay = block.numeric_field("Period"), block.numeric_field("PhaseDelay")
     width = block.numeric_field("PulseWidth") * (period / 100)
@@ -139,7 +139,7 @@ def refuse_recording(block: BlockContext) -> SignalOrBus:
 
 @block("Repeating Sequence Stair", sample="", OutValues="[3 1 4 2 1].'", tsamp="-1")
 def stairs(block: BlockContext) -> SignalOrBus:
-    """Return a periodic sequence of values."""
+    """Repeat a sequence of values, each for a sample."""
     values = block.parameter("OutValues").flat
     sample = block.numeric_field("tsamp")
     dt = block.constant(sample) if sample > 0 else block.base_step
@@ -148,7 +148,7 @@ def stairs(block: BlockContext) -> SignalOrBus:
 
 
 def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[float]:
-    """Return the times in s between which a pulse generator switches, [] for other blocks; raises `EvaluationError`."""
+    """List the times in s between which a pulse generator switches, [] for other blocks; raises `EvaluationError`."""
     if flat.type != "DiscretePulseGenerator":
         return []
     block, defaults = flat.block, BLOCK_TYPES[flat.type].defaults

@@ -37,7 +37,7 @@ class SignalTracer:
                     self._wide.setdefault(tag, []).append((level, goto))
 
     def label(self, level: SystemInstance, end: Endpoint) -> str:
-        """Return the name of the line at a port, traced through ports and tags."""
+        """Find the name of the line at a port, traced through ports and tags."""
         for here, source in self._trace(level, end):
             name = here.labels.get(source, "")
             block = here.system.by_sid.get(source.block)
@@ -51,7 +51,7 @@ class SignalTracer:
         return ""
 
     def source(self, level: SystemInstance, end: Endpoint) -> SignalSource | None:
-        """Return the block output that feeds an input port, traced through subsystems and tags."""
+        """Find the block output that feeds an input port, traced through subsystems and tags."""
         last = self._origin(level, end)
         if last is None:
             return None
@@ -70,7 +70,7 @@ class SignalTracer:
         return None
 
     def commented_source(self, level: SystemInstance, end: Endpoint) -> str:
-        """Return the path of the commented-out block that fed a port, traced through subsystems and tags; or ""."""
+        """Find the path of the commented-out block that fed a port, traced through subsystems and tags; or ""."""
         passed = list(self._trace(level, end))
         here, at = self._passed_on_input(*passed[-1]) if passed else (level, end)
         name = here.system.commented.get(at, "") if here is not None and at is not None else ""
@@ -146,7 +146,7 @@ class SignalTracer:
         return below, Endpoint(outport.sid, "in")
 
     def goto(self, level: SystemInstance, tag: str) -> tuple[SystemInstance, ModelBlock] | None:
-        """Return the Goto of a tag: local in the same system, scoped below its visibility block, global anywhere."""
+        """Find the Goto of a tag: local in the same system, scoped below its visibility block, global anywhere."""
         if (level, tag) in self._local:
             return self._local[level, tag]
         for where, goto in self._wide.get(tag, ()):
@@ -175,7 +175,7 @@ def _original_inport(level: SystemInstance, source: Endpoint | None) -> Endpoint
 
 
 def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
-    """Return the signal names of a bus creator: those of its lines, else as stated, else numbered.
+    """Name the signals of a bus creator: after their lines, else as stated, else numbered.
 
     >>> bus_member_names(["n", "", "n", ""], "'a','b'")
     ['n', 'b', 'n3', 'signal4']
@@ -190,7 +190,7 @@ def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
 
 
 def find_bus_member(names: Sequence[str], wanted: str) -> str | None:
-    """Return the member that a name in a bus selector means, None if there is none.
+    """Find the member that a name in a bus selector means, None if there is none.
 
     If input names are duplicates, Simulink appends port numbers to them, in old files as "(signal2)".
 

@@ -219,7 +219,7 @@ def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
 
 
 def standalone_system(block: ModelBlock, inside: System) -> System:
-    """Return a system that contains one block without inner blocks, with a port for each signal and event."""
+    """Build a system that contains one block without inner blocks, with a port for each signal and event."""
     inputs = list(_ports(block, inside, "Inport"))
     ports = [*inputs, *_ports(block, inside, "Outport")]
     if any(inside.of("TriggerPort")):

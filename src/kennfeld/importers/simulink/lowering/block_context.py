@@ -102,6 +102,7 @@ class BlockContext:
     def numeric_array(self, name: str, default: str | None = None) -> Numbers:
         """Return a field as constants, Float[rows, columns]."""
         text = self.field_text(name, default)
+        # a value given under the name of the field takes precedence over its expression
         variable = self.flat.scope.variables.get(f"{self.flat.path}:{name}")
         if variable is not None and isinstance(variable.value, np.ndarray):
             return np.atleast_2d(variable.value)
@@ -153,6 +154,7 @@ class BlockContext:
             self._check_frame(signal)
         if isinstance(signal, Bus):
             members = list(signal.members.values())
+            # a bus of one signal counts as that signal
             if len(members) != 1 or not isinstance(members[0], Signal):
                 remedy = "Select one signal of the bus with a Bus Selector."
                 raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
@@ -319,6 +321,7 @@ class BlockContext:
 
     def level_crossing(self, x: Signal, kind: str) -> Signal:
         """Return 1 if a signal becomes positive (rising), ceases to be positive (falling), or either."""
+        # begins with x itself: the first step has no edge
         before = self.discrete_state(x, lambda _: x) > 0.0
         now = x > 0.0
         return _select_edge(kind, now & ~before, before & ~now)

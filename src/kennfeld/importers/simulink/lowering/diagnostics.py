@@ -15,6 +15,7 @@ from kennfeld.importers.simulink.reader.model_tree import split_path
 from kennfeld.importers.simulink.signals import Signal, constant
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 
+# raised by numpy and by expressions if the settings of a block do not fit its signals
 PARAMETER_ERRORS = (ValueError, IndexError, TypeError, ArithmeticError, EvaluationError)
 
 

@@ -25,7 +25,7 @@ _MAX_ROUNDS = 100  # states whose initial values depend on each other
 
 
 def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int, int]) -> int | None:
-    """Return the node of a state's initial value, free of the state itself, or None if it depends on it.
+    """Resolve a state's initial value to a node free of the state itself, or None if it depends on it.
 
     `inits` are the initial value nodes of states as written, by state node.
     """
@@ -103,7 +103,7 @@ class StatePorts:
         return self._shown[flat]
 
     def states(self, key: Key, first: Nodes, latency: int = 1) -> list[int]:
-        """Return new state nodes, or those created when the state port was read."""
+        """Create state nodes, or take those created when the state port was read."""
         flat, number = key
         if number == STATE_PORT and flat in self._states:
             # the port was read before its block was lowered, as a scalar until a pass has told its size
@@ -116,7 +116,7 @@ class StatePorts:
         return states
 
     def resolve_initial_values(self, integrated: Sequence[ContinuousState]) -> list[ContinuousState]:
-        """Return continuous states whose initial values do not depend on the states themselves."""
+        """Resolve initial values of continuous states that depend on the states themselves."""
         reads = [self.builder.node("state", (), which) for which in range(len(self.builder.states))]
         inits = {read: s.init for read, s in zip(reads, self.builder.states, strict=True) if s.init >= 0}
         starts = self._resolved_initial_values(inits | {state.state: state.init for state in integrated})

@@ -46,7 +46,7 @@ _MAX_PORTS = 10_000  # of a block
 
 
 def read_mask(block: SectionNode) -> Mask | None:
-    """Return the mask in a block's section, None if it has none."""
+    """Read the mask in a block's section, None if it has none."""
     instance = block.first("InstanceData")
     # a link keeps its mask within InstanceData
     element = block.first("Mask") or (instance.first("Mask") if instance is not None else None)
@@ -132,7 +132,7 @@ class BlockReader:
     _used: set[str] = field(default_factory=set)
 
     def system(self, section: SectionNode, path: tuple[str, ...] = ()) -> System:
-        """Return the system of a section with everything below it."""
+        """Build the system of a section with everything below it."""
         name = section.keys.get("Ref")
         if name is not None:
             return self._separate(name, path)
@@ -228,7 +228,7 @@ class _Addresses:
         self.unknown: list[str] = []
 
     def end(self, section: SectionNode, side: str) -> Endpoint | None:
-        """Return the source ("Src") or destination ("Dst") of a line or branch, None if it has none."""
+        """Read the source ("Src") or destination ("Dst") of a line or branch, None if it has none."""
         keys = section.keys
         if side in keys:
             # newer layouts write "12#out:1", with the SID; older ones SrcBlock "Gain" and SrcPort 1

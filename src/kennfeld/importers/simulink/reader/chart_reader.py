@@ -29,7 +29,7 @@ Content = list[tuple[SectionNode, str, str]]  # section, its id, the id of its p
 
 
 def read_charts(stateflow: SectionNode, load: Callable[[str], SectionNode | None]) -> dict[str, StoredChart]:
-    """Return the charts of a machine by block path; `load` returns a chart stored in a part of its own."""
+    """Read the charts of a machine by block path; `load` returns a chart stored in a part of its own."""
     machine = stateflow.first("machine")
     children = machine.first("Children") if machine is not None else None
     written = [*stateflow.all("chart"), *(children.all("chart") if children is not None else ())]

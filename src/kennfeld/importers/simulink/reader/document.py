@@ -58,19 +58,19 @@ _MAX_BYTES = 1_000_000_000  # bytes
 
 
 def setting(model: SectionNode, key: str) -> str:
-    """Return a setting of the model or of one of its groups of settings, "" if there is none."""
+    """Look up a setting of the model or of one of its groups of settings, "" if there is none."""
     groups = (model, *(part for part in model.parts if part.kind not in ("System", "Object", "Array")))
     return next((group.keys[key] for group in groups if key in group.keys), "")
 
 
 def callbacks_of(model: SectionNode) -> dict[str, str]:
-    """Return the code of non-empty callbacks by name."""
+    """Collect the code of non-empty callbacks by name."""
     callbacks = {name: setting(model, name) for name in _CALLBACKS}
     return {name: code for name, code in callbacks.items() if code.strip()}
 
 
 def read_block_defaults(*holders: SectionNode | None) -> dict[str, dict[str, str]]:
-    """Return the fields that a file specifies for all blocks of a type, by type."""
+    """Collect the fields that a file specifies for all blocks of a type, by type."""
     defaults: dict[str, dict[str, str]] = {}
     for holder in holders:
         table = holder.first("BlockParameterDefaults") if holder is not None else None
@@ -81,7 +81,7 @@ def read_block_defaults(*holders: SectionNode | None) -> dict[str, dict[str, str
 
 
 def active_configuration(model: SectionNode) -> SectionNode | None:
-    """Return the active configuration stored in the model's section, else the first."""
+    """Find the active configuration stored in the model's section, else the first."""
     classes = ("Simulink.ConfigSet", _ELSEWHERE)
     sets = [part for part in model.every() if (part.keys.get("ClassName") or part.kind) in classes]
     # the property is the configuration itself, or an empty object with the number of the one meant
@@ -94,7 +94,7 @@ def active_configuration(model: SectionNode) -> SectionNode | None:
 
 
 def read_solver(configuration: SectionNode | None, model: SectionNode) -> StoredSolver:
-    """Return the solver of a configuration, or the model's own settings if there is none."""
+    """Read the solver of a configuration, or the model's own settings if there is none."""
     if configuration is None:
         return _solver(model.get) if any(key in model.keys for key in ("Solver", "StopTime")) else StoredSolver()
     elsewhere = next(configuration.classed(_ELSEWHERE), None)
@@ -105,7 +105,7 @@ def read_solver(configuration: SectionNode | None, model: SectionNode) -> Stored
 
 
 def solver_from(entry: SectionNode) -> StoredSolver:
-    """Return the solver of a configuration in a data dictionary, whose properties are sections."""
+    """Read the solver of a configuration in a data dictionary, whose properties are sections."""
     section = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
     said = {part.keys.get("Name", ""): part.text for part in section.all("P")}
     reference = said.get("SourceName") or said.get("WSVarName", "")
@@ -124,7 +124,7 @@ def _solver(get: Callable[[str], str]) -> StoredSolver:
 
 
 def read_workspace(model: SectionNode, stored: Callable[[], StoredWorkspace]) -> StoredWorkspace:
-    """Return the model workspace: code, another file, or what is `stored` in this one."""
+    """Locate the model workspace: code, another file, or what is `stored` in this one."""
     source = setting(model, "WSDataSource")
     code = setting(model, "WSMATLABCode") or setting(model, "WSMCode")
     if "Code" in source and code.strip():
@@ -199,6 +199,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
+    # latin-1 decodes any bytes; the encoding that the file names follows further down
     if not CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf").decode("latin-1")):
         raise diagnostics.refuse("", "is not a Simulink file", _EXTENSION_REMEDY)
     top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), diagnostics)

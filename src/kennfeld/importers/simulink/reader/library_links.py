@@ -61,7 +61,7 @@ class LibraryResolver:
         self._read: dict[Path, ModelDocument | InputError] = {}
 
     def find(self, name: str, beside: Path) -> Path | None:
-        """Return the file of a library or model, None if there is none."""
+        """Find the file of a library or model, None if there is none."""
         stem = re.sub(r"\.(slx|mdl)\Z", "", name)
         if not _NAME.match(stem):  # a path could name any local file
             return None

@@ -41,7 +41,7 @@ class ModelPackage:
         yield from self.texts or self.members
 
     def raw(self, name: str) -> bytes | None:
-        """Return the bytes of a part, None if there is none or, with an error recorded, if it cannot be unpacked."""
+        """Unpack a part, None if there is none or, with an error recorded, if it cannot be unpacked."""
         if name in self.texts:
             return self.texts[name]
         if name not in self.members or self.archive is None:
@@ -66,7 +66,7 @@ class ModelPackage:
         return raw
 
     def section(self, name: str, fold: bool = True) -> SectionNode | None:
-        """Return an XML or JSON part as a section, None if there is none or, with an error, if it is damaged."""
+        """Parse an XML or JSON part to a section, None if there is none or, with an error, if it is damaged."""
         raw = self.raw(name)
         if raw is None:
             return None
@@ -82,7 +82,7 @@ def is_zip(raw: bytes) -> bool:
 
 
 def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
-    """Return the members of a zip archive; none, with an error recorded, if it is damaged or a zip bomb."""
+    """Open a zip archive; it has no members, with an error recorded, if it is damaged or a zip bomb."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(raw))
         members = {member.filename.lstrip("/"): member for member in archive.infolist()}
@@ -100,7 +100,7 @@ def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
 
 
 def text_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
-    """Return the parts of a text package: a header line each, then XML text or base64 bytes."""
+    """Split a text package into its parts: a header line each, then XML text or base64 bytes."""
     end = _END.search(raw)
     if end is None:
         raise diagnostics.refuse("", "is truncated: the text package has no end", _REMEDY)

@@ -64,11 +64,11 @@ class SectionNode:
         return (part for part in self.parts if part.kind in kinds)
 
     def first(self, *kinds: str) -> "SectionNode | None":
-        """Return the first direct child section of one of the kinds."""
+        """Find the first direct child section of one of the kinds."""
         return next(self.all(*kinds), None)
 
     def get(self, key: str, default: str = "") -> str:
-        """Return the value of a key, or the text of a child section of that kind."""
+        """Look up the value of a key, or the text of a child section of that kind."""
         if key in self.keys:
             return self.keys[key]
         part = self.first(key)
@@ -122,7 +122,7 @@ class ReadDiagnostics:
 
 
 def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool = True) -> SectionNode | None:
-    """Return the root of an XML part, None with an error recorded if it is malformed or rejected.
+    """Parse an XML part to its root, None with an error recorded if it is malformed or rejected.
 
     `fold` turns `<P Name="key">value</P>` into a key of its parent; otherwise it stays a section.
     """
@@ -164,6 +164,7 @@ class _XmlSectionBuilder:
         if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
             self.key, self.stored = attributes["Name"], "Ref" not in attributes
             return
+        # without the prefix of a namespace
         section = SectionNode(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
         if self.open:
             self.open[-1].parts.append(section)
@@ -199,7 +200,7 @@ class _XmlSectionBuilder:
 
 
 def normalize_name(name: str) -> str:
-    r"""Return a name with each run of white space, line ends included, replaced by one blank.
+    r"""Replace each run of white space in a name, line ends included, by one blank.
 
     >>> normalize_name("engine +\n impeller")
     'engine + impeller'
@@ -219,7 +220,8 @@ def brace_text(raw: bytes) -> str:
 
 
 def brace_sections(text: str, diagnostics: ReadDiagnostics) -> list[SectionNode]:
-    """Return the top-level sections ("Model", "Stateflow", "MatData"); errors are recorded."""
+    """Parse the top-level sections ("Model", "Stateflow", "MatData"); errors are recorded."""
+    # not `splitlines`, which also ends lines at form feeds and separators of Unicode within a text
     reader = _BraceParser(re.split(r"\r\n|\r|\n", text), diagnostics)
     try:
         reader.read()
@@ -330,7 +332,7 @@ def _piece(value: str) -> str:
 
 
 def json_section(raw: bytes, part: str, diagnostics: ReadDiagnostics) -> SectionNode | None:
-    """Return the root of a JSON part, None with an error recorded if it is malformed.
+    """Parse a JSON part to its root, None with an error recorded if it is malformed.
 
     A root with a single member is that member: `{"BlockDiagram": {...}}`.
     """

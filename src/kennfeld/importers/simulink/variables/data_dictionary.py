@@ -60,7 +60,7 @@ _TYPE_CLASSES = frozenset(
 
 
 def text_chunks(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
-    """Return the chunks of a text dictionary; errors are recorded."""
+    """Parse the chunks of a text dictionary; errors are recorded."""
     try:
         parts = json.loads(raw)[_PARTS]
         contents = [parts[name][_CONTENT] for name in sorted(parts) if name.startswith(_PART)]
@@ -183,7 +183,7 @@ class Dictionary:
     enumerations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def merged_with(self, further: "Dictionary") -> "Dictionary":
-        """Return this dictionary with the entries of another one added; its own take precedence."""
+        """Add the entries of another dictionary to those of this one, which take precedence."""
         return replace(
             self,
             data=StoredVariables(
@@ -235,7 +235,7 @@ def read_dictionary(
 
 
 def file_name(written: str) -> str:
-    r"""Return the name of a file without folders, however they are separated.
+    r"""Strip a name of a file of its folders, however they are separated.
 
     >>> file_name("data\\engine.sldd")
     'engine.sldd'
@@ -244,7 +244,7 @@ def file_name(written: str) -> str:
 
 
 def find_beside(name: str, folders: Iterable[Path]) -> Path | None:
-    """Return the file of a name in the first folder that contains it; folders within the name are ignored."""
+    """Find the file of a name in the first folder that contains it; folders within the name are ignored."""
     # a folder within the name could lead to any file of the machine
     plain = file_name(name)
     return next((path for folder in folders if plain and (path := folder / plain).is_file()), None)

@@ -29,7 +29,7 @@ def is_class(text: str) -> bool:
 
 
 def enumeration_of(text: str) -> tuple[str, dict[str, float]] | None:
-    r"""Return name and members of an enumeration class, None for other classes and non-numeric members.
+    r"""Parse name and members of an enumeration class, None for other classes and non-numeric members.
 
     >>> enumeration_of("classdef Gear < Simulink.IntEnumType\nenumeration\nFirst(1), Second(2)\nend\nend")
     ('Gear', {'First': 1.0, 'Second': 2.0})
@@ -62,7 +62,7 @@ def _number(written: str | None) -> float | None:
 
 
 def enumerals(definition: SectionNode) -> dict[str, float]:
-    """Return the members of a dictionary enumeration that have numbers."""
+    """Collect the members of a dictionary enumeration that have numbers."""
     members: dict[str, float] = {}
     for part in definition.every():
         said = {inner.keys.get("Name", ""): inner.text.strip() for inner in part.all("P")}
@@ -73,7 +73,7 @@ def enumerals(definition: SectionNode) -> dict[str, float]:
 
 
 def enumeration_variable(members: Mapping[str, float], source: str) -> Variable:
-    """Return an enumeration as a struct of fixed values."""
+    """Represent an enumeration as a struct of fixed values."""
     return Variable({name: np.array([[value]]) for name, value in members.items()}, source=source, fixed=True)
 
 
@@ -89,14 +89,14 @@ def members_of(variable: Variable | None) -> Mapping[str, float]:
 
 
 def unqualified_member(variables: Mapping[str, Variable], name: str) -> float | None:
-    """Return the number of a member that is named without its class, None if it is unknown or ambiguous."""
+    """Look up the number of a member that is named without its class, None if it is unknown or ambiguous."""
     numbers = {members[name] for variable in variables.values() if name in (members := members_of(variable))}
     # the same number in several enumerations is still unambiguous
     return numbers.pop() if len(numbers) == 1 else None
 
 
 def enumeration_files(folders: Iterable[Path], files: Iterable[Path] = ()) -> dict[str, Variable]:
-    """Return the enumerations by name whose class files are in the folders or among the files.
+    """Read the enumerations by name whose class files are in the folders or among the files.
 
     A class in an earlier folder takes precedence, one among the files over all folders.
     """

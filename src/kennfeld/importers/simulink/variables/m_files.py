@@ -50,7 +50,7 @@ class FunctionFiles:
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
 
     def find(self, name: str) -> Mapping[str, m.FunctionDefinition]:
-        """Return the functions of the file `name.m`, its first one under that name; {} for a script."""
+        """Read the functions of the file `name.m`, its first one under that name; {} for a script."""
         if name not in self._read:
             path = self._path(name)
             self._read[name] = _functions(path) if path is not None else {}
@@ -86,7 +86,7 @@ def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
 def evaluate_numerically(
     tree: m.Expression, variable: Callable[[str], ParameterValue | None]
 ) -> tuple[ParameterValue, tuple[str, ...]]:
-    """Return the value of an expression and the variables it uses, over those that `variable` returns.
+    """Evaluate an expression over the variables that `variable` returns; return its value and those it uses.
 
     Raises:
         EvaluationError: if the expression has no value.
@@ -103,7 +103,7 @@ def evaluate_numerically(
 
 
 def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -> dict[str, ParameterValue]:
-    """Return the variables that mask code assigns, given those that `variable` returns."""
+    """Run mask code over the variables that `variable` returns; return those that it assigns."""
     script, _ = parse_leniently(code)
     wanted = sorted(names_read(script.statements))
     known_values = {name: value for name in wanted if (value := variable(name)) is not None}
@@ -125,13 +125,13 @@ def _evaluate_text(written: MatlabValue) -> MatlabValue:
 
 
 def supported_value(value: Any) -> ParameterValue | None:
-    """Return a MATLAB value as a block parameter, None if unsupported."""
+    """Convert a MATLAB value to a block parameter, None if unsupported."""
     variable = to_variable(value, "")
     return variable.value if variable is not None else None
 
 
 def to_variable(value: Any, source: str) -> Variable | None:
-    """Return a variable with the limits, unit and description of its object."""
+    """Convert a value to a variable with the limits, unit and description of its object."""
     meant = to_calibration_parameter(value)
     if meant is not None:
         parameter_value: ParameterValue = (
@@ -237,6 +237,6 @@ def _load_file(folder: Path, name: str) -> bytes | None:
 
 
 def read_file(path: Path) -> bytes:
-    """Return the content of a file; raise `InputError` if it cannot be read."""
+    """Read the content of a file; raise `InputError` if it cannot be read."""
     with convert_errors(path, "the file cannot be read", missing="file not found", advice="Check the path."):
         return path.read_bytes()

@@ -41,7 +41,7 @@ class Variable:
     fixed: bool = False
 
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
-        """Return the variable with limits, None for none; limits that its own value violates are ignored."""
+        """Add limits to the variable, None for none; limits that its own value violates are ignored."""
         lowest, highest = -np.inf if lower is None else lower, np.inf if upper is None else upper
         # limits of a table object are those of its table, not of its breakpoints
         value = self.value.get("Table") if isinstance(self.value, Mapping) else self.value
@@ -82,7 +82,7 @@ class Scope:
     outer: "Scope | None" = None
 
     def within(self, block: ModelBlock) -> "Scope":
-        """Return the scope with the mask of a block added."""
+        """Add the mask of a block to the scope."""
         if block.mask is None or not (block.mask.parameters or block.mask.initialization.strip()):
             return self
         inside = Scope(self.variables, {}, self)
@@ -111,7 +111,7 @@ class Scope:
         return Scope(own.variables, {**variables}, own) if variables else own
 
     def shown(self) -> dict[str, str]:
-        """Return the dialog values of the enclosing masks by parameter name; inner ones take precedence."""
+        """Collect the dialog values of the enclosing masks by parameter name; inner ones take precedence."""
         values: dict[str, str] = {}
         here: Scope | None = self
         while here is not None:
@@ -124,7 +124,7 @@ class Scope:
         return values
 
     def find(self, name: str) -> "MaskVariable | MaskCodeVariable | Variable | None":
-        """Return the meaning of a name, None if it is undefined."""
+        """Look up the meaning of a name, None if it is undefined."""
         here: Scope | None = self
         while here is not None:
             if name in here.masked:
@@ -133,7 +133,7 @@ class Scope:
         return self.variables.get(name)
 
     def part(self, path: Sequence[str]) -> Variable | None:
-        """Return the struct field that a calibration file sets by its full name, "Control.Gain"."""
+        """Look up the struct field that a calibration file sets by its full name, "Control.Gain"."""
         return self.variables.get(".".join(path)) if len(path) > 1 else None
 
 
@@ -173,13 +173,13 @@ def _assigned_name(statement: m.Statement) -> str:
 
 
 def names_assigned_by_functions(code: str) -> frozenset[str]:
-    """Return the variables that the functions in a code assign."""
+    """Collect the variables that the functions in a code assign."""
     script, _ = parse_leniently(code)
     return names_assigned(script.functions)
 
 
 def to_parameter_value(value: Any) -> ParameterValue | None:
-    """Return a value as array of float64, text, struct or tuple, None if unsupported.
+    """Convert a value to an array of float64 of at least one dimension, text, struct or tuple, None if unsupported.
 
     >>> to_parameter_value(3), to_parameter_value({"a": [1, 2]})
     (array([3.]), {'a': array([1., 2.])})
@@ -201,7 +201,7 @@ def to_parameter_value(value: Any) -> ParameterValue | None:
 
 
 def declared_store(variable: Variable | None) -> dict[str, str] | None:
-    """Return initial value and dimensions of a data store that a Simulink.Signal declares, None for any other value."""
+    """Read initial value and dimensions of a data store that a Simulink.Signal declares, None for any other value."""
     fields = variable.value if variable is not None else None
     if not isinstance(fields, Mapping) or "InitialValue" not in fields:
         return None
@@ -219,7 +219,7 @@ def _field_text(value: ParameterValue | None) -> str:
 
 
 def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
-    """Return the struct field at the end of a path; raises `EvaluationError`."""
+    """Look up the struct field at the end of a path; raises `EvaluationError`."""
     for at, name in enumerate(path[1:], 1):
         if not isinstance(value, Mapping) or name not in value:
             raise EvaluationError(f"{'.'.join(path[:at])} has no field {name}", ".".join(path))

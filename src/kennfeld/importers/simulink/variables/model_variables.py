@@ -64,13 +64,13 @@ class FileSearch:
         return frozenset(path.name for path in self.given)
 
     def dictionary(self, path: Path) -> Dictionary:
-        """Return a data dictionary with those it refers to."""
+        """Read a data dictionary with those it refers to, once."""
         return read_dictionary(
             path, folders=self.folders, given=self.given_names - {path.name}, known=self._dictionaries
         )
 
     def enumerations(self, folder: Path) -> dict[str, Variable]:
-        """Return the enumerations whose class files are given, in a folder or in the further ones, in this order."""
+        """Read the enumerations whose class files are given, in a folder or in the further ones, in this order."""
         enumerations = enumeration_files((), [path for path in self.given if path.suffix == ".m"])
         for place in (folder, *self.folders):
             if place not in self._enumerations:
@@ -114,6 +114,7 @@ def collect_variables(
         if not equal_values(variable.value, variables[name].value)
     ]
     overriding = {parameter.name: parameter for values in parameter_sets for parameter in values.values()}
+    # `Control.Gain` may be a field of the struct `Control`
     variables.strangers = ParameterSet(
         parameter for name, parameter in overriding.items() if name.partition(".")[0] not in variables
     )
@@ -295,7 +296,7 @@ def _sizes(values: Numbers) -> list[int]:
 
 
 def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[StoredSolver, str]:
-    """Return the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
+    """Look up the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
     settings, seen = document.solver, set[str]()
     while settings.reference:
         # a configuration may refer to another one, and by mistake in a circle
@@ -309,7 +310,7 @@ def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[
 
 
 def model_properties(document: ModelDocument, variables: VariableTable) -> dict[str, Variable]:
-    """Return the properties that `get_param` may query of a model, as structs of texts."""
+    """Collect the properties that `get_param` may query of a model, as structs of texts."""
     settings, _ = solver_settings(document, variables)
     said = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
     said |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
