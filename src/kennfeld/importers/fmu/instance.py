@@ -257,8 +257,8 @@ class FmuInstance:
             point[states] = values
         results = self._evaluate(point)[0]
         if not np.all(np.isfinite(results)):
-            said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
-            message = f"its code cannot be evaluated with its start values{said}"
+            reasons = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
+            message = f"its code cannot be evaluated with its start values{reasons}"
             raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         magnitudes = np.array([argument.magnitude for argument in self.arguments])
         if self._memory["control"][TIMED]:

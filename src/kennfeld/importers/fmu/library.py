@@ -115,8 +115,8 @@ class FmuLibrary:
                 create = self._function(function, *kinds)
                 instance = create(name, token, where, False, False, None, log)
         if not instance:
-            said = f": {'; '.join(self.messages)}" if self.messages else ""
-            message = f"its code does not create an instance{said}"
+            reasons = f": {'; '.join(self.messages)}" if self.messages else ""
+            message = f"its code does not create an instance{reasons}"
             raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         return instance
 

@@ -143,8 +143,8 @@ class FmuTrajectories:
             # the third trial leaves other inputs and states behind, which the reset before the fourth one has to remove
             first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
             if NO_INSTANCE in self.reports.reasons:
-                said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
-                message = f"its code does not create an instance{said}"
+                reasons = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
+                message = f"its code does not create an instance{reasons}"
                 raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         scale = np.max(np.abs(first), axis=0, initial=0.0)
         same = [np.all(np.abs(again - first) <= _REPEATED * scale) for again in (second, last)]

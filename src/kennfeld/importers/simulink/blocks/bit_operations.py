@@ -215,17 +215,17 @@ def old_shift(block: BlockContext) -> SignalOrBus:
        BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
 def shift(block: BlockContext) -> SignalOrBus:
     """Shift the input: floor(u / 2^n) to the right; to the left the bits of u 2^n that fit the word."""
-    path, point = (
+    direction, point = (
         block.option("BitShiftDirection", "Left", "Right", "Bidirectional"),
         block.numeric_field("BinPtShiftNumber"),
     )
     source = block.option("BitShiftNumberSource", "Dialog", "Input port")
     by = block.parameter("BitShiftNumber") if source == "Dialog" else stored_integer(block, 1)
     if is_floating(block.source()):
-        return _scale(block, -by if path == "Left" else by, point)
+        return _scale(block, -by if direction == "Left" else by, point)
     _refuse_point_shift(point)
     word = _require_integer_type(integer_type_of(block.source()))
-    return _shift_bits(block, stored_integer(block, 0), by, path, word)
+    return _shift_bits(block, stored_integer(block, 0), by, direction, word)
 
 
 def _scale(block: BlockContext, right: Signal, point: float) -> Signal:
@@ -238,11 +238,11 @@ def _refuse_point_shift(point: float) -> None:
         raise UnsupportedError("it shifts the binary point, but data types are ignored")
 
 
-def _shift_bits(block: BlockContext, x: Signal, by: Signal, path: str, word: IntegerType) -> Signal:
+def _shift_bits(block: BlockContext, x: Signal, by: Signal, direction: str, word: IntegerType) -> Signal:
     right = apply("floor", x / 2.0**by)
-    if path == "Right":
+    if direction == "Right":
         return right
-    shifted = x * 2.0 ** (by if path == "Left" else -by)
+    shifted = x * 2.0 ** (by if direction == "Left" else -by)
     # bits beyond the word are lost on the left, those below 2^0 on the right by rounding down
     pushed = block.signal(integer_types.wrap_to_type(block.builder, shifted.nodes, word), shifted.period)
-    return pushed if path == "Left" else select(by < 0.0, pushed, right)
+    return pushed if direction == "Left" else select(by < 0.0, pushed, right)

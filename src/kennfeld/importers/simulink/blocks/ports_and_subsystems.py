@@ -343,11 +343,11 @@ def iteration(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return the condition and the reset condition of an iteration."""
     active = block.reduce("and", [block.constant(1.0), *map(block.is_true, range(block.input_count))])
     before = block.flat.previous_pass
-    said = block.compiler.value(SignalSource(before, 0)) if before is not None else None
+    earlier = block.compiler.value(SignalSource(before, 0)) if before is not None else None
     outer = block.compiler.gates.run_condition(block.flat)
-    if block.flat.passes[-1] > 1 and isinstance(said, Signal):
+    if block.flat.passes[-1] > 1 and isinstance(earlier, Signal):
         # an iteration runs only if all before it did
-        active = said & active
+        active = earlier & active
     elif outer is not None:
         active = block.signal([outer]) & active
     return active, reset_condition(block, active)

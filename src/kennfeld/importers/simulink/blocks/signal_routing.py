@@ -148,10 +148,10 @@ def bus_creator(block: BlockContext) -> SignalOrBus:
 def bus_selector(block: BlockContext) -> Outputs:
     """Select signals of a bus by name."""
     wired = block.bus()
-    ways = [path.strip() for path in block.field_text("OutputSignals").split(",")]
-    signals = [_member_of(wired, path) for path in ways]
+    paths = [path.strip() for path in block.field_text("OutputSignals").split(",")]
+    signals = [_member_of(wired, path) for path in paths]
     if block.is_on("OutputAsBus"):
-        return Bus({path.rpartition(".")[2]: signal for path, signal in zip(ways, signals, strict=True)})
+        return Bus({path.rpartition(".")[2]: signal for path, signal in zip(paths, signals, strict=True)})
     return tuple(signals)
 
 

@@ -84,12 +84,12 @@ class SignalTracer:
         flat = level.flat_blocks.get(source.block)
         if flat is None or flat.type != "BusSelector" or (flat.block.value("OutputAsBus") or "off") == "on":
             return None
-        ways = (flat.block.value("OutputSignals") or "").split(",")
-        if not source.number <= len(ways):
+        paths = (flat.block.value("OutputSignals") or "").split(",")
+        if not source.number <= len(paths):
             return None
         # from the selector back through nested creators, one name at a time
         creator: tuple[SystemInstance, Endpoint] | None = (level, Endpoint(source.block, "in"))
-        for name in ways[source.number - 1].strip().split("."):
+        for name in paths[source.number - 1].strip().split("."):
             creator = self._member_input(*creator, name) if creator is not None else None
         return creator
 

@@ -204,9 +204,9 @@ class IterationUnroller:
         if plan.decides:
             ends = [
                 source
-                for inner, say in zip(levels, passing, strict=True)
+                for inner, condition in zip(levels, passing, strict=True)
                 # of each iteration its signal, and whether it ran
-                for source in ((inner, end), SignalSource(say, 0))
+                for source in ((inner, end), SignalSource(condition, 0))
             ]
         self.placed.joints.append((flat, ends))
         if face.control is not None and face.control.block is face.holder:

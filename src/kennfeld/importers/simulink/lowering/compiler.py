@@ -141,15 +141,15 @@ def compile_to_fixed_point(
     guesses = InferredAttributes()
     compiler = make(guesses)
     stopped: BlockCompiler | None = None
-    asked = 0
+    operations = 0
     # a pass carries a size at least one state further, so that more passes than blocks mean growth without end
     for _ in range(min(_MAX_PASSES, len(compiler.flat.blocks) + 10)):
-        if asked > _MAX_OPERATIONS:
+        if operations > _MAX_OPERATIONS:
             break
         guesses.changed = False
         compiler = make(guesses)
         compiler.demand(goals)
-        asked += compiler.builder.asked
+        operations += compiler.builder.asked
         # an input called like a parameter gets another name in the next pass
         doubled = guesses.taken | (compiler.inputs.keys() & compiler.declared.parameters.keys())
         guesses.changed |= doubled != guesses.taken

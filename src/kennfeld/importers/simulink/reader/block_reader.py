@@ -310,10 +310,10 @@ def _lists(section: SectionNode) -> dict[str, tuple[str, ...]]:
 def _bus_element(section: SectionNode) -> dict[str, str]:
     """Return bus element fields of zip packages under their names in `.mdl` files."""
     lists = (node.keys for node in section.all("List") if node.keys.get("ListType") == "InterfaceData")
-    said = next(lists, {})
-    if said.get("IsComposite") != "1":
+    fields = next(lists, {})
+    if fields.get("IsComposite") != "1":
         return {}
-    return {"IsBusElementPort": "on", "Element": said.get("Element", ""), "PortName": said.get("PortName", "")}
+    return {"IsBusElementPort": "on", "Element": fields.get("Element", ""), "PortName": fields.get("PortName", "")}
 
 
 def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode | None) -> LibraryLink | None:

@@ -107,9 +107,9 @@ def read_solver(configuration: SectionNode | None, model: SectionNode) -> Stored
 def solver_from(entry: SectionNode) -> StoredSolver:
     """Read the solver of a configuration in a data dictionary, whose properties are sections."""
     section = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
-    said = {part.keys.get("Name", ""): part.text for part in section.all("P")}
-    reference = said.get("SourceName") or said.get("WSVarName", "")
-    return replace(_solver(lambda key: said.get(key, "")), reference=reference)
+    properties = {part.keys.get("Name", ""): part.text for part in section.all("P")}
+    reference = properties.get("SourceName") or properties.get("WSVarName", "")
+    return replace(_solver(lambda key: properties.get(key, "")), reference=reference)
 
 
 def _solver(get: Callable[[str], str]) -> StoredSolver:

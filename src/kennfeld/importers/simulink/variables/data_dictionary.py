@@ -297,13 +297,13 @@ def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
     solvers: dict[str, StoredSolver] = {}
     types: list[str] = []
     enumerations: dict[str, Mapping[str, float]] = {}
-    for thing in (part for root in roots for part in root.all("Object")):
-        kind, said = thing.keys.get("Class", ""), _properties(thing)
+    for entry in (part for root in roots for part in root.all("Object")):
+        kind, properties = entry.keys.get("Class", ""), _properties(entry)
         if kind == "DD.DICTIONARYREFERENCE":
-            references += [said[key].text for key in ("Subdictionary", "Name") if key in said][:1]
-        if kind != "DD.ENTRY" or "Value" not in said:
+            references += [properties[key].text for key in ("Subdictionary", "Name") if key in properties][:1]
+        if kind != "DD.ENTRY" or "Value" not in properties:
             continue
-        name, section = said["Name"].text if "Name" in said else "", said["Value"]
+        name, section = properties["Name"].text if "Name" in properties else "", properties["Value"]
         # an object is the value itself, or its only element
         classes = {part.keys.get("Class", "") for part in (section, *section.all("Element"))}
         if not classes.isdisjoint(_NOT_DATA):

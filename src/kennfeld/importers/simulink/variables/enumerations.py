@@ -65,10 +65,10 @@ def enumerals(definition: SectionNode) -> dict[str, float]:
     """Collect the members of a dictionary enumeration that have numbers."""
     members: dict[str, float] = {}
     for part in definition.every():
-        said = {inner.keys.get("Name", ""): inner.text.strip() for inner in part.all("P")}
-        value = _number(said.get("Value"))
-        if said.get("Name") and value is not None:
-            members[said["Name"]] = value
+        properties = {inner.keys.get("Name", ""): inner.text.strip() for inner in part.all("P")}
+        value = _number(properties.get("Value"))
+        if properties.get("Name") and value is not None:
+            members[properties["Name"]] = value
     return members
 
 

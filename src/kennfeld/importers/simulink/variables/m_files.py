@@ -113,10 +113,10 @@ def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -
 
 
 def _get_param(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
-    said = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
-    if said is None:
+    value = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
+    if value is None:
         raise MatlabError.at("mask", m.SourcePosition(), f"get_param({text(key)[:40]}) requires Simulink")
-    return said
+    return value
 
 
 def _evaluate_text(written: MatlabValue) -> MatlabValue:

@@ -115,12 +115,12 @@ class Scope:
         values: dict[str, str] = {}
         here: Scope | None = self
         while here is not None:
-            said = {
+            dialog = {
                 name: variable.written
                 for name, variable in here.masked.items()
                 if isinstance(variable, MaskVariable) and variable.field
             }
-            values, here = {**said, **values}, here.outer
+            values, here = {**dialog, **values}, here.outer
         return values
 
     def find(self, name: str) -> "MaskVariable | MaskCodeVariable | Variable | None":
@@ -152,17 +152,19 @@ def _run_mask_code(scope: Scope, code: str) -> Scope:
     Variables assigned by other statements, and those that depend on them, are taken from running all of the code.
     """
     script, _ = parse_leniently(code)
-    inside, left = scope, set[str]()
+    inside, computed = scope, set[str]()
     for statement in script.statements:
         name = _assigned_name(statement)
-        # `left` holds names that only running the code gives, and spreads to what is computed from them
-        if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *names_read(statement.value)}):
+        # `computed` holds names that only running the code gives, and spreads to what is computed from them
+        if name and isinstance(statement, m.Assign) and computed.isdisjoint({name, *names_read(statement.value)}):
             # a layer per statement: `K = 2*K` reads the K of the layer outside
             inside = Scope(scope.variables, {name: MaskVariable(format_expression(statement.value), inside)}, inside)
         else:
-            left |= names_assigned(statement)
+            computed |= names_assigned(statement)
     return (
-        Scope(scope.variables, {name: MaskCodeVariable(name, code, scope) for name in left}, inside) if left else inside
+        Scope(scope.variables, {name: MaskCodeVariable(name, code, scope) for name in computed}, inside)
+        if computed
+        else inside
     )
 
 

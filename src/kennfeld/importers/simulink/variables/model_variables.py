@@ -312,7 +312,7 @@ def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[
 def model_properties(document: ModelDocument, variables: VariableTable) -> dict[str, Variable]:
     """Collect the properties that `get_param` may query of a model, as structs of texts."""
     settings, _ = solver_settings(document, variables)
-    said = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
-    said |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
-    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in said.items() if text}}
+    texts = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
+    texts |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
+    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in texts.items() if text}}
     return {name: Variable(value, source="the model itself", fixed=True) for name in _NAMES if name not in variables}
