@@ -37,6 +37,7 @@ _DELAYS = [name for name in _INPUTS if "Preview" not in name]
 
 def _ports(block: BlockContext) -> dict[str, int]:
     """Return the port numbers of the inputs of a delay in addition to the signal."""
+    # in the order of the ports
     present = {
         "length": block.option("DelayLengthSource", "Dialog", "Input port") == "Input port",
         "enable": block.is_on("ShowEnablePort"),

@@ -273,6 +273,7 @@ def _look_up(
     # literals of a block stay as they are unless they are promoted
     locked = not (field.is_variable or field.name in block.compiler.declared.promoted)
     inputs = block.flat.input_names
+    # an axis without a name is described by the signal that it is looked up with
     axes = [axis if axis.name else axis.changed(input=inputs.get(at, "")) for at, axis in enumerate(axes)]
     # a spline looks its table up at breakpoints only
     kept = method.beyond if method.between != "spline" else "clip"
@@ -299,6 +300,7 @@ def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Sig
 
     def value(*indices: int) -> int:
         point = (builder.const(float(axis[at])) for axis, at in zip(points, indices, strict=True))
+        # a lookup at a breakpoint is the value there, with the derivative 1 with respect to it
         return builder.lookup(table.name, *point)
 
     places = zip(*(signal.flat for signal in coordinates), strict=True)

@@ -120,6 +120,7 @@ def control(block: BlockContext) -> tuple[SignalOrBus, ...]:
     outer = block.compiler.gates.run_condition(block.flat)
     if outer is not None:
         conditions["outer"] = block.signal([outer])
+    # a subsystem runs if all of its ports allow it, and the subsystem around it runs
     active = _all(block, list(conditions.values()))
     if "trigger" not in conditions:
         return active, reset_condition(block, active)

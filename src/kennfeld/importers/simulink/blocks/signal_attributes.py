@@ -112,6 +112,7 @@ def conversion(block: BlockContext) -> SignalOrBus:
 @block("Temperature Conversion", linked=True)
 def temperature(block: BlockContext) -> SignalOrBus:
     """Convert a temperature to another unit."""
+    # K = f x + o = f' x' + o', so that x' = x f / f' + (o - o') / f'
     (factor, offset), (other, beyond) = (_KELVIN[_unit(block, name, _KELVIN)] for name in ("IU", "OU"))
     return block.input() * (factor / other) + (offset - beyond) / other
 
@@ -292,6 +293,7 @@ def _downstream_sample_times(block: BlockContext) -> Iterator[float]:
     while waiting:
         for reader in block.compiler.flat.readers.get(waiting.pop(), ()):
             kind, period = BLOCK_TYPES.get(reader.type), block.compiler.timing.specified_period(reader)
+            # sinks have no say, and another transition begins a sample time of its own
             if reader in seen or (kind is not None and kind.sink) or reader.type == "RateTransition":
                 continue
             seen.add(reader)

@@ -175,6 +175,7 @@ def bus_assignment(block: BlockContext) -> SignalOrBus:
     """Replace signals of a bus."""
     bus = block.bus()
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
+        # raises an error if the bus has no such signal, which `_set_member` would add
         _member_of(bus, path.strip())
         bus = _set_member(bus, path.strip().split("."), block.input_or_bus(at))
     return bus

@@ -269,7 +269,6 @@ class ConnectionResolver:
         memory, name = _memory_block(level, block), _store_name(block)
         if memory is not None:
             return memory
-        # a signal object is global: all blocks that name the store share one memory
         if name not in self._declared:
             fields = declared_store(level.scope.variables.get(name))
             self._declared[name] = None if fields is None else self._place_declared(level, name, fields)

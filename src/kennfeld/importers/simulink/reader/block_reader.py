@@ -30,10 +30,12 @@ _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
 
 _MAX_DEPTH = 60  # nested subsystems
 _NAMING = frozenset({"BlockType", "Name", "SID", "Ports", "ClassName", "PropName", "ObjectID"})
+# fields of a link itself, not of the block that it leads to
 _LINKING = frozenset({
     "AncestorBlock", "ContentPreviewEnabled", "LibraryVersion", "LinkData", "Position", "SourceBlock",
     "SourceProductBaseCode", "SourceProductName", "SourceType", "ZOrder",
 })  # fmt: skip
+# fields of the drawing, which each link has for itself
 _LOOKS = re.compile(
     r"(Font|Show|Name(Placement|Location)|(Fore|Back)groundColor|DropShadow|Block(Mirror|Rotation)|Mask)"
 )
@@ -41,6 +43,7 @@ _ADDRESS = re.compile(r"(.*)#([A-Za-z]+)(?::(\d{1,9}))?\s*\Z", re.DOTALL)
 _PORT = re.compile(r"\s*(?:([A-Za-z]+):?)?(\d{0,9})\s*\Z")
 _NUMBER = re.compile(r"\d{1,6}")
 _MODEL_KEYS = ("ModelNameDialog", "ModelFile", "ModelName")
+# other words for the same ports, by layout
 _SPECIAL = {"stateport": "state", "action": "ifaction"}
 _MAX_PORTS = 10_000  # of a block
 

@@ -59,6 +59,7 @@ _MAX_BYTES = 1_000_000_000  # bytes
 
 def setting(model: SectionNode, key: str) -> str:
     """Look up a setting of the model or of one of its groups of settings, "" if there is none."""
+    # without systems and objects, in which the same keys belong to blocks and configurations
     groups = (model, *(part for part in model.parts if part.kind not in ("System", "Object", "Array")))
     return next((group.keys[key] for group in groups if key in group.keys), "")
 
@@ -253,6 +254,7 @@ def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnosti
     charts = read_charts(stateflow, partial(_part, package, "stateflow")) if stateflow is not None else {}
     builder = BlockReader(diagnostics, partial(_part, package, "systems"), charts, defaults)
     configuration = _configuration(package)
+    # a part of its own in newer packages, within the diagram in older ones
     solver = read_solver(configuration if configuration is not None else active_configuration(model), model)
     stored = partial(_workspace_package, package)
     document = _document(model, path, _release(package), builder, solver, path.stem, stored)

@@ -65,6 +65,7 @@ class LibraryResolver:
         stem = re.sub(r"\.(slx|mdl)\Z", "", name)
         if not _NAME.match(stem):  # a path could name any local file
             return None
+        # a name with an extension means that file alone
         endings = _ENDINGS if stem == name else (name[len(stem) :],)
         places = (folder / (stem + ending) for folder in (beside, *self.folders) for ending in endings)
         return next((path for path in places if path.is_file()), None)

@@ -373,6 +373,7 @@ class _Converter:
 
     def _add(self, section: SectionNode, key: str, value: Any, depth: int) -> None:
         if key in (_CLASS, _NUMBER):
+            # the names that these have in XML and in the brace syntax
             section.keys["ClassName" if key == _CLASS else "ObjectID"] = str(value)
         elif isinstance(value, dict) and _VALUE in value:
             section.keys[key] = _text(value[_VALUE])
@@ -383,6 +384,7 @@ class _Converter:
                 section.parts.append(SectionNode("Array", 0, {"PropName": key}, objects))
                 return
             section.parts.append(self.section(key, value, depth + 1))
+            # as in XML, an object names the property whose value it is
             section.parts[-1].keys.setdefault("PropName", key)
         elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
             section.parts += [self.section(key, inner, depth + 1) for inner in value if isinstance(inner, dict)]

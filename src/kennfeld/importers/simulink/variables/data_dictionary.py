@@ -99,6 +99,7 @@ def _section(
 
 
 def _text_value(name: str, value: Any) -> SectionNode:
+    # before int, of which bool is a subclass
     if isinstance(value, bool):
         return _section(name, "logical", str(int(value)))
     if isinstance(value, int | float):

@@ -59,6 +59,7 @@ class FunctionFiles:
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):
             return None
+        # a file that the user names precedes those in folders
         places = [self._files[name]] if name in self._files else [folder / f"{name}.m" for folder in self._folders]
         return next((path for path in places if path.is_file()), None)
 
@@ -95,6 +96,7 @@ def evaluate_numerically(
     try:
         result = supported_value(evaluate(tree, values, {"get_param": _get_param, "eval": _evaluate_text}))
     except MatlabError as error:
+        # names of functions need no value
         missing = [name for name in sorted(names_read(tree)) if name not in values and name not in NUMERIC_FUNCTIONS]
         raise EvaluationError(error.findings[0].message, missing[0] if missing else "") from None
     if result is None:
@@ -153,6 +155,7 @@ def _plain(value: Any) -> ParameterValue | None:
     if isinstance(value, MatlabStruct):
         return _struct(value)
     if isinstance(value, MatlabCell):
+        # by columns, as MATLAB numbers cells
         parts = [supported_value(part) for part in value.values.ravel(order="F")]
         return tuple(part for part in parts if part is not None)
     if not isinstance(value, np.ndarray):

@@ -194,6 +194,7 @@ def to_parameter_value(value: Any) -> ParameterValue | None:
     try:
         array = None if value is None or np.iscomplexobj(value) else np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
+        # lists of texts or of different lengths, which numpy refuses, are cell arrays
         if not isinstance(value, tuple | list):
             return None
         elements = [to_parameter_value(element) for element in value]

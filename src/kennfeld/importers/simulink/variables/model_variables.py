@@ -196,6 +196,7 @@ def _workspace(variables: VariableTable, document: ModelDocument, search: FileSe
         for name in before.keys() - variables.keys():  # the user may give what is missing
             variables[name] = before[name]
     elif kind == "file":
+        # next to the model, whatever folder the file names
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
             _add_file(variables, path, search)
