@@ -77,6 +77,7 @@ def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
     ((19, 13), 'Nm')
     """
     parameters = _read_content(Path(path), a2l).parameters
+    # formats that keep the rest of a file state an origin of their own
     return parameters if parameters.origin is not None else parameters.from_origin(Path(path).absolute())
 
 
@@ -124,7 +125,7 @@ def write(
         a2l: The A2L file that describes `image`.
 
     Returns:
-        FileFindings about the new file, such as rounding.
+        Findings on the new file, such as rounding.
 
     Raises:
         ArgumentError: The ending is unknown.

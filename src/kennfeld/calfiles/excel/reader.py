@@ -190,6 +190,7 @@ class _SheetReader:
         if cells.group:
             if cells.group in self.broken:
                 return None
+            # an axis that the sheet of group axes lacks is that of its first table
             home, known = self.groups.setdefault(cells.group, (sheet, cells))
             if not self._agrees(sheet, cells, home, known):
                 return None
@@ -243,6 +244,7 @@ def _breakpoints(sheet: Sheet, row: int, start: int) -> AxisCells | None:
     end = start
     while sheet.cell(row, end) is not None:
         end += 1
+    # a number behind the first empty cell belongs to the axis as well
     if end > start and not sheet.has_number(row, end + 1):
         return sheet.breakpoints([(row, column) for column in range(start, end)])
     sheet.error(f"{sheet.place(row, end)} is empty; a breakpoint is missing")

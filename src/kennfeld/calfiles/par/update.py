@@ -114,6 +114,7 @@ class _ParUpdate:
             message = f"a text of up to {len(label.values)} characters fits, got {item.text[:60]!r}"
             self.findings.error(0, item.name, message, "Shorten it.")
             return
+        # the room of a text is fixed
         codes += [0] * (len(label.values) - len(codes))
         for number, code in zip(label.values, codes, strict=True):
             self.changes[number.begin] = len(number.word), str(code)
@@ -149,6 +150,7 @@ class _ParUpdate:
             return
         word = self._word(label, raw, value, quantity)
         self.changes[number.begin] = len(number.word), word
+        # a word or a remark stays
         if np.isnan(displayed_value(number.physical)):
             return
         shown = _display(float(word) if quantity is None else physical(quantity, float(word)), number.physical)
