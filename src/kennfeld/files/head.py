@@ -119,6 +119,7 @@ class FileHead:
         return replace(self, raw=self.first_bytes(member, HEAD_SIZE), packing="", member=member, archive=self)
 
     def _opened(self) -> zipfile.ZipFile:
+        # zipfile has to seek, so what is packed is unpacked into memory
         return zipfile.ZipFile(BytesIO(self._unpacked) if self.packing or self.archive is not None else self.path)
 
     @cached_property
@@ -175,6 +176,7 @@ def guarded(name: str) -> Iterator[None]:
             message = f"cannot be read ({error.strerror or error})"
             raise InputError.of(Location(name), message, "Check the file.") from None
     except Exception as error:
+        # by its name, as lzma is imported only for files that need it
         if not isinstance(error, EOFError | zlib.error | zipfile.BadZipFile) and type(error).__name__ != "LZMAError":
             raise
     raise InputError.of(Location(name), DAMAGED, COPY)
