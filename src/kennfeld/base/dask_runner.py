@@ -258,9 +258,11 @@ class DaskRunner:
                 futures[at] = self.client.submit(run_items, task, common[0], bundle, common[1], **more)
 
         try:
+            # enough for all workers to be busy while the results are taken in order
             hand_out(AHEAD * len(addresses))
             for at in range(len(bundles)):
                 outcome: _Outcome = self._wait(futures[at])
+                # Dask frees a result that nobody refers to
                 del futures[at]
                 hand_out(1)
                 self._count(kind, outcome)
@@ -275,6 +277,7 @@ class DaskRunner:
         load.tasks, load.seconds = load.tasks + count, load.seconds + outcome.seconds
         load.processor += outcome.processor
         mean = outcome.seconds / count
+        # an exponential mean, as the load of the workers changes
         self._seconds[kind] = MEMORY * self._seconds.get(kind, mean) + (1 - MEMORY) * mean
 
     def _wait(self, future: Any, meanwhile: Callable[[], None] = lambda: None) -> Any:

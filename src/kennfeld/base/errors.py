@@ -51,6 +51,7 @@ def visible(text: str) -> str:
 
 
 def _escape(character: str) -> str:
+    # two units for characters beyond 16 bits, as in JSON
     units = character.encode("utf-16-be")
     return "".join(f"\\u{units[k : k + 2].hex()}" for k in range(0, len(units), 2))
 

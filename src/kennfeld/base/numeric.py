@@ -21,7 +21,7 @@ _OTHER = {"M": "dates", "m": "time differences", "c": "complex numbers"}
 def number(
     value: object, name: str, owner: str, *, least: float = -np.inf, above: float = -np.inf, infinite: bool = False
 ) -> float:
-    """Return a number of any numeric type as a float.
+    """Convert a number of any numeric type to a float, and check its range.
 
     Args:
         value: a number, also one of numpy, or an array that holds a single one.
@@ -47,7 +47,7 @@ def number(
 
 
 def array(source: Any, label: str) -> Float:
-    """Return numbers of any numeric type as a float64 array.
+    """Convert numbers of any numeric type to a float64 array of the same shape.
 
     Missing elements become NaN: None, pandas' NA, and masked elements of a masked array.
 
@@ -94,7 +94,7 @@ def _mask(source: Any) -> Bool | None:
 
 
 def truths(source: Any, label: str) -> Bool:
-    """Return truth values, or numbers in their place, as an array of bool.
+    """Convert truth values, or numbers in their place, to an array of bool of the same shape.
 
     Args:
         source: a list, an array, or a column of a table; 0 is false, any other number true.

@@ -292,8 +292,10 @@ class Vector:
         scaled = self("fmul", x, self.all(1 / math.log(2)))
         shifted = f.new(f"fadd {self.kind} {scaled}, {self.all(ROUNDER)}")
         number = f.new(f"fsub {self.kind} {shifted}, {self.all(ROUNDER)}")
+        # Cody and Waite: n * the high part of ln(2) is exact, so that the rest keeps its digits
         rest = self("fsub", x, self("fmul", number, self.all(LN2_HIGH)))
         rest = self("fsub", rest, self("fmul", number, self.all(LN2_LOW)))
+        # the last bits of the shifted number are the integer, which is added to the exponent of 1.0
         bits = f.new(f"bitcast {self.kind} {shifted} to {whole}")
         high = f.new(f"shl {whole} {bits}, <{', '.join(['i64 52'] * self.lanes)}>")
         power = f.new(f"add {whole} {high}, <{', '.join([f'i64 {ONES}'] * self.lanes)}>")
