@@ -91,6 +91,7 @@ class Location:
 
     def __str__(self) -> str:
         line = f"line {self.line}" if self.line else ""
+        # a section such as [model] has brackets of its own
         path = f"({self.path})" if line and self.path and not self.path.startswith("[") else self.path
         place = " ".join(part for part in (self.file, line, path) if part)
         return f"{place}, column {self.column}" if self.column else place

@@ -39,6 +39,7 @@ def number(
     """
     result = _float(value)
     finite = result is not None and (np.isfinite(result) or infinite)
+    # -inf is not above -inf, though it is allowed without a bound
     if result is None or not (finite and result >= least and (result > above or above == -np.inf)):
         bound = f" >= {least:g}" if np.isfinite(least) else f" > {above:g}" if np.isfinite(above) else ""
         text = repr(value) if result is None else f"{result:g}"
@@ -75,6 +76,7 @@ def array(source: Any, label: str) -> Float:
         return plain if masked is None else np.where(masked, np.nan, plain)
     if values.dtype.kind in _OTHER:
         raise ArgumentError(f"{label} must be numbers, got {_OTHER[values.dtype.kind]}")
+    # from the source: beside a text, NumPy makes texts of the numbers, too
     objects = np.array(source, dtype=object)
     if masked is not None:
         objects[masked] = None

@@ -71,6 +71,7 @@ class CallRecord:
         self.functions = tuple(functions)
         head = json.dumps({"file": file, "process": os.getpid(), "functions": self.functions}).encode()
         content = head.ljust(_HEAD, b"\0") + bytes(SLOT_SIZE * slots)
+        # a longer head reaches into the slots, so that nobody could read such a record
         self._memory = _shared_memory(content) if len(head) <= _HEAD else None
         if self._memory is None:
             self._memory = mmap.mmap(-1, len(content))
@@ -86,6 +87,7 @@ class CallRecord:
 
     def number(self, function: str) -> int:
         """Return the number by which machine code names a function."""
+        # 0 means none
         return self.functions.index(function) + 1
 
     def begin(self, function: int, slot: int = 0) -> None:

@@ -200,6 +200,7 @@ class FunctionWriter:
         """Return the finished function, after the text before it."""
         head = ", ".join(f"{kind} %{name}" for kind, name in self.parameters)
         linkage = "internal " if self.internal else ""
+        # slots in the first block are allocated once, even those of a loop
         body = "\n".join(["stack:", *self.slots, "  br label %entry", "entry:", *self.lines])
         return f"{self.before}define {linkage}void @{self.name}({head}) {self.internal} {{\n{body}\n  ret void\n}}\n"
 
@@ -254,6 +255,7 @@ class Vector:
 
     def reduce(self, start: str, vector: str) -> str:
         """Return a double plus the sum of all lanes."""
+        # `reassoc`: the lanes may be added pairwise instead of one after the other
         return self.f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {self.kind} {vector})")
 
     def all(self, value: float) -> str:
