@@ -64,6 +64,7 @@ class FileHead:
     @cached_property
     def text(self) -> str:
         """The decoded text with LF line ends and without a byte order mark; empty for binary content."""
+        # what is cut off may end within a character
         return "" if self.is_binary else decode(self.raw, whole=len(self.raw) < HEAD_SIZE)
 
     @cached_property
