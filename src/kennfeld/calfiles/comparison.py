@@ -192,6 +192,7 @@ def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance)
             yield Difference(name, f"{letter} unit", mine.unit, its.unit)
     if first.unit != second.unit:
         yield Difference(name, "unit", first.unit, second.unit)
+    # the same numbers mean something else for another number of inputs
     same_values = first.kind == "rbf" and np.array_equal(first.values, second.values)
     if same_values and not np.array_equal(first.packed, second.packed):
         yield Difference(name, "content", "an expansion", "another expansion")

@@ -277,6 +277,7 @@ class _JsonReader:
             message = f"must be a list of rows of input, position and height, got {_describe_value(rows)}"
             self._wrong(f"{name}.hinges", message)
             return None
+        # the weights state how many centres there are; all other parts must match
         inputs, centres = len(labels), len(entry["weights"]) if isinstance(entry["weights"], list) else 0
         shapes: tuple[list[int], ...] = ([], [inputs], [centres], [centres, inputs], [centres, inputs], [len(rows), 3])
         parts = []

@@ -122,6 +122,7 @@ def _format_values(item: Item) -> str:
 def _variant(item: Item) -> str:
     criteria = []
     for criterion in item.variant.split(",") if item.variant else ():
+        # of `Engine=2`, Engine is the criterion; a text without = is the value of an unnamed one
         name, equals, value = criterion.partition("=")
         reference = f"<SW-VCD-CRITERION-REF>{_escape_line(name)}</SW-VCD-CRITERION-REF>" if equals else ""
         text = f"<VT>{_escape_line(value if equals else criterion)}</VT>"

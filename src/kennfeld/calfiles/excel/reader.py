@@ -158,6 +158,7 @@ class _SheetReader:
             return None
         attributes = row.labels() | {"unit": row.text("unit")}
         size = row.text("size").split("x")
+        # a block of one value states its size, `1 x 1`, and a scalar none
         if size == [""]:
             return Scalar(row.name, number, **attributes)
         if any(word.strip() != "1" for word in size) or len(size) > 4:

@@ -124,6 +124,7 @@ def lines_of(raw: bytes) -> Iterator[Line]:
     for number, line in enumerate(raw.splitlines(keepends=True), 1):
         text = line.strip(_FILLER)
         if text:
+            # the filler before the text does not contain its first character
             yield Line(number, text, at + line.find(text[:1]))
         at += len(line)
 
@@ -134,6 +135,7 @@ def decode_hex(digits: bytes) -> bytes | None:
         content = bytes.fromhex(digits.decode("ascii"))
     except ValueError:
         return None
+    # Python skips blanks between bytes
     return content if 2 * len(content) == len(digits) else None
 
 

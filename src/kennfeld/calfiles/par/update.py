@@ -83,6 +83,7 @@ class _ParUpdate:
         else:
             label = self.par.labels[item.name]
             (old, old_points), (new, new_points) = (in_stored_order(each, before.axes) for each in (before, item))
+            # in the file, x runs fastest
             self._replace(label, "", old.T.ravel(), new.T.ravel())
             for letter, *points in zip(AXES, old_points, new_points, strict=False):
                 self._replace(label, letter, *points)
@@ -170,6 +171,7 @@ class _ParUpdate:
             self.findings.error(0, label.name, message, "Limit it with bounds.")
         exact = float(rounded) if quantity is None else physical(quantity, float(rounded))
         error = 0.0 if exact is None else abs(exact - value)
+        # 1e-300, as an error has no relation to a value of 0
         if error > _TINY * max(abs(value), 1e-300):
             self.rounding[label.name] = max(self.rounding.get(label.name, 0.0), error)
         return str(rounded)
