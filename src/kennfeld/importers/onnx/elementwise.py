@@ -72,10 +72,11 @@ def div(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if "float" in (kind_of(a), kind_of(b)):
         return quotient
     # integers are divided as in C: the quotient is cut towards 0
-    return typed(_truncated(c, quotient), a, b)
+    return typed(truncated(c, quotient), a, b)
 
 
-def _truncated(c: Context, x: Tensor) -> Tensor:
+def truncated(c: Context, x: Tensor) -> Tensor:
+    """Return the integers of numbers, without what follows the point."""
     return (
         NodeTensor(truncate(c.builder, x.nodes), "int") if isinstance(x, NodeTensor) else np.trunc(x).astype(np.int64)
     )
@@ -86,7 +87,7 @@ def mod(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     a, b = _arguments(arguments)
     if op.get("fmod", 0):
         # a - b trunc(a / b), which has the sign of a; without `fmod`, the remainder has that of b
-        return c.apply("sub", a, c.apply("mul", b, _truncated(c, c.apply("div", a, b))))
+        return c.apply("sub", a, c.apply("mul", b, truncated(c, c.apply("div", a, b))))
     # `mod` of a graph returns a for b = 0
     return typed(c.where(c.truth("eq", b, 0.0), math.nan, c.apply("mod", a, b)), a, b)
 
@@ -178,7 +179,7 @@ def cast(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if target == "b":
         return c.truth("ne", x, 0.0)
     if target in "iu":
-        return _truncated(c, x) if kind_of(x) == "float" else typed(x, x)
+        return truncated(c, x) if kind_of(x) == "float" else typed(x, x)
     if target not in "fV":  # V: formats with fewer than 32 bits
         raise UnsupportedOperatorError("it casts to a type that is not a number")
     return NodeTensor(x.nodes) if isinstance(x, NodeTensor) else x.astype(np.float64)

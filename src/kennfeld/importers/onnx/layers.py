@@ -15,6 +15,7 @@ from kennfeld.importers.onnx.tensors import (
     Tensor,
     UnsupportedOperatorError,
     check_size,
+    kind_of,
     rearrange,
     shape_of,
 )
@@ -45,7 +46,9 @@ def matmul(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
         check_size([*a.shape[:-1], *b.shape])
         return np.asarray(np.matmul(a.astype(np.float64), b.astype(np.float64)))
     # a batch of constant matrices goes to `_product`, which writes a layer for each
-    if isinstance(a, NodeTensor) and not isinstance(b, NodeTensor) and b.ndim <= 2:
+    # a layer would compute in numbers with digits, and absorb the rounding that follows a product of integers
+    is_float = "float" in (kind_of(a), kind_of(b))
+    if isinstance(a, NodeTensor) and not isinstance(b, NodeTensor) and b.ndim <= 2 and is_float:
         matrix = b.astype(np.float64).reshape(b.shape[0], -1)
         shape = (*a.nodes.shape[:-1], *b.shape[1:])
         return _fuse(c, op, _Affine(a.nodes.reshape(-1, b.shape[0]), matrix, shape), np.zeros(matrix.shape[1]))
@@ -111,7 +114,8 @@ def gemm(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
     assert b is not None
     a, b = (_transposed(x) if op.get(key, 0) else x for x, key in ((a, "transA"), (b, "transB")))
     alpha, beta = op.get("alpha", 1.0), op.get("beta", 1.0)
-    if isinstance(a, NodeTensor) and not isinstance(b, NodeTensor) and not isinstance(bias, NodeTensor):
+    is_float = "float" in (kind_of(a), kind_of(b))
+    if isinstance(a, NodeTensor) and not isinstance(b, NodeTensor) and not isinstance(bias, NodeTensor) and is_float:
         offsets = np.zeros(b.shape[1]) if bias is None else beta * bias.astype(np.float64)
         affine = _Affine(a.nodes, alpha * b.astype(np.float64), (a.nodes.shape[0], b.shape[1]))
         # a bias of one row belongs to the layer; any other shape is added afterwards

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.importers.onnx.elementwise import truncated
 from kennfeld.importers.onnx.network import Operator
 from kennfeld.importers.onnx.registry import Arguments, Context, operator
 from kennfeld.importers.onnx.shapes import first, integers
-from kennfeld.importers.onnx.tensors import Tensor, UnsupportedOperatorError, rearrange, shape_of
+from kennfeld.importers.onnx.tensors import Tensor, UnsupportedOperatorError, kind_of, rearrange, shape_of
 
 _KINDS = ("Sum", "Mean", "Max", "Min", "Prod", "L1", "L2", "SumSquare", "LogSum", "LogSumExp")
 _FOLDS = {"Max": "max", "Min": "min", "Prod": "mul"}
@@ -31,7 +32,8 @@ def reduce_along(c: Context, kind: str, x: Tensor, axes: Sequence[int]) -> Tenso
     match kind:
         case "Mean":
             count = float(np.prod([shape_of(x)[axis] for axis in axes]))
-            return apply("div", apply.reduce("add", x, axes), count)
+            mean = apply("div", apply.reduce("add", x, axes), count)
+            return mean if kind_of(x) == "float" else truncated(c, mean)
         case "Max" | "Min" | "Prod":
             return apply.reduce(_FOLDS[kind], x, axes)
         case "L1":

@@ -9,6 +9,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.domain.parameters import Block
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
+from kennfeld.importers.onnx.element_types import with_declared_kinds
 from kennfeld.importers.onnx.network import Network, Operator
 from kennfeld.importers.onnx.tensors import Arithmetic, NodeTensor, Tensor, UnsupportedOperatorError, nodes_of
 from kennfeld.models.imperative.node_arrays import Nodes
@@ -66,7 +67,7 @@ class Context:
             results = [outputs] if isinstance(outputs, NodeTensor | np.ndarray | np.generic) else outputs
             tensors = [result if isinstance(result, NodeTensor) else np.asarray(result) for result in results]
             # an operator may leave out its last outputs
-            self.tensors.update(zip(op.outputs, tensors, strict=False))
+            self.tensors.update(zip(op.outputs, with_declared_kinds(op, tensors, arguments), strict=False))
 
     def run(self, body: Network, arguments: Sequence[Tensor]) -> list[Tensor]:
         """Compute the outputs of a graph within an operator."""
