@@ -4,21 +4,9 @@ A file has a package, imports and declarations: classes, data interfaces, types,
 """
 
 from dataclasses import field
-from typing import NamedTuple
 
 from kennfeld.base.lazy_dataclass import dataclass
-
-
-class TextPosition(NamedTuple):
-    """Position in a text: line and column from 1, and the offset of the character from 0.
-
-    `file` is empty if the text is that of the declaration around it.
-    """
-
-    line: int = 1
-    column: int = 1
-    offset: int = 0
-    file: str = ""
+from kennfeld.program.positions import TextPosition as TextPosition
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,11 @@ Precedence, from the lowest: `||`, `&&`, `|`, `&`, comparisons, `:`, `+ -`, `* /
 transposes; all of them associate to the left.
 """
 
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.lexer import Lines, MatlabToken, TokenKind
-from kennfeld.matlab.traversal import children
+from kennfeld.matlab.lexer import MatlabToken, TokenKind
+from kennfeld.program import tree as m
+from kennfeld.program.positions import TextLines
+from kennfeld.program.traversal import children
 
 MAX_HEIGHT = 150  # levels of a tree
 _MAX_BRACKETS = 30  # nested
@@ -27,7 +28,7 @@ class ExpressionParser:
     """Parses expressions from tokens, beginning at `at`; raises `MatlabError` at the first unexpected one."""
 
     def __init__(self, text: str, tokens: list[MatlabToken], name: str) -> None:
-        self.lines = Lines(text)
+        self.lines = TextLines(text)
         self.tokens = tokens
         self.name = name
         self.at = 0
@@ -40,8 +41,8 @@ class ExpressionParser:
     def token(self) -> MatlabToken:
         return self.tokens[self.at]
 
-    def place(self, token: MatlabToken | None = None) -> m.SourcePosition:
-        return self.lines.place((token or self.token).at)
+    def place(self, token: MatlabToken | None = None) -> m.TextPosition:
+        return self.lines.position((token or self.token).at)
 
     def fail(self, message: str, remedy: str = "", token: MatlabToken | None = None) -> MatlabError:
         """Return the error at a token, by default the next one."""
@@ -223,7 +224,7 @@ class ExpressionParser:
             return self._function()
         raise self.fail(f"a value is missing before {self.describe_token()}")
 
-    def _number(self, token: MatlabToken, place: m.SourcePosition) -> m.Expression:
+    def _number(self, token: MatlabToken, place: m.TextPosition) -> m.Expression:
         text = token.text
         if text[:2] in _BASES:
             base = 16 if text[1] in "xX" else 2

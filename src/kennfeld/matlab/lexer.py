@@ -5,11 +5,8 @@ as in Octave; it is not used otherwise.
 """
 
 import re
-from bisect import bisect_right
 from collections.abc import Iterator
 from typing import NamedTuple
-
-from kennfeld.matlab.syntax import SourcePosition
 
 KEYWORDS = frozenset(
     {"if", "elseif", "else", "end", "for", "parfor", "while", "switch", "case", "otherwise", "try", "catch"}
@@ -54,25 +51,6 @@ class MatlabToken(NamedTuple):
     end: int
     blank: bool = False
     words: tuple[str, ...] = ()
-
-
-class Lines:
-    """Converts offsets in a text to lines and columns."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.begins = [0, *(match.end() for match in re.finditer("\n", text))]
-
-    def place(self, at: int) -> SourcePosition:
-        """Return line and column, from 1."""
-        line = bisect_right(self.begins, at)
-        return SourcePosition(line, at - self.begins[line - 1] + 1)
-
-    def line(self, at: int) -> str:
-        """Return the line around an offset."""
-        begin = self.begins[bisect_right(self.begins, at) - 1]
-        end = self.text.find("\n", begin)
-        return self.text[begin : len(self.text) if end < 0 else end]
 
 
 def tokenize(text: str, commands: bool = True) -> list[MatlabToken]:

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from kennfeld.base.errors import Finding
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.expression_parser import ExpressionParser
 from kennfeld.matlab.lexer import MatlabToken, TokenKind, tokenize
-from kennfeld.matlab.traversal import assigned_name
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import assigned_name
 
 _JUMPS = frozenset({"break", "continue", "return"})
 _TARGETS = (m.Name, m.Field, m.DynamicField, m.Call, m.CellIndex)
@@ -147,9 +147,9 @@ class _ScriptParser(ExpressionParser):
         if self.token.kind not in (TokenKind.STOP, TokenKind.OVER):
             raise self.fail(f"unexpected {self.describe_token()} after the statement")
 
-    def _keyword(self, place: m.SourcePosition) -> m.Statement:
+    def _keyword(self, place: m.TextPosition) -> m.Statement:
         word = self.token.text
-        blocks: dict[str, Callable[[m.SourcePosition], m.Statement]] = {
+        blocks: dict[str, Callable[[m.TextPosition], m.Statement]] = {
             "if": self._if, "while": self._while, "for": self._for, "parfor": self._for, "switch": self._switch,
             "try": self._try,
         }  # fmt: skip
@@ -173,7 +173,7 @@ class _ScriptParser(ExpressionParser):
             message, f"Move it behind the end of {outer} and pass the variables it uses as arguments.", inner
         )
 
-    def _block(self, read: Callable[[m.SourcePosition], m.Statement], place: m.SourcePosition) -> m.Statement:
+    def _block(self, read: Callable[[m.TextPosition], m.Statement], place: m.TextPosition) -> m.Statement:
         opening = self.take()
         self.blocks += 1
         if self.blocks > _MAX_DEPTH:
@@ -205,17 +205,17 @@ class _ScriptParser(ExpressionParser):
             return True
         return False
 
-    def _if(self, place: m.SourcePosition) -> m.If:
+    def _if(self, place: m.TextPosition) -> m.If:
         ends = frozenset({"elseif", "else", "end"})
         branches = [self._branch(ends)]
         while self._is_keyword("elseif"):
             branches.append(self._branch(ends))
         return m.If(tuple(branches), self.body(_END) if self._is_keyword("else") else (), place=place)
 
-    def _while(self, place: m.SourcePosition) -> m.While:
+    def _while(self, place: m.TextPosition) -> m.While:
         return m.While(self._head(), self.body(_END), place=place)
 
-    def _for(self, place: m.SourcePosition) -> m.For:
+    def _for(self, place: m.TextPosition) -> m.For:
         enclosed = self.is_operator("(")
         self.at += enclosed
         target = self._indexed()
@@ -229,7 +229,7 @@ class _ScriptParser(ExpressionParser):
             self.expect(")")
         return m.For(target, values, self.body(_END), place=place)
 
-    def _switch(self, place: m.SourcePosition) -> m.Switch:
+    def _switch(self, place: m.TextPosition) -> m.Switch:
         subject, cases = self._head(), []
         ends = frozenset({"case", "otherwise", "end"})
         self.pass_stops()
@@ -237,7 +237,7 @@ class _ScriptParser(ExpressionParser):
             cases.append(self._branch(ends))
         return m.Switch(subject, tuple(cases), self.body(_END) if self._is_keyword("otherwise") else (), place=place)
 
-    def _try(self, place: m.SourcePosition) -> m.Try:
+    def _try(self, place: m.TextPosition) -> m.Try:
         body = self.body(frozenset({"catch", "end"}))
         if not self._is_keyword("catch"):
             return m.Try(body, place=place)
@@ -246,14 +246,14 @@ class _ScriptParser(ExpressionParser):
             name = self.take().text
         return m.Try(body, name, self.body(_END), place=place)
 
-    def _declaration(self, place: m.SourcePosition) -> m.Declaration:
+    def _declaration(self, place: m.TextPosition) -> m.Declaration:
         kind, names = self.take().text, []
         while self.token.kind == TokenKind.NAME:
             names.append(self.take().text)
         self._expect_end()
         return m.Declaration(kind, tuple(names), place=place)
 
-    def _simple(self, place: m.SourcePosition) -> m.Statement:
+    def _simple(self, place: m.TextPosition) -> m.Statement:
         """Parse an assignment or an expression statement."""
         targets = self._targets() if self.is_operator("[") and self._is_several() else None
         if targets is None:

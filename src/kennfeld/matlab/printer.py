@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _PLAIN = (m.Name, m.Text, m.Colon, m.End, m.Field, m.DynamicField, m.Call, m.CellIndex, m.Matrix, m.CellArray)
 

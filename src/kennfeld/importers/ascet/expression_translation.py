@@ -28,16 +28,11 @@ from kennfeld.importers.ascet.resolved_types import (
 )
 from kennfeld.importers.ascet.type_resolution import dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor", "<<": "shift", ">>": "shift"}
 Result = TypeVar("Result")
-
-
-def position(place: e.TextPosition) -> m.SourcePosition:
-    """Return a position for the shared syntax tree."""
-    return m.SourcePosition(place.line, place.column)
 
 
 def call_of(name: str, *arguments: m.Expression) -> m.Call:
@@ -237,7 +232,7 @@ class ExpressionTranslation:
             right = self.lazily(lambda: self.operand(tree.right))
             return Operand(m.Binary(operator, left.tree, right.tree), BOOLEAN)
         right = self.operand(tree.right)
-        place = position(tree.place)
+        place = tree.place
         if operator in _COMPARISONS:
             return Operand(m.Binary(_COMPARISONS[operator], left.tree, right.tree, place=place), BOOLEAN)
         if operator in _BITS:

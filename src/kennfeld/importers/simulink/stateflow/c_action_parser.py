@@ -1,4 +1,4 @@
-"""The parser of the C action language of charts; it produces the syntax tree of `kennfeld.matlab.syntax`.
+"""The parser of the C action language of charts; it produces the syntax tree of `kennfeld.program.tree`.
 
 Array indices count from 0 in C and from 1 in the tree. `&`, `|`, `^` and `~` mean and, or, power and not, unless the
 chart enables bitwise operations, which are not supported.
@@ -7,7 +7,7 @@ chart enables bitwise operations, which are not supported.
 import re
 from typing import NamedTuple
 
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _MAX_DEPTH = 60  # nested brackets
 _WORD = re.compile(

@@ -1,24 +1,18 @@
-"""The syntax tree of the MATLAB language, made of frozen nodes; positions in the text are not compared.
+"""The syntax tree of imperative code, made of frozen nodes; positions in the text are not compared.
 
-`f(x)` is a `Call` whether f is a function or an array: that depends on the variables in scope.
+MATLAB is parsed to it, and ESDL, C, Python and the actions of charts are translated to it, so that one interpreter
+evaluates them all. `f(x)` is a `Call` whether f is a function or an array: that depends on the variables in scope.
 """
 
 from dataclasses import field
-from typing import NamedTuple
 
 from kennfeld.base.lazy_dataclass import dataclass
-
-
-class SourcePosition(NamedTuple):
-    """Line and column of a position in a text, both counted from 1."""
-
-    line: int = 1
-    column: int = 1
+from kennfeld.program.positions import TextPosition as TextPosition
 
 
 @dataclass(frozen=True)
 class _Node:
-    place: SourcePosition = field(default=SourcePosition(), compare=False, repr=False, kw_only=True)
+    place: TextPosition = field(default=TextPosition(), compare=False, repr=False, kw_only=True)
 
 
 @dataclass(frozen=True)
