@@ -39,7 +39,7 @@ class TokenKind:
     """The kinds of tokens."""
 
     NUMBER, NAME, KEYWORD, OPERATOR, TEXT, STRING = "number", "name", "keyword", "operator", "text", "string"
-    ROW, STOP, COMMAND, COMMENT, BAD, OVER = "row", "stop", "command", "comment", "bad", "over"
+    ROW, STOP, COMMAND, COMMENT, BAD, END = "row", "stop", "command", "comment", "bad", "end"
 
 
 class MatlabToken(NamedTuple):
@@ -54,7 +54,7 @@ class MatlabToken(NamedTuple):
 
 
 def tokenize(text: str, commands: bool = True) -> list[MatlabToken]:
-    """Return the tokens of a text, ending with OVER; an invalid one has kind BAD and the reason as its text.
+    """Return the tokens of a text, ending with END; an invalid one has kind BAD and the reason as its text.
 
     If `commands`, a statement of the form `name word word` is one token.
     """
@@ -97,7 +97,7 @@ class _Lexer:
         for bracket, at, _ in self.open[:1]:
             yield MatlabToken(TokenKind.BAD, f"{bracket} is never closed", at, at + 1)
         yield MatlabToken(TokenKind.STOP, "\n", self.at, self.at)
-        yield MatlabToken(TokenKind.OVER, "", self.at, self.at)
+        yield MatlabToken(TokenKind.END, "", self.at, self.at)
 
     def _skip(self) -> str | None:
         """Skip blanks, a comment or a continued line; return None if there are none, or the comment."""
