@@ -114,7 +114,7 @@ class EsdlExpressionParser(EsdlReader, OperatorParser[Token, e.Expression]):
         for _ in range(_MAX_TERMS):
             place = self.token.place
             if self.accept("."):
-                tree = e.Member(tree, self.name(), place=place)
+                tree = e.Field(tree, self.name(), place=place)
             elif self.accept("["):
                 for index in self.series(self.expression):
                     tree = e.Index(tree, index, place=place)

@@ -55,6 +55,7 @@ def format_expression(node: m.Expression) -> str:
             return f"@{node.name}"
         case m.Conditional():
             return f"{_part(node.condition)} ? {_part(node.yes)} : {_part(node.no)}"
+    raise TypeError(f"{type(node).__name__} has no text in MATLAB")
 
 
 def _number(node: m.Number) -> str:

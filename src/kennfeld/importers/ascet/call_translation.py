@@ -42,7 +42,7 @@ class CallTranslation(ExpressionTranslation):
         """Translate a call; None for a method without a result, whose call is then pending."""
         if isinstance(tree.of, e.Name):
             return self._call_by_name(tree, tree.of.name)
-        if not isinstance(tree.of, e.Member):
+        if not isinstance(tree.of, e.Field):
             raise UnsupportedEsdlError("this call is not supported", place=tree.place)
         of, name = self.named(tree.of.of), tree.of.name
         if isinstance(of, ClassInstance):

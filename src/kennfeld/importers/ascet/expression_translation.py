@@ -99,7 +99,7 @@ class ExpressionTranslation:
                 return Operand(m.Number(float(value)), BOOLEAN)
             case e.Braces():
                 return tree
-            case e.Name() | e.Member() | e.Index():
+            case e.Name() | e.Field() | e.Index():
                 return self._named_value(tree)
             case e.Call():
                 return self._call(tree)
@@ -122,7 +122,7 @@ class ExpressionTranslation:
                 raise unsupported_error(tree)
             case e.Name():
                 return self.names.name(tree)
-            case e.Member(of, _):
+            case e.Field(of, _):
                 around = self.named(of)
                 return self.names.member(around, tree)
             case e.Index(of, index):

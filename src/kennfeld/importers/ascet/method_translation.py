@@ -172,7 +172,7 @@ class MethodTranslation(CallTranslation):
                 raise UnsupportedEsdlError("the range of a loop is open", place=values.place)
             first, last = self.operand(values.first), self.operand(values.last)
             return first.tree, last.tree, INTEGER
-        if isinstance(values, e.Call) and isinstance(values.of, e.Member) and values.of.name == "indexRange":
+        if isinstance(values, e.Call) and isinstance(values.of, e.Field) and values.of.name == "indexRange":
             of = self.named(values.of.of)
             if not isinstance(of, Place) or not isinstance(of.type, ArrayType):
                 raise UnsupportedEsdlError("indexRange of something that is not an array", place=values.place)
