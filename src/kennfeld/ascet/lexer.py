@@ -8,6 +8,7 @@ import re
 from typing import Final, NamedTuple
 
 from kennfeld.program.positions import TextLines, TextPosition
+from kennfeld.program.tokens import scan_tokens
 
 MAX_CHARACTERS: Final = 4_000_000  # of a file
 
@@ -53,14 +54,12 @@ def tokens_of(text: str) -> list[Token]:
     lines = TextLines(text)
     result: list[Token] = []
     description = ""
-    for match in _TOKEN.finditer(text):
-        kind = str(match.lastgroup)
-        if kind == "comment" and match[0].startswith("/**") and len(match[0]) > len("/***/"):
-            description = _plain_text(match[0])
-        if kind in ("blank", "comment"):
-            continue
-        result.append(Token(kind, match[0], lines.position(match.start()), description))
-        description = ""
+    for kind, written, offset in scan_tokens(_TOKEN, text):
+        if kind != "comment":
+            result.append(Token(kind, written, lines.position(offset), description))
+            description = ""
+        elif written.startswith("/**") and len(written) > len("/***/"):
+            description = _plain_text(written)
     result.append(Token("end", "", lines.position(len(text))))
     return result
 

@@ -1,1 +1,1 @@
-"""Holds what textual programming languages share, whichever they are: positions in a text, and the syntax tree."""
+"""Holds what textual languages share: positions, tokens, a parser of operators, and the tree of imperative code."""
