@@ -5,7 +5,6 @@ backslash, comments as in C, other files by `/include`. The content of IF_DATA a
 """
 
 import re
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
@@ -17,6 +16,7 @@ from kennfeld.base.formatting import one_line
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
+from kennfeld.program.positions import TextLines
 
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
 # the main file; None if there is no such file.
@@ -39,7 +39,6 @@ _MAX_NESTING = 64  # blocks within each other
 _MAX_INCLUDES = 200
 _MAX_INCLUDED_BYTES = 400_000_000  # of all included files together
 _MAX_FAULTS = 20
-_NEWLINE = re.compile("\n")
 _DAMAGED = "The file is damaged or truncated."
 _MAX_SHOWN = 40
 
@@ -51,11 +50,11 @@ class _File:
     path: Path | None = None  # of an included file
 
     @cached_property
-    def _newlines(self) -> list[int]:
-        return [match.start() for match in _NEWLINE.finditer(self.text)]
+    def _lines(self) -> TextLines:
+        return TextLines(self.text)
 
     def line(self, offset: int) -> int:
-        return bisect_right(self._newlines, offset) + 1
+        return self._lines.number(offset)
 
 
 @dataclass(slots=True, eq=False)

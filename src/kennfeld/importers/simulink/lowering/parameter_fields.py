@@ -17,11 +17,11 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     Variable,
     nested_field,
 )
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import field_path
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import field_path
 
 _MAX_NUMBERS = 10_000
 

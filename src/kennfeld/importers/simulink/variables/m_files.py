@@ -23,7 +23,6 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     VariableTable,
     equal_values,
 )
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.enumerations import enumeration_of, is_class
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
@@ -31,10 +30,11 @@ from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
-from kennfeld.matlab.traversal import names_read
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, text
 from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import names_read
 
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _MAX_FILE_BYTES = 2_000_000  # bytes
@@ -118,7 +118,7 @@ def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -
 def _get_param(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
     value = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
     if value is None:
-        raise MatlabError.at("mask", m.SourcePosition(), f"get_param({text(key)[:40]}) requires Simulink")
+        raise MatlabError.at("mask", m.TextPosition(), f"get_param({text(key)[:40]}) requires Simulink")
     return value
 
 

@@ -11,12 +11,12 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, StoredSolver, split_arguments
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
-from kennfeld.matlab.traversal import names_assigned, names_read
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import names_assigned, names_read
 
 ParameterValue: TypeAlias = Union[Numbers, str, "Mapping[str, ParameterValue]", "tuple[ParameterValue, ...]"]
 
