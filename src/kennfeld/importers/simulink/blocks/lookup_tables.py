@@ -144,7 +144,7 @@ def _matrix(points: Numbers) -> Numbers:
     return np.asarray(np.linalg.solve(left, right), dtype=np.float64)
 
 
-class Method(NamedTuple):
+class LookupMethod(NamedTuple):
     """Interpolation (linear, nearest, flat, above, spline) and extrapolation (clip, linear; cubic for a spline)."""
 
     between: str
@@ -189,7 +189,7 @@ def _object(block: BlockContext) -> SignalOrBus:
     return _look_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
 
 
-def method_of(block: BlockContext) -> Method:
+def method_of(block: BlockContext) -> LookupMethod:
     """Return the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
     between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
     kind = _METHODS.get(between)
@@ -197,12 +197,12 @@ def method_of(block: BlockContext) -> Method:
         remedy = "Supported: linear, nearest, flat and cubic spline."
         raise UnsupportedError(f"InterpMethod {between!r} is not supported", remedy)
     if kind in ("nearest", "flat"):
-        return Method(kind, "clip")
+        return LookupMethod(kind, "clip")
     known = _EXTRAPOLATIONS | (dict.fromkeys(_SPLINE, "cubic") if kind == "spline" else {})
     if beyond not in known:
         names = "clip, linear and cubic" if kind == "spline" else "clip and linear"
         raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", f"Supported: {names}.")
-    return Method(kind, known[beyond])
+    return LookupMethod(kind, known[beyond])
 
 
 def _coordinates(block: BlockContext, count: int) -> list[Signal]:
@@ -241,14 +241,14 @@ def _axis(points: Numbers, description: str, **attributes: Any) -> Axis:
 
 
 def lookup_field(
-    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method
+    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: LookupMethod
 ) -> Signal:
     """Look up the table of a field at coordinates, element by element."""
     return _look_up(block, parameter_field(block, table), axes, coordinates, method)
 
 
 def constant_curve(
-    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: Method
+    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: LookupMethod
 ) -> Signal:
     """Look up a curve whose values are constants, named after the field they come from."""
     variable = Variable(values, source="a literal of the block")
@@ -257,7 +257,7 @@ def constant_curve(
 
 
 def _look_up(
-    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
+    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: LookupMethod
 ) -> Signal:
     values = _reshape_values(field.values, tuple(len(axis) for axis in axes), field.name)
     if any(len(axis) < 2 for axis in axes):
@@ -334,11 +334,11 @@ def lookup_2d(block: BlockContext) -> SignalOrBus:
     return lookup_field(block, table, _axes(block, table, [rows, columns]), block.inputs[:2], _old_method(block))
 
 
-def _old_method(block: BlockContext) -> Method:
+def _old_method(block: BlockContext) -> LookupMethod:
     written = block.field_text("LookUpMeth")
     if written not in _METHODS or _METHODS[written] == "spline":
         raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
-    return Method(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
+    return LookupMethod(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
 
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
@@ -356,7 +356,7 @@ def direct_lookup(block: BlockContext) -> SignalOrBus:
     if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
         raise UnsupportedError(f"its inputs do not select an {wanted.lower()} of a table of {count} dimensions")
     axes = index_axes(block, "Table", shape)
-    return lookup_field(block, "Table", axes, places, Method("linear", "clip"))
+    return lookup_field(block, "Table", axes, places, LookupMethod("linear", "clip"))
 
 
 @block("Lookup Table Dynamic", LookUpMeth="Interpolation-Extrapolation")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.importers.simulink.blocks.lookup_tables import Method, constant_curve
+from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, constant_curve
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block
@@ -248,7 +248,7 @@ def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, b
     for number, (first, end) in enumerate(pairwise(ends), 1):
         name = label if len(ends) == 2 else f"{label}, part {number}"
         part = _RecordedSeries(times[first:end], points.values[first:end])
-        method = Method("linear", beyond if end == len(times) else "clip")
+        method = LookupMethod("linear", beyond if end == len(times) else "clip")
         piece = block.constant(float(part.values[0]))
         if len(part.times) > 1:
             piece = constant_curve(block, name, x, part.times, part.values, method)
