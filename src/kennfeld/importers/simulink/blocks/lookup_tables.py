@@ -17,7 +17,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import size_text
 from kennfeld.domain.parameters import Axis, Parameter
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     ParameterField,
     calibrated_table,
@@ -151,7 +151,8 @@ class LookupMethod(NamedTuple):
     beyond: str
 
 
-@block("Lookup_n-D", NumberOfTableDimensions="2", Table="[4 5 6;16 19 20;10 18 23]", InterpMethod="Linear point-slope",
+@block("Lookup_n-D", output=ARITHMETIC,
+       NumberOfTableDimensions="2", Table="[4 5 6;16 19 20;10 18 23]", InterpMethod="Linear point-slope",
        ExtrapMethod="Linear", BreakpointsForDimension1="[10,22,31]", BreakpointsForDimension2="[10,22,31]",
        BreakpointsSpecification="Explicit values", DataSpecification="Table and breakpoints", TableSource="Dialog",
        BreakpointsForDimension3="[1:3]", UseOneInputPortForAllInputData="off", SampleTime="-1")  # fmt: skip
@@ -317,7 +318,8 @@ def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
     return staircase(x, block.constant(first), zip(limits, points, strict=True))
 
 
-@block("Lookup", InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
+@block("Lookup", output=ARITHMETIC,
+       InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
 def lookup(block: BlockContext) -> SignalOrBus:
     """Look up a curve (block before R2011a)."""
