@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, Int, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
-from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.native.selected_inverse import SparseFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, whole
 
@@ -151,7 +151,7 @@ def nullity(matrix: Matrix) -> int:
     if not isinstance(units, np.ndarray):
         from scipy.sparse import csr_array, eye_array
 
-        return BlockFactor(csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))).negative
+        return SparseFactor(csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))).dependent
     try:
         np.linalg.cholesky(units - RANK_TOLERANCE * np.eye(len(units)))
     except np.linalg.LinAlgError:
@@ -204,7 +204,7 @@ class Spectrum:
         scale = np.sqrt(matrix.diagonal())
         none = np.zeros((scale.size, 0))
         inverse = SparseInverse(matrix, pattern, scale, none, np.zeros(0, dtype=np.int64))
-        if inverse.factor.negative == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
+        if inverse.factor.dependent == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
             weakness, weak = _weakest(inverse.factor.solve, scale.size)
             return cls(scale, inverse, none, weak, weakness)
         lowest = _lowest(rescale(matrix, 1 / scale))
@@ -213,7 +213,7 @@ class Spectrum:
         values, vectors, null = lowest
         loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
         inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
-        if inverse.factor.negative:
+        if inverse.factor.dependent:
             return None
         return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
 
@@ -308,10 +308,10 @@ def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
     from scipy.sparse import csr_array, eye_array
 
     size = matrix.shape[0]
-    shifted = BlockFactor(csr_array(matrix + SHIFT * eye_array(size)))
+    shifted = SparseFactor(csr_array(matrix + SHIFT * eye_array(size)))
     largest = float(abs(matrix).sum(axis=1).max())  # no eigenvalue is above it
     count = 2 * WEAKEST
-    while shifted.negative == 0 and count <= size // MANY:
+    while shifted.dependent == 0 and count <= size // MANY:
         basis = _iterate_subspace(shifted.solve, size, count)
         values, turned = np.linalg.eigh(basis.T @ (matrix @ basis))
         null = int(np.sum(values <= NOTHING * largest))
