@@ -20,23 +20,23 @@ _PROSE = frozenset({"LONG-NAME", "UNIT-DISPLAY-NAME"})  # their text may hold ma
 
 
 @dataclass(slots=True)
-class XmlElement:
+class TreeElement:
     """One element: its tag without namespace, its text and its children."""
 
     tag: str
     line: int
     text: str = ""
-    children: Sequence["XmlElement"] = ()
+    children: Sequence["TreeElement"] = ()
 
-    def all(self, tag: str) -> Iterator["XmlElement"]:
+    def all(self, tag: str) -> Iterator["TreeElement"]:
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> "XmlElement | None":
+    def first(self, tag: str) -> "TreeElement | None":
         return next(self.all(tag), None)
 
-    def walk(self, closed: Sequence[str] = ()) -> Iterator["XmlElement"]:
+    def walk(self, closed: Sequence[str] = ()) -> Iterator["TreeElement"]:
         """Yield the element and all within it, but nothing within elements of the tags `closed`."""
-        waiting: list[XmlElement] = [self]
+        waiting: list[TreeElement] = [self]
         while waiting:
             element = waiting.pop()
             yield element
@@ -54,12 +54,12 @@ class XmlElement:
         return " ".join(text.split()) if "\n" in text else text
 
 
-def parse_xml(raw: bytes, findings: FileFindings, joined: str = "") -> XmlElement | None:
+def parse_xml(raw: bytes, findings: FileFindings, joined: str = "") -> TreeElement | None:
     """Return the root of an XML document; None, with an error, if it is malformed or declares entities.
 
     External documents are never loaded: a document type is accepted, an entity (which could name a file of this
     machine, or grow without end) is refused where it is declared. Elements called `joined`, of which there may be
-    millions, are read as one where they follow each other; `XmlElement.words` gives the text of each.
+    millions, are read as one where they follow each other; `TreeElement.words` gives the text of each.
     """
     result, separator = _join_elements(raw, joined.encode("ascii")) if joined else (raw, "")
     builder = _TreeBuilder(findings, joined, separator)
@@ -104,8 +104,8 @@ class _TreeBuilder:
         self.findings = findings
         self.joined = joined if separator else ""
         self.separator = separator
-        self.root: XmlElement | None = None
-        self.open: list[XmlElement] = []
+        self.root: TreeElement | None = None
+        self.open: list[TreeElement] = []
         self.pieces: list[list[str]] = []  # the text of each open element
         self.parser = expat.ParserCreate()
         self.parser.buffer_text = True
@@ -119,7 +119,7 @@ class _TreeBuilder:
     def _start(self, name: str, _: dict[str, str]) -> None:
         if ":" in name:
             name = name.rpartition(":")[2]
-        element = XmlElement(name, self.parser.CurrentLineNumber)
+        element = TreeElement(name, self.parser.CurrentLineNumber)
         if not self.open:
             self.root = element
         elif isinstance(siblings := self.open[-1].children, list):

@@ -161,7 +161,7 @@ def _suspects(x: Float, y: Float, among: Bool) -> Bool:
 
 @dataclass(frozen=True, eq=False)
 class _TrainingSetup:
-    """What a process is trained on, and how; in physical units.
+    """The data and the settings of a training, in physical units.
 
     Attributes:
         x: Float[rows, inputs].

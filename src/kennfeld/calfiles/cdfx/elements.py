@@ -12,7 +12,7 @@ from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.calfiles.xml_tree import SEPARATOR, XmlElement
+from kennfeld.calfiles.xml_tree import SEPARATOR, TreeElement
 from kennfeld.domain.parameters import LABELS
 
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
@@ -28,8 +28,8 @@ class Instance:
     category: str
     description: str
     line: int
-    value: XmlElement | None  # SW-VALUE-CONT
-    axes: tuple[XmlElement, ...]  # SW-AXIS-CONT
+    value: TreeElement | None  # SW-VALUE-CONT
+    axes: tuple[TreeElement, ...]  # SW-AXIS-CONT
     functions: tuple[str, ...] = ()
     display_name: str = ""
     variant: str = ""
@@ -45,7 +45,7 @@ class Instance:
         return self.value.line_of("UNIT-DISPLAY-NAME") if self.value else ""
 
 
-def instances(root: XmlElement, findings: FileFindings) -> list[Instance]:
+def instances(root: TreeElement, findings: FileFindings) -> list[Instance]:
     """Return all labels with values, once per variant, in file order; report what is skipped."""
     results: list[Instance] = []
     for tree in _trees(root):
@@ -58,7 +58,7 @@ def instances(root: XmlElement, findings: FileFindings) -> list[Instance]:
     return results
 
 
-def _trees(element: XmlElement) -> Iterator[XmlElement]:
+def _trees(element: TreeElement) -> Iterator[TreeElement]:
     """Return the SW-INSTANCE-TREEs, however many systems and specifications are around them."""
     for child in element.children:
         if child.tag == "SW-INSTANCE-TREE":
@@ -67,7 +67,7 @@ def _trees(element: XmlElement) -> Iterator[XmlElement]:
             yield from _trees(child)
 
 
-def _flatten(element: XmlElement, outer: str, findings: FileFindings) -> Iterator[Instance]:
+def _flatten(element: TreeElement, outer: str, findings: FileFindings) -> Iterator[Instance]:
     """Return an instance and those within it; INCA may write the label a.b.c as c in b in a."""
     name = element.line_of("SHORT-NAME").strip()
     if outer:
@@ -94,11 +94,11 @@ def _flatten(element: XmlElement, outer: str, findings: FileFindings) -> Iterato
 
 
 def _holders(
-    element: XmlElement, has_inner: bool, name: str, findings: FileFindings
-) -> Iterator[tuple[str, XmlElement]]:
+    element: TreeElement, has_inner: bool, name: str, findings: FileFindings
+) -> Iterator[tuple[str, TreeElement]]:
     """Yield the elements that contain values, each with its variant: the instance itself, or one per variant."""
     variants = element.first(_VARIANTS)
-    results: dict[str, XmlElement] = {}
+    results: dict[str, TreeElement] = {}
     for holder in variants.all(_VARIANT) if variants else ():
         # Engine=2,Gear=1; a reference without a value stands alone
         parts = [child for child in holder.children if child.tag not in _VALUE_TAGS]
@@ -112,7 +112,7 @@ def _holders(
     yield from results.items()
 
 
-def _criteria(element: XmlElement) -> Iterator[str]:
+def _criteria(element: TreeElement) -> Iterator[str]:
     references = [child for child in element.children if child.tag.endswith("-REF")]
     values = [child.text.strip() for child in element.children if child.tag in ("VT", "V", "VF", "VH")]
     if len(references) == 1 and len(values) == 1:
@@ -139,7 +139,7 @@ class Values:
         return np.array(self.numbers, dtype=np.float64).reshape(sizes[::-1]).T
 
 
-def values_of(holder: XmlElement | None, name: str, findings: FileFindings) -> Values | None:
+def values_of(holder: TreeElement | None, name: str, findings: FileFindings) -> Values | None:
     """Return the values within a SW-VALUE-CONT or SW-AXIS-CONT.
 
     None if there are none, and with an error for each invalid number.
@@ -152,7 +152,7 @@ def values_of(holder: XmlElement | None, name: str, findings: FileFindings) -> V
     return None if shape is None or walker.has_errors else Values(walker.numbers, walker.texts, shape)
 
 
-def array_size(holder: XmlElement) -> tuple[int, ...]:
+def array_size(holder: TreeElement) -> tuple[int, ...]:
     """Return the SW-ARRAYSIZE, x first; empty if it states nothing usable."""
     sizes = holder.first("SW-ARRAYSIZE")
     words = [word.strip() for word in sizes.words("V")] if sizes else []
@@ -171,7 +171,7 @@ class _ValueWalker:
     texts: list[str] = field(default_factory=list)
     has_errors: bool = False
 
-    def group(self, element: XmlElement) -> tuple[int, ...] | None:
+    def group(self, element: TreeElement) -> tuple[int, ...] | None:
         groups = list(element.all("VG"))
         if not groups:
             before = len(self.numbers) + len(self.texts)
@@ -188,7 +188,7 @@ class _ValueWalker:
             return None
         return (len(groups), *(shapes[0] or ()))
 
-    def _take(self, element: XmlElement) -> None:
+    def _take(self, element: TreeElement) -> None:
         for child in element.children:
             if child.tag == "VT":
                 self.texts.append(child.text)
@@ -200,7 +200,7 @@ class _ValueWalker:
                 else:
                     self._report_wrong_numbers(child, words, numbers)
 
-    def _report_wrong_numbers(self, child: XmlElement, words: list[str], numbers: list[float]) -> None:
+    def _report_wrong_numbers(self, child: TreeElement, words: list[str], numbers: list[float]) -> None:
         line = child.line
         for word, number in zip(words, numbers, strict=True):
             if not isfinite(number):

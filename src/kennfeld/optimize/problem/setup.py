@@ -1,4 +1,4 @@
-"""What `calibrate` is called with, and the problem that follows from it."""
+"""The arguments of `calibrate`, and the problem that follows from them."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace

@@ -23,7 +23,7 @@ Handler = TypeVar("Handler", bound=BlockHandler)
 
 @dataclass(frozen=True)
 class OutputType:
-    """How the type of an output follows from those of the inputs, unless the file specifies another one.
+    """The type of an output as it follows from those of the inputs, unless the file specifies another one.
 
     Attributes:
         inputs: numbers of the inputs whose type the output has.
