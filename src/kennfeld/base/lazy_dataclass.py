@@ -3,6 +3,11 @@
 `dataclasses.dataclass` writes and compiles five methods for a frozen class when its module is imported, which takes 0.4
 ms on CPython 3.11. A command imports hundreds of classes and calls few of their methods, so that this was a tenth of
 its time. The decorator of this module takes the fields from the standard library and defers the methods.
+
+With plain dataclasses, `kennfeld check` and `kennfeld calibrate` of the torque demo, which import 218 and 314 classes,
+take 12 % more CPU time, `kennfeld --help` 4 %; `import kennfeld` has no classes. Classes of attrs take almost three
+times as long as these. Structs of msgspec take a tenth, but have neither `dataclasses.replace` nor fields that a
+comparison or a text leaves out.
 """
 
 from collections.abc import Callable

@@ -368,6 +368,14 @@ class RBF(Parameter):
         d, centre = divmod(number - (at.centres if part == "centre" else at.widths).start, self.centres)
         return f"{part} {centre + 1} in {labels[d]}"
 
+    def has_form_of(self, other: "RBF") -> bool:
+        """Check whether another one has as many inputs and the same kernel and hinges, which are not among values."""
+        return (self.coordinates, self.kernel, self.hinges) == (other.coordinates, other.kernel, other.hinges)
+
+    def has_grid_of(self, other: Parameter) -> bool:
+        """Check whether equal values of another parameter make the same function."""
+        return super().has_grid_of(other) and isinstance(other, RBF) and self.has_form_of(other)
+
     def changed(self, **changes: Any) -> Self:
         copy = object.__new__(type(self))
         for name in ("inputs", "kernel", "hinges"):

@@ -22,7 +22,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_bits import extract_raw, to_numbers, to_physical
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.bus_frames import Frames, Sender, group_number
-from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch
+from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, MultiplexCondition
 from kennfeld.measurement.bus_texts import missing_texts, without_texts
 from kennfeld.measurement.channel_names import TIME, unique_forms
 from kennfeld.measurement.source import MeasurementFile
@@ -364,7 +364,7 @@ def _content(frames: Sequence[Frames]) -> str:
 
 
 def _switched_on(
-    message: BusMessage, switches: Sequence[Switch], payload: NDArray[np.uint8], lengths: NDArray[np.uint8]
+    message: BusMessage, switches: Sequence[MultiplexCondition], payload: NDArray[np.uint8], lengths: NDArray[np.uint8]
 ) -> Bool | None:
     """Return in which frames all multiplexers have the values of a signal; None without multiplexers."""
     if not switches:
@@ -382,7 +382,7 @@ def _switched_on(
     return sent
 
 
-def _condition(switches: Sequence[Switch]) -> str:
+def _condition(switches: Sequence[MultiplexCondition]) -> str:
     """Return the values of multiplexers as part of a group's name."""
     texts = [
         f"{switch.signal} = {', '.join(str(low) if low == high else f'{low} to {high}' for low, high in switch.spans)}"

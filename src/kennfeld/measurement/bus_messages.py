@@ -6,7 +6,7 @@ from kennfeld.base.errors import Finding
 from kennfeld.base.lazy_dataclass import dataclass
 
 
-class Switch(NamedTuple):
+class MultiplexCondition(NamedTuple):
     """The condition of a multiplexed signal: another signal has one of these raw values, both ends included."""
 
     signal: str
@@ -42,7 +42,7 @@ class BusSignal:
     unit: str = ""
     comment: str = ""
     texts: tuple[tuple[int, str], ...] = ()
-    switches: tuple[Switch, ...] = ()
+    switches: tuple[MultiplexCondition, ...] = ()
     short_name: str = ""
 
     @property

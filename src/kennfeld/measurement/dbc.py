@@ -15,7 +15,7 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.foreign import identify_foreign
-from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch, bits_of
+from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, MultiplexCondition, bits_of
 from kennfeld.measurement.unit_text import plain_unit
 
 _EXTENDED = 1 << 31  # of an identifier in the file
@@ -67,7 +67,7 @@ class _MessageLines:
     message: BusMessage
     signals: dict[str, BusSignal] = field(default_factory=dict)
     marks: dict[str, str] = field(default_factory=dict)  # `M`, `m3` or `m3M` of each multiplexed signal
-    switches: dict[str, list[Switch]] = field(default_factory=dict)
+    switches: dict[str, list[MultiplexCondition]] = field(default_factory=dict)
     long_name: str = ""
     long_names: dict[str, str] = field(default_factory=dict)  # of its signals
 
@@ -305,7 +305,7 @@ def _read_switch(statements: _Statements, line: int, text: str) -> None:
     if match and (target := _signal_of(statements, match[1], match[2])):
         lines, signal = target
         spans = tuple((int(low), int(high)) for low, high in _SPAN.findall(match[4]))
-        lines.switches.setdefault(signal.name, []).append(Switch(match[3], spans))
+        lines.switches.setdefault(signal.name, []).append(MultiplexCondition(match[3], spans))
 
 
 def _read_choices(statements: _Statements, line: int, text: str) -> None:
@@ -385,14 +385,14 @@ def _with_switches(statements: _Statements, lines: _MessageLines) -> list[BusSig
     """Return the signals of a message with the conditions of those that are multiplexed."""
     # `m3` means the one multiplexer `M`; which of several is meant, SG_MUL_VAL_ states
     plain = next((name for name, mark in lines.marks.items() if mark == "M" and name in lines.signals), "")
-    own: dict[str, list[Switch]] = {}
+    own: dict[str, list[MultiplexCondition]] = {}
     for name in lines.signals:
         mark = lines.marks.get(name, "")
         if lines.switches.get(name):  # whatever its mark is
             own[name] = lines.switches[name]
         elif mark.startswith("m"):
             value = int(mark[1:].rstrip("M"))
-            own[name] = [Switch(plain, ((value, value),))] if plain else []
+            own[name] = [MultiplexCondition(plain, ((value, value),))] if plain else []
     signals = []
     for name, signal in lines.signals.items():
         switches = _chain(name, own)
@@ -404,9 +404,9 @@ def _with_switches(statements: _Statements, lines: _MessageLines) -> list[BusSig
     return signals
 
 
-def _chain(name: str, own: Mapping[str, Sequence[Switch]]) -> tuple[Switch, ...]:
+def _chain(name: str, own: Mapping[str, Sequence[MultiplexCondition]]) -> tuple[MultiplexCondition, ...]:
     """Return the conditions of a signal and of the multiplexers that it depends on; none if they form a cycle."""
-    chain: dict[Switch, None] = {}
+    chain: dict[MultiplexCondition, None] = {}
     names, seen = [name], {name}
     while names:
         for switch in own.get(names.pop(), ()):

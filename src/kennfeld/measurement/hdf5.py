@@ -75,14 +75,6 @@ def describe_by_library(source: MeasurementFile) -> list[TableDescription]:
     return [describe_table(table) for table in read_by_library(source, Selection())]
 
 
-def is_of_matlab(source: MeasurementFile) -> bool:
-    """Return True if MATLAB wrote a file; False also if it is damaged."""
-    try:
-        return bool(mat_v73.LIBRARY.call(_is_matlab, source))
-    except InputError:
-        return False
-
-
 def _is_matlab(source: MeasurementFile) -> bool:
     try:
         return mat_v73.is_matlab(source.path)

@@ -17,7 +17,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.calfiles.xml_tree import Element, parse_xml
+from kennfeld.calfiles.xml_tree import TreeElement, parse_xml
 from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
 
 _VERSION = re.compile(r"CDF(\d)(\d)")
@@ -327,7 +327,7 @@ class _CdfxReader:
         self.findings.error(instance.line, instance.name, message, remedy)
 
 
-def _is_empty(holder: Element | None) -> bool:
+def _is_empty(holder: TreeElement | None) -> bool:
     """Check whether values are missing; wrong ones have findings of their own."""
     return holder is None or holder.first("SW-VALUES-PHYS") is None
 

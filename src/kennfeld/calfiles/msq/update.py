@@ -8,7 +8,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_labels, count_noun, holds_control_characters
 from kennfeld.calfiles.content import in_stored_order, replace_numbers, turn
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
-from kennfeld.calfiles.msq.reader import Constant, Msq
+from kennfeld.calfiles.msq.reader import Msq, TuneConstant
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Text
 
@@ -107,7 +107,7 @@ class _MsqUpdate:
             message = f"is not strictly {'decreasing' if before.falling else 'increasing'} after {rounded}, as stored"
             self.findings.error(0, axis.name, message, "Increase the distance of its breakpoints.")
 
-    def _numbers(self, constant: Constant, before: Float, now: Float) -> Float:
+    def _numbers(self, constant: TuneConstant, before: Float, now: Float) -> Float:
         """Replace changed numbers in place; return the values as rounded."""
         if not np.isfinite(now).all():
             self.findings.error(0, constant.name, "a tune cannot store non-finite values")

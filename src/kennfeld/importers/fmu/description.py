@@ -160,11 +160,6 @@ class FmuDescription:
         return tuple(v for v in self.variables if v.causality == "parameter" and v.is_real and v.start)
 
     @property
-    def real_outputs(self) -> tuple[FmuVariable, ...]:
-        """The outputs that are doubles."""
-        return tuple(output.variable for output in self.outputs if output.variable.is_real)
-
-    @property
     def computed_outputs(self) -> tuple[FmuVariable, ...]:
         """The outputs that are numbers and no states, sorted by type; doubles come first."""
         # an output that is a state is read from the node of the state, without a call

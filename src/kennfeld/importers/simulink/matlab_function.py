@@ -11,9 +11,9 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.expressions.code_parameters import resolve_parameter
 from kennfeld.importers.simulink.expressions.parameter_expressions import parameter_value_at
-from kennfeld.importers.simulink.flattening.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.parameter_fields import variable_field
 from kennfeld.importers.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus, as_vector, period_of
 from kennfeld.importers.simulink.variables.mask_scope import names_assigned_by_functions

@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, Int, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
-from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.native.selected_inverse import SparseFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, whole
 
@@ -155,8 +155,7 @@ def nullity(matrix: Matrix) -> int:
     if not isinstance(units, np.ndarray):
         from scipy.sparse import csr_array, eye_array
 
-        # by Sylvester's law of inertia, the negative pivots of L D L' count the eigenvalues below the tolerance
-        return BlockFactor(csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))).negative
+        return SparseFactor(csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))).dependent
     try:
         np.linalg.cholesky(units - RANK_TOLERANCE * np.eye(len(units)))
     except np.linalg.LinAlgError:
@@ -211,7 +210,7 @@ class Spectrum:
         none = np.zeros((scale.size, 0))
         inverse = SparseInverse(matrix, pattern, scale, none, np.zeros(0, dtype=np.int64))
         # mostly nothing is undetermined, and the first factor is all that is needed
-        if inverse.factor.negative == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
+        if inverse.factor.dependent == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
             weakness, weak = _weakest(inverse.factor.solve, scale.size)
             return cls(scale, inverse, none, weak, weakness)
         lowest = _lowest(rescale(matrix, 1 / scale))
@@ -221,7 +220,7 @@ class Spectrum:
         # with as many values fixed as there are null directions, the rest is positive definite
         loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
         inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
-        if inverse.factor.negative:
+        if inverse.factor.dependent:
             return None
         return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
 
@@ -323,11 +322,11 @@ def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
     from scipy.sparse import csr_array, eye_array
 
     size = matrix.shape[0]
-    shifted = BlockFactor(csr_array(matrix + SHIFT * eye_array(size)))
+    shifted = SparseFactor(csr_array(matrix + SHIFT * eye_array(size)))
     largest = float(abs(matrix).sum(axis=1).max())  # no eigenvalue is above it
     count = 2 * WEAKEST
     # the subspace doubles until all null directions and the weakest others fit in
-    while shifted.negative == 0 and count <= size // MANY:
+    while shifted.dependent == 0 and count <= size // MANY:
         basis = _iterate_subspace(shifted.solve, size, count)
         values, turned = np.linalg.eigh(basis.T @ (matrix @ basis))
         null = int(np.sum(values <= NOTHING * largest))

@@ -6,8 +6,8 @@ type of a signal stores; if the file does not specify the type, those of the val
 
 from collections.abc import Iterator
 
-from kennfeld.importers.simulink.flattening.integer_signals import integer_type_of, is_floating
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, OutputType, UnsupportedError, block
+from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of, is_floating
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, broadcast, period_of, select
 from kennfeld.models.imperative import integer_types
 from kennfeld.models.imperative.integer_types import IntegerType
@@ -18,7 +18,7 @@ _MIN_SIGN_BIT = 2**7  # sign bit of the shortest integer type
 _TYPE_REMEDY = "Specify an integer output type such as uint16 on the block that feeds this input, or bind this block."
 
 
-@block("Bitwise Operator", linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
+@block("Bitwise Operator", output=OutputType((0,)), linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
        BitMask="bin2dec('11011001')", BitMaskRealWorld="Stored Integer")  # fmt: skip
 def bitwise_operator(block: BlockContext) -> SignalOrBus:
     """Apply a bitwise operation to the inputs, to the elements of a single input, or to the input and a mask.
@@ -171,7 +171,7 @@ def _combine_pair(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
     return select(fits, _from_and(op, a, b, both), float("nan"))
 
 
-@block("Bit Set", linked=True, iBit="0")
+@block("Bit Set", output=OutputType((0,)), linked=True, iBit="0")
 def bit_set(block: BlockContext) -> SignalOrBus:
     """Set one bit of the input."""
     x, bit, weight = _bit(block)
@@ -179,7 +179,7 @@ def bit_set(block: BlockContext) -> SignalOrBus:
     return x + weight * (1.0 - _field(x, bit, 1) / 2.0**bit)
 
 
-@block("Bit Clear", linked=True, iBit="0")
+@block("Bit Clear", output=OutputType((0,)), linked=True, iBit="0")
 def bit_clear(block: BlockContext) -> SignalOrBus:
     """Clear one bit of the input."""
     x, bit, weight = _bit(block)
@@ -211,7 +211,7 @@ def old_shift(block: BlockContext) -> SignalOrBus:
     return _shift_bits(block, stored_integer(block, 0), by, "Bidirectional", word)
 
 
-@block("ArithShift", BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
+@block("ArithShift", output=LIKE_INPUT, BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
        BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
 def shift(block: BlockContext) -> SignalOrBus:
     """Shift the input: floor(u / 2^n) to the right; to the left the bits of u 2^n that fit the word."""

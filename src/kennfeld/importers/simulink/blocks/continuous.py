@@ -6,7 +6,14 @@ from typing import TypeAlias
 import numpy as np
 
 from kennfeld.base.formatting import size_text
-from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import (
+    ARITHMETIC,
+    BlockContext,
+    Outputs,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, SignalRule, apply, clip, interpolate_line, select
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 
@@ -155,7 +162,8 @@ def integrator_start(block: BlockContext) -> Signal:
     return block.input(block.input_count - 1) if external else block.parameter("InitialCondition")
 
 
-@block("Integrator", needs=lambda block: range(1, block.input_count), InitialCondition="0",
+@block("Integrator", output=ARITHMETIC, continuous=True,
+       needs=lambda block: range(1, block.input_count), InitialCondition="0",
        InitialConditionSource="internal", ExternalReset="none", LimitOutput="off", UpperSaturationLimit="inf",
        LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off", WrapState="off")  # fmt: skip
 def integrator(block: BlockContext) -> Outputs:
@@ -197,7 +205,13 @@ def has_feedthrough(block: BlockContext) -> bool:
     return same_order and any(block.builder.value(int(node)) != 0 for node in numerator[..., 0])
 
 
-@block("TransferFcn", needs=lambda block: range(has_feedthrough(block)), Numerator="[1]", Denominator="[1 2 1]")
+@block(
+    "TransferFcn",
+    continuous=True,
+    needs=lambda block: range(has_feedthrough(block)),
+    Numerator="[1]",
+    Denominator="[1 2 1]",
+)
 def transfer_function(block: BlockContext) -> SignalOrBus:
     """Lower b(s)/a(s) in controllable canonical form with zero initial states."""
     numerator, denominator = block.matrix("Numerator"), block.matrix("Denominator").ravel()
@@ -241,7 +255,9 @@ def _is_zero(block: BlockContext, matrix: Nodes) -> bool:
     return all(block.builder.value(int(node)) == 0 for node in matrix.ravel())
 
 
-@block("StateSpace", needs=feedthrough_inputs, A="1", B="1", C="1", D="1", InitialCondition="0", X0="0")
+@block(
+    "StateSpace", continuous=True, needs=feedthrough_inputs, A="1", B="1", C="1", D="1", InitialCondition="0", X0="0"
+)
 def state_space(block: BlockContext) -> SignalOrBus:
     """Lower x' = A x + B u, y = C x + D u."""
     matrices, init = read_matrices(block)
@@ -325,13 +341,13 @@ def zero_pole_feedthrough(block: BlockContext) -> Iterable[int]:
     return (0,) if len(_roots(block, "Zeros")) >= len(_roots(block, "Poles")) else ()
 
 
-@block("ZeroPole", needs=zero_pole_feedthrough, Zeros="[1]", Poles="[0 -1]", Gain="[1]")
+@block("ZeroPole", continuous=True, needs=zero_pole_feedthrough, Zeros="[1]", Poles="[0 -1]", Gain="[1]")
 def zero_pole(block: BlockContext) -> SignalOrBus:
     """Lower K (s - z1) ... / ((s - p1) ...) with zero initial states."""
     return _rational(block, *quotient(block))
 
 
-@block("SecondOrderIntegrator", needs=no_feedthrough, ICX="0.0", ICDXDT="0.0", ICSourceX="internal",
+@block("SecondOrderIntegrator", continuous=True, needs=no_feedthrough, ICX="0.0", ICDXDT="0.0", ICSourceX="internal",
        ICSourceDXDT="internal", ExternalReset="none", LimitX="off", LimitDXDT="off", ShowOutput="both")  # fmt: skip
 def second_order_integrator(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Integrate the input twice; return the second and the first integral."""

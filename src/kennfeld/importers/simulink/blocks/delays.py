@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from kennfeld.importers.simulink.blocks.continuous import external_reset, has_external_reset, reset_signal
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, UnsupportedError, block, no_feedthrough
 from kennfeld.importers.simulink.signals import (
     Signal,
     SignalOrBus,
@@ -57,7 +57,8 @@ def _shortest(block: BlockContext) -> int:
     return 1 if block.is_on("PreventDirectFeedthrough") else 0
 
 
-@block("Delay", needs=_delay_needs, DelayLength="2", DelayLengthSource="Dialog", DelayLengthUpperLimit="100",
+@block("Delay", output=LIKE_INPUT,
+       needs=_delay_needs, DelayLength="2", DelayLengthSource="Dialog", DelayLengthUpperLimit="100",
        InitialCondition="0.0", InitialConditionSource="Dialog", ExternalReset="None", ShowEnablePort="off",
        PreventDirectFeedthrough="off", SampleTime="-1")  # fmt: skip
 def delay(block: BlockContext) -> SignalOrBus:

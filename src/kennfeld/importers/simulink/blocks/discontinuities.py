@@ -1,11 +1,12 @@
 """Discontinuities library: saturation, dead zone, relay, backlash, rate limiter, friction."""
 
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.signals import CONTINUOUS, Signal, SignalOrBus, apply, clip, select
 
 
-@block("Saturate", UpperLimit="0.5", LowerLimit="-0.5", UpperLimitSource="Dialog", LowerLimitSource="Dialog",
+@block("Saturate", output=ARITHMETIC,
+       UpperLimit="0.5", LowerLimit="-0.5", UpperLimitSource="Dialog", LowerLimitSource="Dialog",
        SampleTime="-1")  # fmt: skip
 def saturate(block: BlockContext) -> SignalOrBus:
     """Limit the input."""
@@ -22,7 +23,7 @@ def saturation_dynamic(block: BlockContext) -> SignalOrBus:
     return select(u > up, up, select(u < low, low, u))
 
 
-@block("DeadZone", LowerValue="-0.5", UpperValue="0.5", SampleTime="-1")
+@block("DeadZone", output=ARITHMETIC, LowerValue="-0.5", UpperValue="0.5", SampleTime="-1")
 def dead_zone(block: BlockContext) -> SignalOrBus:
     """Return 0 inside the zone, the distance from it outside."""
     return _dead_zone(block.parameter("LowerValue"), block.parameter("UpperValue"), block.input())

@@ -17,7 +17,15 @@ from kennfeld.importers.simulink.blocks.continuous import (
     zero_pole_feedthrough,
 )
 from kennfeld.importers.simulink.flattening.flat_model import is_triggered
-from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import (
+    ARITHMETIC,
+    LIKE_INPUT,
+    BlockContext,
+    Outputs,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
 from kennfeld.importers.simulink.signals import CONSTANT, Signal, SignalOrBus, SignalRule, apply, select
 
 _FIR_STRUCTURES = ("", " symmetric", " antisymmetric", " transposed")
@@ -132,14 +140,14 @@ def _initial_states(block: BlockContext, inits: Signal, order: int, lead: int) -
     return signals * order if inits.size == 1 else signals[:order]
 
 
-@block("UnitDelay", needs=no_feedthrough, InitialCondition="0", SampleTime="1")
-@block("Memory", needs=no_feedthrough, InitialCondition="0", InheritSampleTime="off")
+@block("UnitDelay", output=LIKE_INPUT, needs=no_feedthrough, InitialCondition="0", SampleTime="1")
+@block("Memory", output=LIKE_INPUT, needs=no_feedthrough, InitialCondition="0", InheritSampleTime="off")
 def unit_delay(block: BlockContext) -> SignalOrBus:
     """Delay the input by one sample, or by one major step."""
     return block.discrete_state(block.parameter(block.field_name("X0", "InitialCondition")), lambda _: block.input())
 
 
-@block("ZeroOrderHold", "Zero-Order Hold", SampleTime="1")
+@block("ZeroOrderHold", "Zero-Order Hold", output=LIKE_INPUT, SampleTime="1")
 def zero_order_hold(block: BlockContext) -> SignalOrBus:
     """Hold the input of the last sample hit."""
     return block.hold_in_minor_steps(block.input())
@@ -164,7 +172,8 @@ def _method(block: BlockContext) -> tuple[str, bool]:
     return _METHODS[method], kind == "Accumulation"
 
 
-@block("DiscreteIntegrator", needs=lambda block: range(_method(block)[0] == "forward", block.input_count),
+@block("DiscreteIntegrator", output=ARITHMETIC,
+       needs=lambda block: range(_method(block)[0] == "forward", block.input_count),
        IntegratorMethod="Integration: Forward Euler", gainval="1.0", ExternalReset="none",
        InitialConditionSource="internal", InitialCondition="0", InitialConditionSetting="Output", LimitOutput="off",
        UpperSaturationLimit="inf", LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off",
@@ -246,7 +255,7 @@ def scaled_difference(block: BlockContext, u: Signal, init: str) -> Signal:
     return now - block.discrete_state(block.parameter(init), lambda _: then)
 
 
-@block("Difference", ICPrevInput="0.0")
+@block("Difference", library_mask=True, ICPrevInput="0.0")
 def difference(block: BlockContext) -> SignalOrBus:
     """Subtract the input of the previous sample."""
     u = block.hold_in_minor_steps(block.input())

@@ -17,7 +17,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import size_text
 from kennfeld.domain.parameters import Axis, Parameter
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     ParameterField,
     calibrated_table,
@@ -149,14 +149,15 @@ def _matrix(points: Numbers) -> Numbers:
     return np.asarray(np.linalg.solve(left, right), dtype=np.float64)
 
 
-class Method(NamedTuple):
+class LookupMethod(NamedTuple):
     """Interpolation (linear, nearest, flat, above, spline) and extrapolation (clip, linear; cubic for a spline)."""
 
     between: str
     beyond: str
 
 
-@block("Lookup_n-D", NumberOfTableDimensions="2", Table="[4 5 6;16 19 20;10 18 23]", InterpMethod="Linear point-slope",
+@block("Lookup_n-D", output=ARITHMETIC,
+       NumberOfTableDimensions="2", Table="[4 5 6;16 19 20;10 18 23]", InterpMethod="Linear point-slope",
        ExtrapMethod="Linear", BreakpointsForDimension1="[10,22,31]", BreakpointsForDimension2="[10,22,31]",
        BreakpointsSpecification="Explicit values", DataSpecification="Table and breakpoints", TableSource="Dialog",
        BreakpointsForDimension3="[1:3]", UseOneInputPortForAllInputData="off", SampleTime="-1")  # fmt: skip
@@ -196,7 +197,7 @@ def _object(block: BlockContext) -> SignalOrBus:
     return _look_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
 
 
-def method_of(block: BlockContext) -> Method:
+def method_of(block: BlockContext) -> LookupMethod:
     """Read the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
     between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
     kind = _METHODS.get(between)
@@ -205,12 +206,12 @@ def method_of(block: BlockContext) -> Method:
         raise UnsupportedError(f"InterpMethod {between!r} is not supported", remedy)
     # the outermost breakpoints are the nearest ones beyond the ends
     if kind in ("nearest", "flat"):
-        return Method(kind, "clip")
+        return LookupMethod(kind, "clip")
     known = _EXTRAPOLATIONS | (dict.fromkeys(_SPLINE, "cubic") if kind == "spline" else {})
     if beyond not in known:
         names = "clip, linear and cubic" if kind == "spline" else "clip and linear"
         raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", f"Supported: {names}.")
-    return Method(kind, known[beyond])
+    return LookupMethod(kind, known[beyond])
 
 
 def _coordinates(block: BlockContext, count: int) -> list[Signal]:
@@ -249,14 +250,14 @@ def _axis(points: Numbers, description: str, **attributes: Any) -> Axis:
 
 
 def lookup_field(
-    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method
+    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: LookupMethod
 ) -> Signal:
     """Look up the table of a field at coordinates, element by element."""
     return _look_up(block, parameter_field(block, table), axes, coordinates, method)
 
 
 def constant_curve(
-    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: Method
+    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: LookupMethod
 ) -> Signal:
     """Look up a curve whose values are constants, named after the field they come from."""
     variable = Variable(values, source="a literal of the block")
@@ -265,7 +266,7 @@ def constant_curve(
 
 
 def _look_up(
-    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
+    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: LookupMethod
 ) -> Signal:
     values = _reshape_values(field.values, tuple(len(axis) for axis in axes), field.name)
     if any(len(axis) < 2 for axis in axes):
@@ -331,7 +332,8 @@ def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
     return staircase(x, block.constant(first), zip(limits, points, strict=True))
 
 
-@block("Lookup", InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
+@block("Lookup", output=ARITHMETIC,
+       InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
 def lookup(block: BlockContext) -> SignalOrBus:
     """Look up a curve (block before R2011a)."""
@@ -348,11 +350,11 @@ def lookup_2d(block: BlockContext) -> SignalOrBus:
     return lookup_field(block, table, _axes(block, table, [rows, columns]), block.inputs[:2], _old_method(block))
 
 
-def _old_method(block: BlockContext) -> Method:
+def _old_method(block: BlockContext) -> LookupMethod:
     written = block.field_text("LookUpMeth")
     if written not in _METHODS or _METHODS[written] == "spline":
         raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
-    return Method(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
+    return LookupMethod(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
 
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
@@ -371,7 +373,7 @@ def direct_lookup(block: BlockContext) -> SignalOrBus:
     if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
         raise UnsupportedError(f"its inputs do not select an {wanted.lower()} of a table of {count} dimensions")
     axes = index_axes(block, "Table", shape)
-    return lookup_field(block, "Table", axes, places, Method("linear", "clip"))
+    return lookup_field(block, "Table", axes, places, LookupMethod("linear", "clip"))
 
 
 @block("Lookup Table Dynamic", LookUpMeth="Interpolation-Extrapolation")

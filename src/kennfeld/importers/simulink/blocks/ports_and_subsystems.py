@@ -8,8 +8,10 @@ import numpy as np
 from kennfeld.importers.simulink.blocks.continuous import reset_signal
 from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, SignalSource, resets_on_enable
 from kennfeld.importers.simulink.lowering import (
+    LIKE_INPUT,
     BlockContext,
     Outputs,
+    OutputType,
     UnsupportedError,
     block,
     evaluating,
@@ -41,7 +43,8 @@ _DASHBOARD = (
 )  # fmt: skip
 
 
-@block("Inport", "From", PortDimensions="-1", SampleTime="-1")
+@block("From", PortDimensions="-1", SampleTime="-1")
+@block("Inport", output=OutputType(floating=True, states=True), PortDimensions="-1", SampleTime="-1")
 def inport(block: BlockContext) -> SignalOrBus:
     """Return an input of the model: one channel per element of a vector, one per used signal of a bus."""
     shape: tuple[int, ...] = (1,)
@@ -75,8 +78,8 @@ def _call_every_step(block: BlockContext) -> SignalOrBus:
 
 
 @block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")
-@block("Outport", SampleTime="-1")
-@block("SignalConversion", "SignalSpecification")
+@block("Outport", output=LIKE_INPUT, SampleTime="-1")
+@block("SignalConversion", "SignalSpecification", output=LIKE_INPUT)
 @block("Environment Controller", linked=True)  # its first input is the one used in simulation
 def pass_on(block: BlockContext) -> SignalOrBus:
     """Pass on the first input."""
@@ -90,8 +93,9 @@ def bound(block: BlockContext) -> Outputs:
 
 
 @block("CMBlock", "XY scope.", "Record", linked=True, needs=no_feedthrough, sink=True)
+@block("DocBlock", needs=no_feedthrough, sink=True, library_mask=True)
 @block(
-    *_DASHBOARD, "SpectrumAnalyzer", "Terminator", "Stop", "Floating Scope", "Assertion", "DocBlock", "Model Info",
+    *_DASHBOARD, "SpectrumAnalyzer", "Terminator", "Stop", "Floating Scope", "Assertion", "Model Info",
     "DataTypeDuplicate", "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
     needs=no_feedthrough, sink=True,
 )  # fmt: skip
@@ -185,7 +189,7 @@ def _any(block: BlockContext, truths: Signal) -> Signal:
     return block.signal([reduce_nodes(block.builder, "or", truths.flat)], truths.period)
 
 
-@block("ConditionalOutput", InitialOutput="[]", OutputWhenDisabled="held")
+@block("ConditionalOutput", output=OutputType((0,)), InitialOutput="[]", OutputWhenDisabled="held")
 def conditional_output(block: BlockContext) -> SignalOrBus:
     """Pass on an output of a conditional subsystem while it runs; else hold it, or set it to the initial value."""
     return map_members(lambda signal: _hold_output(block, signal), "", block.input_or_bus(0))
@@ -205,7 +209,7 @@ def _hold_output(block: BlockContext, signal: Signal) -> Signal:
     return block.unconditional_feedback(init, lambda before: select(runs, signal, before))
 
 
-@block("Merge", Inputs="2", InitialOutput="[]")
+@block("Merge", output=OutputType(states=True), Inputs="2", InitialOutput="[]")
 def merge(block: BlockContext) -> SignalOrBus:
     """Pass on the output of the subsystem that ran last; if several run in a step, of the last of them."""
     sources = [source for source in block.flat.inputs if source is not None]

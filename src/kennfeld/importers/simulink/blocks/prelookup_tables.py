@@ -4,7 +4,7 @@ import numpy as np
 
 from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.blocks.lookup_tables import (
-    Method,
+    LookupMethod,
     breakpoint_axis,
     index_axes,
     lookup_field,
@@ -124,7 +124,7 @@ def _prelookup_of(block: BlockContext, at: int) -> BlockContext | None:
     return before if plain and block.compiler.timing.specified_sample_time(before.flat) is None else None
 
 
-def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], method: Method) -> SignalOrBus:
+def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], method: LookupMethod) -> SignalOrBus:
     """Look up a table over the breakpoints of the Prelookup blocks at their inputs."""
     own = parameter_field(block, "Table").variable.axes
     axes = list(own) if len(own) == len(before) else [_axis_of(block) for block in before]
@@ -136,7 +136,7 @@ def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], meth
         else context.input()
         for context, axis, end in zip(before, axes, ends, strict=True)
     ]
-    return lookup_field(block, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
+    return lookup_field(block, "Table", axes, places, LookupMethod("linear", "linear" if "linear" in ends else "clip"))
 
 
 def _axis_of(before: BlockContext) -> Axis:

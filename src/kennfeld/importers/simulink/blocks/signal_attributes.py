@@ -13,8 +13,14 @@ from fractions import Fraction
 from typing import Final, TypeAlias
 
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
-from kennfeld.importers.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block, no_feedthrough
-from kennfeld.importers.simulink.lowering.scheduling import CONTINUOUS_BLOCK_TYPES
+from kennfeld.importers.simulink.lowering import (
+    BLOCK_TYPES,
+    LIKE_INPUT,
+    BlockContext,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
@@ -234,7 +240,8 @@ def _sample_of_output(block: ModelBlock) -> str:
     return "OutPortSampleTime" if (block.value("OutPortSampleTimeOpt") or "Specify") == "Specify" else ""
 
 
-@block("RateTransition", sample=_sample_of_output, held=False, Integrity="on", Deterministic="on", X0="0",
+@block("RateTransition", output=LIKE_INPUT,
+       sample=_sample_of_output, held=False, Integrity="on", Deterministic="on", X0="0",
        OutPortSampleTimeOpt="Specify", OutPortSampleTime="-1", OutPortSampleTimeMultiple="1")  # fmt: skip
 def rate_transition(block: BlockContext) -> SignalOrBus:
     """Hold a signal for a slower sample time, or delay it by one of its samples for a faster one.
@@ -297,7 +304,7 @@ def _downstream_sample_times(block: BlockContext) -> Iterator[float]:
             if reader in seen or (kind is not None and kind.sink) or reader.type == "RateTransition":
                 continue
             seen.add(reader)
-            if reader.type in CONTINUOUS_BLOCK_TYPES:
+            if kind is not None and kind.continuous:
                 # a solver reads its inputs in every step
                 yield CONTINUOUS
             elif period is None or period == CONSTANT:

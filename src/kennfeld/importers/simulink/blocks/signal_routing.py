@@ -9,8 +9,16 @@ import numpy as np
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.blocks.bit_operations import fit_to_type, stored_integer
 from kennfeld.importers.simulink.flattening.connections import bus_member_names, find_bus_member
-from kennfeld.importers.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
-from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import (
+    LIKE_INPUT,
+    BlockContext,
+    Outputs,
+    OutputType,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
+from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     case_values,
     dimension_settings,
@@ -252,7 +260,7 @@ def reshape(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
 
 
-@block("Selector", NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
+@block("Selector", output=LIKE_INPUT, NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
 def selector(block: BlockContext) -> SignalOrBus:
     """Select elements of a vector or matrix by index."""
     x = block.input()
@@ -314,7 +322,7 @@ def manual_switch(block: BlockContext) -> SignalOrBus:
     return block.input_or_bus(0 if upper else 1)
 
 
-@block("Switch", Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
+@block("Switch", output=OutputType((0, 2), floating=True), Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
 def switch(block: BlockContext) -> SignalOrBus:
     """Pass on the first input if the second meets the criterion, else the third."""
     criterion = block.option("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
@@ -363,7 +371,14 @@ def inactive(block: BlockContext) -> SignalOrBus:
     raise UnsupportedError("this output belongs to an inactive variant")
 
 
-@block("DataStoreMemory", needs=no_feedthrough, DataStoreName="A", InitialValue="0", Dimensions="-1")
+@block(
+    "DataStoreMemory",
+    output=OutputType(states=True),
+    needs=no_feedthrough,
+    DataStoreName="A",
+    InitialValue="0",
+    Dimensions="-1",
+)
 def data_store_memory(block: BlockContext) -> SignalOrBus:
     """Read the content of a data store at the start of the step."""
     init = block.parameter("InitialValue")
@@ -383,7 +398,7 @@ def _memory(block: BlockContext) -> BlockContext:
     return block.of(block.flat.data_store)
 
 
-@block("DataStoreRead", needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
+@block("DataStoreRead", output=OutputType(states=True), needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
 def data_store_read(block: BlockContext) -> SignalOrBus:
     """Read the content of a data store after the writers that run before this block."""
     content = data_store_memory(_memory(block))

@@ -5,10 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.importers.simulink.blocks.lookup_tables import Method, constant_curve
+from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, constant_curve
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
-from kennfeld.importers.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import (
+    ARITHMETIC,
+    BLOCK_TYPES,
+    BlockContext,
+    OutputType,
+    UnsupportedError,
+    block,
+)
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
@@ -27,7 +34,7 @@ _BIND = "Bind it to a measured channel."
 _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 
 
-@block("Constant", Value="1", SampleTime="inf", VectorParams1D="on")
+@block("Constant", output=OutputType(floating=True, states=True), Value="1", SampleTime="inf", VectorParams1D="on")
 def constant(block: BlockContext) -> SignalOrBus:
     """Return a constant or a variable."""
     if block.field_text("VectorParams1D", "on") == "on":
@@ -35,27 +42,27 @@ def constant(block: BlockContext) -> SignalOrBus:
     return block.signal(block.matrix("Value"), CONSTANT)
 
 
-@block("EnumeratedConstant", "Enumerated Constant", Value="SlDemoSign.Positive", SampleTime="inf")
+@block("EnumeratedConstant", "Enumerated Constant", library_mask=True, Value="SlDemoSign.Positive", SampleTime="inf")
 def enumerated_constant(block: BlockContext) -> SignalOrBus:
     """Return the integer of an enumeration member."""
     return block.parameter("Value")
 
 
-@block("Clock", SampleTime="-1")
+@block("Clock", output=ARITHMETIC, SampleTime="-1")
 @block("DigitalClock", "Digital Clock", SampleTime="1")
 def clock(block: BlockContext) -> SignalOrBus:
     """Return the time since the start in s, for a digital clock at the hits of its sample time."""
     return block.time
 
 
-@block("Step", Time="1", Before="0", After="1", SampleTime="-1")
+@block("Step", output=ARITHMETIC, Time="1", Before="0", After="1", SampleTime="-1")
 def step(block: BlockContext) -> SignalOrBus:
     """Switch from one value to another at a time."""
     reached = block.time + block.time_tolerance() >= block.parameter("Time")
     return select(reached, block.parameter("After"), block.parameter("Before"))
 
 
-@block("Ramp", slope="1", start="0", InitialOutput="0")
+@block("Ramp", library_mask=True, slope="1", start="0", InitialOutput="0")
 def ramp(block: BlockContext) -> SignalOrBus:
     """Rise along a line from a time in s on."""
     start = block.parameter("start")
@@ -64,7 +71,8 @@ def ramp(block: BlockContext) -> SignalOrBus:
     return first + block.parameter("slope") * since
 
 
-@block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
+@block("Sin", output=ARITHMETIC,
+       SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
        Phase="0", Samples="10", Offset="0", SampleTime="-1")  # fmt: skip
 def sine(block: BlockContext) -> SignalOrBus:
     """Compute amplitude sin(angle) + bias; the angle is frequency t + phase, or 2 pi (sample + offset) / samples."""
@@ -253,7 +261,7 @@ def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, b
     for number, (first, end) in enumerate(pairwise(ends), 1):
         name = label if len(ends) == 2 else f"{label}, part {number}"
         part = _RecordedSeries(times[first:end], points.values[first:end])
-        method = Method("linear", beyond if end == len(times) else "clip")
+        method = LookupMethod("linear", beyond if end == len(times) else "clip")
         piece = block.constant(float(part.values[0]))
         if len(part.times) > 1:
             piece = constant_curve(block, name, x, part.times, part.values, method)

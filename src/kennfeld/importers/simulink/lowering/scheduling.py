@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -17,10 +16,6 @@ from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES
 from kennfeld.importers.simulink.signals import CONSTANT, CONTINUOUS, Bus, ExternalBus, Signal, SignalOrBus, scalar
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.sample_times import SampleTime, sample_hit
-
-CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # block types with continuous states
-    {"Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole"}
-)
 
 _MIN_PERIOD = 1e-9  # s
 
