@@ -102,20 +102,9 @@ class Factor:
 
     def factor(self) -> bool:
         """Replace the loaded matrix by its factor; return True if it is positive definite."""
-        return not self._factor(goes_on=False)
-
-    def factor_semidefinite(self) -> int:
-        """Replace the loaded matrix by its factor without rows that depend on rows before them; return their number.
-
-        A row depends on others if nothing positive is left of its diagonal element. Its value is 0 in all solutions.
-        """
-        return self._factor(goes_on=True)
-
-    def _factor(self, *, goes_on: bool) -> int:
-        """Return the number of rows whose pivot is not positive, at most 1 if the factorisation does not go on."""
         failed = np.zeros(1, dtype=np.int64)
-        _functions()["factor"](*self.pointers, int(goes_on), address(failed, 1, INT64))
-        return int(failed[0])
+        _functions()["factor"](*self.pointers, address(failed, 1, INT64))
+        return not failed[0]
 
     def solve_lower(self, right: Float) -> Float:
         """Solve L x = P b for each row b of `right`, a vector or (rows, size); x is padded to whole blocks."""
@@ -356,8 +345,8 @@ def _count_eights(f: FunctionWriter, row: str, end: str) -> None:
 
 
 def _factor() -> FunctionWriter:
-    """Write `factor(factor, goes_on, failed)`: block row by block row, each block from those left of it."""
-    f = FunctionWriter("factor", [*FACTOR, ("i64", "goes_on"), ("ptr", "failed")])
+    """Write `factor(factor, failed)`: block row by block row, each block from those left of it."""
+    f = FunctionWriter("factor", [*FACTOR, ("ptr", "failed")])
     with f.loop(0, "%blocks") as i:
         panel, first = panel_of(f, i), f.load("%first", i, "i64")
         with f.loop(first, i) as j:
@@ -377,16 +366,13 @@ def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> Non
         # NaN fails both comparisons
         positive = f.new(f"fcmp ogt double {pivot}, {ZERO}")
         finite = f.new(f"fcmp olt double {pivot}, {literal(float('inf'))}")
-        usable = f.new(f"and i1 {positive}, {finite}")
-        with f.when(f.new(f"xor i1 {usable}, true")):
-            f.store(f.add(f.load("%failed", kind="i64"), 1), "%failed", kind="i64")
-            with f.when(f.new("icmp eq i64 %goes_on, 0")):
-                f.do("ret void")
-                f.begin(f.label("on"))
+        with f.when(f.new(f"xor i1 {f.new(f'and i1 {positive}, {finite}')}, true")):
+            f.store("1", "%failed", kind="i64")
+            f.do("ret void")
+            f.begin(f.label("on"))
         root = f.new(f"call double @llvm.sqrt.f64(double {pivot})")
-        # one division per column; factor and solves multiply by the reciprocal. 0 for a column of zeros, which then
-        # eliminates nothing and leaves its value at 0
-        inverse = f.new(f"select i1 {usable}, double {f.new(f'fdiv double {ONE}, {root}')}, double {ZERO}")
+        # one division per column; factor and solves multiply by the reciprocal
+        inverse = f.new(f"fdiv double {ONE}, {root}")
         f.store(inverse, "%inverse", f.add(at, c))
         rest[c] = f.new(f"fmul {EIGHT} {rest[c]}, {v.splat(inverse)}")
         for d in range(c + 1, BLOCK):

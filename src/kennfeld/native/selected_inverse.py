@@ -119,14 +119,14 @@ class BlockLayout:
 
 
 class SparseFactor:
-    """The factor of a sparse positive semidefinite matrix H, and entries of H^-1 if it is definite.
+    """The factor of a sparse positive definite matrix H, and entries of H^-1.
 
     Args:
         matrix: H, a scipy.sparse array.
         pattern: its non-zeros, and those of all matrices in `trace` and `sandwich`.
 
     Attributes:
-        dependent: number of values that depend on others, as many as H has directions without curvature.
+        is_definite: False if H is not positive definite; nothing else may then be asked for.
     """
 
     def __init__(self, matrix: Sparse, pattern: Sparse | None = None) -> None:
@@ -135,7 +135,7 @@ class SparseFactor:
         envelope = Envelope.of_pairs(size, entries.row, entries.col).grouped(GROUP)
         self._factor = Factor.empty(envelope)
         self._factor.load_blocks(_as_blocks(matrix), np.zeros(size))
-        self.dependent = self._factor.factor_semidefinite()
+        self.is_definite = self._factor.factor()
 
     def solve(self, right: Float) -> Float:
         """Return X of H X = B, shape (size, columns)."""

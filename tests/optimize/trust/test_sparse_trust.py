@@ -159,3 +159,18 @@ def test_what_is_said_of_a_fit_is_what_dense_matrices_say(name, monkeypatch):
     np.testing.assert_allclose(
         found.covariance(), covariance, rtol=1e-5, atol=max(1e-6, 10 * slack if name == "output" else slack) * largest
     )
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_directions_without_curvature_are_counted_by_the_signs_of_pivots(seed):
+    """Many values are shared by few rows each, so that pivots of determined values may be small."""
+    random = np.random.default_rng(seed)
+    size, missing = int(random.integers(30, 200)), int(random.integers(0, 8))
+    jacobian = np.zeros((size - missing, size))
+    for row in jacobian:
+        first = random.integers(0, size - 4)
+        row[first : first + 4] = random.normal(size=4)
+    jacobian = jacobian[:, np.any(jacobian, axis=0)] * 10.0 ** random.uniform(-3, 3, np.any(jacobian, axis=0).sum())
+    matrix = jacobian.T @ jacobian
+    units = matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    assert nullity(csr_array(matrix)) == np.count_nonzero(np.linalg.eigvalsh(units) < 1e-10)
