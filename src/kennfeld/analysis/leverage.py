@@ -48,6 +48,7 @@ class LookupWeights:
                 total = result.totals.setdefault(lookup.table.name, np.zeros(lookup.table.size))
                 first, here = lookup.first_corner, own[lookup.samples]
                 for distance, weight in _positive_weights(lookup):
+                    # a corner is at the same distance behind the first one for all samples: one count, shifted
                     corner = np.bincount(first, weight * here, minlength=total.size)
                     total[distance:] += corner[: total.size - distance]
         return result
@@ -65,7 +66,7 @@ class LookupWeights:
         series: CriterionSeries,
         leverage: Mapping[str, Float],
     ) -> Float:
-        """Approximate the leverage of each sample of a series, once the weights of all samples are in.
+        """Share out the leverage of grid points to the samples of a series, after all weights are in.
 
         Args:
             problem: criteria and their weights.
@@ -83,11 +84,13 @@ class LookupWeights:
         own = _weight(problem, series)
         for lookup in _reaching(lookups, located, series, leverage):
             total, table = self.totals[lookup.table.name], leverage[lookup.table.name].ravel()
+            # leverage per unit of weight
             each = np.divide(table, total, out=np.zeros(total.size), where=total > 0)
             first, pull = lookup.first_corner, np.zeros(lookup.known.size)
             for distance, weight in _positive_weights(lookup):
                 pull += each[distance:].take(first) * weight
             pulls[lookup.samples] += pull * own[lookup.samples]
+        # fmax also turns NaN into 0
         return np.fmin(np.fmax(pulls, 0.0), MAX_LEVERAGE)
 
 

@@ -50,6 +50,7 @@ def _deferred_dataclass(
         return standard_dataclass(init=init, eq=eq, frozen=frozen, kw_only=kw_only, slots=True)(cls)
     own = set(vars(cls))
     inherits = frozen and any(getattr(base, _SETTINGS).frozen for base in cls.__mro__[1:] if hasattr(base, _SETTINGS))
+    # the standard library demands that classes over frozen ones are frozen
     standard_dataclass(init=False, repr=False, eq=False, kw_only=kw_only, frozen=inherits)(cls)
     getattr(cls, _SETTINGS).frozen = frozen  # so that the standard library knows it if another class inherits
     writers: dict[str, Writer] = {"__repr__": _write_repr}
@@ -62,6 +63,7 @@ def _deferred_dataclass(
         elif "__hash__" not in own:
             cls.__hash__ = None  # type: ignore[assignment]  # as Python does for a class with `__eq__`
     for name, write in writers.items():
+        # methods of the class itself stay; Python sets `__hash__` to None if a class has only `__eq__`
         if name not in own or (name == "__hash__" and vars(cls)[name] is None):
             setattr(cls, name, _Deferred(name, cls, write))
     if frozen:

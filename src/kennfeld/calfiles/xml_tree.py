@@ -83,10 +83,12 @@ def _join_elements(raw: bytes, tag: bytes) -> tuple[bytes, str]:
     """
     ends, begins = b"</" + tag + b">", b"<" + tag + b">"
     separator = next((mark for mark in _SEPARATORS if mark not in raw), None)
+    # UTF-16, in which these tags are other bytes
     if separator is None or b"<![CDATA[" in raw or raw.count(b"\0", 0, 100):
         return raw, ""
     gap = re.compile(re.escape(ends) + rb"(\s*)" + re.escape(begins))
     result = raw
+    # each kind of gap, such as a line break with its indentation, is replaced in the whole document at once
     for _ in range(_MAX_GAPS):
         match = gap.search(result)
         if match is None:
@@ -108,6 +110,7 @@ class _TreeBuilder:
         self.open: list[TreeElement] = []
         self.pieces: list[list[str]] = []  # the text of each open element
         self.parser = expat.ParserCreate()
+        # a text in one piece, not in one for each line
         self.parser.buffer_text = True
         self.parser.buffer_size = 1 << 16
         self.parser.StartElementHandler = self._start

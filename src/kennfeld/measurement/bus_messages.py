@@ -48,6 +48,7 @@ class BusSignal:
     @property
     def first(self) -> int:
         """First bit in the order of its bytes; for big-endian signals, bit 0 is the highest one of byte 0."""
+        # files number the bits of a byte from its lowest, here they count from its highest
         return self.start ^ 7 if self.big_endian else self.start
 
     @property

@@ -7,7 +7,8 @@ import numpy as np
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.session.evidence import Correction, corrections
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.traversal import named_lookups

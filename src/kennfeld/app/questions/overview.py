@@ -8,12 +8,14 @@ import numpy as np
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.view import View
 from kennfeld.base.errors import Finding, Location
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
 from kennfeld.graph import Graph
-from kennfeld.models.function_files import kind_of
+from kennfeld.models.function_files import importer_of_function, split_reference
+from kennfeld.models.importer_registry import importer_of
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
@@ -47,8 +49,17 @@ def overview(session: Session) -> dict[str, Any]:
         "seconds": session.seconds,
         "changedOnDisk": session.changed_on_disk,
         "recoverable": session.recoverable,
+        "function": _function(session),
         **(_of_function(session) if view is None else _of_view(session, view)),
     }
+
+
+def _function(session: Session) -> dict[str, Any]:
+    """Return the file of the function, and the screen that shows it."""
+    model = session.settings.get("model")
+    file = str(model.get("file", "")) if isinstance(model, dict) else ""
+    importer = importer_of(split_reference(file)[0])
+    return {"file": file, "screen": "formula" if importer is None else importer.screen}
 
 
 def _of_function(session: Session) -> dict[str, Any]:
@@ -131,7 +142,7 @@ SCREENS = {
 
 def _screen_of(location: Location) -> str:
     """Return the screen on which a problem is solved."""
-    if location.file.lower().endswith(FUNCTIONS) or kind_of(location.file) is not None:
+    if location.file.lower().endswith(FUNCTIONS) or importer_of_function(location.file) is not None:
         return "function"
     if location.file.lower().endswith(RECORDINGS) and not location.path:
         return "data"

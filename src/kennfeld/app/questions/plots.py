@@ -10,9 +10,10 @@ from kennfeld.app.questions.error_split import nearest
 from kennfeld.app.session.distributions import common_bins, drawn_samples, histogram
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.selection import read_selection, read_signal
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.strips import Statistics, describe, statistics, strip
+from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import KennfeldError
 

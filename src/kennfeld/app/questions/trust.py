@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from kennfeld.app.answer import Answer, Given, finite
-from kennfeld.app.session.session import Run, Session
+from kennfeld.app.session.runs import Run
+from kennfeld.app.session.session import Session
 from kennfeld.base.arrays import Float
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.optimize.trust.trust import Trust

@@ -5,16 +5,13 @@ import queue
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import field, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints, on_same_breakpoints, with_edits
-from kennfeld.app.session.evidence import Evidence
-from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk
+from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints, on_same_breakpoints
+from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk, read_exactly, text_or_none
 from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
@@ -23,16 +20,16 @@ from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
+from kennfeld.app.session.runs import Job, Run
 from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
-from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
 from kennfeld.app.session.surrogate_training import SurrogateTraining
-from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.app.session.view import View
+from kennfeld.base.arrays import Float
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.base.file_state import FileVersion, opened_files
-from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import within
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
@@ -41,8 +38,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.models import Model
 from kennfeld.models.code_consent import ConsentRequest, allow
-from kennfeld.optimize.fit.result import Result, TraceLine
-from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument
@@ -51,105 +47,6 @@ from kennfeld.project.schema import ProjectFile
 _T = TypeVar("_T")  # Python 3.11
 
 _REVISIONS = itertools.count(time.time_ns() // 1000)  # never the same, also after a restart
-
-
-def _text_or_none(path: Path) -> str | None:
-    try:
-        return read_exactly(path)
-    except InputError:
-        return None
-
-
-def read_exactly(path: Path) -> str:
-    """Return the text of a file with its line ends and byte order mark. Raises `InputError` if it is not UTF-8."""
-    try:
-        return path.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError.of(Location(path.name), "is not text in UTF-8") from None
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """A run that has ended.
-
-    Attributes:
-        number: counted from 1.
-        before: the values at its start.
-        result: its result.
-        problem: what was calibrated, None if it is the present problem.
-        extrapolation: use of surrogates outside their training data; None if it is not computed yet.
-    """
-
-    number: int
-    before: ParameterSet
-    result: Result
-    problem: Problem | None = None
-    extrapolation: tuple[Extrapolation, ...] | None = None
-
-
-@dataclass
-class Job:
-    """The running or last calibration, as it is shown.
-
-    Attributes:
-        state: idle, running, stopping, or the status of the last result.
-        message: a sentence on it.
-        began: monotonic time of its start, in s.
-        seconds: how long it has run.
-        trace: the steps so far.
-        preview: values of the best step so far, by parameter.
-        problem: what is calibrated.
-    """
-
-    state: str = "idle"
-    message: str = ""
-    began: float = 0.0
-    seconds: float = 0.0
-    trace: list[TraceLine] = field(default_factory=list)
-    preview: Mapping[str, Float] = field(default_factory=dict)
-    problem: Problem | None = None
-
-
-class View:
-    """A project that could be read, at the present values.
-
-    Attributes:
-        model: its compiled problem.
-        start: the evaluation at the initial values.
-        now: the evaluation at the present values.
-        signals: what can be drawn.
-        samples: number of training samples at each grid point, by table.
-    """
-
-    def __init__(self, model: LiveModel, read_channels: ReadChannels | None = None) -> None:
-        self.model = model
-        self.start = self.now = model.evaluate(model.problem.parameters)
-        self.signals = Signals(model, self.start, read_channels, self._informed)
-        self.samples: Mapping[str, Int] = self.evidence.sample_counts()
-
-    @cached_property
-    def evidence(self) -> Evidence:
-        """The lookups at the present values."""
-        return Evidence(self.model, self.now.parameters)
-
-    def _informed(self, recording: LiveDataset, point: GridPoint) -> Bool:
-        """Mark the samples of a dataset whose lookup gives a value of a table a weight."""
-        return self.evidence.informed(recording, point.parameter, point.value) > 0
-
-    def follow(self, values: Mapping[str, Float], tables: Mapping[str, Parameter]) -> tuple[Finding, ...]:
-        """Evaluate the model with edited values, and the initial ones of the other parameters; see `with_edits`."""
-        initial = self.model.problem.parameters
-        before = self.now.parameters
-        parameters, findings = with_edits(initial, values, tables)
-        self.now = self.start if parameters is initial else self.model.evaluate(parameters)
-        self.signals.follow(self.now)
-        self.__dict__.pop("evidence", None)
-        moved = any(not on_same_breakpoints(table, before[table.name]) for table in parameters.parameters)
-        if moved or not self.model.unmoved.issuperset(self.samples):
-            self.samples = self.evidence.sample_counts()
-        return findings
 
 
 class Session:
@@ -243,6 +140,7 @@ class Session:
         if self.view is not None and not self.stale:
             now, values = self.view.now.parameters, self.state.values
             self.history.note_tables({name: now[name] for name in values if name in now})
+        # edits of an earlier session wait in the file until the user decides on them
         if not self.recoverable:
             self.recovery.write(self.saved, self.state, self._files.known)
         return outcome
@@ -335,6 +233,7 @@ class Session:
             job.state, job.message = "failed", end.reason or " ".join(map(str, end.findings))
             return
         result, view = end.result, self.require_view()
+        # the whole trace in place of the steps that were reported, some of which were skipped
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
         run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation)
         self.runs.append(run)
@@ -348,6 +247,7 @@ class Session:
     def values_of(self, parameters: ParameterSet, names: Collection[str]) -> dict[str, Float | None]:
         """Return the values of parameters, with the breakpoints of free axes in place of those of an earlier run."""
         values = {name: parameters[name].values for name in names}
+        # None for each, which takes away breakpoints that this run does not have
         earlier = dict.fromkeys(name for name in self.state.values if name.startswith(AXIS_LABEL))
         return {**earlier, **values, **moved_breakpoints(parameters)}
 
@@ -391,7 +291,7 @@ class Session:
             return self.view.model.problem.model
         file = self.formula_file
         try:
-            return read_function(self.text_of(file), read_called(self.settings, self.path.parent)) if file else None
+            return read_function(self.text_of(file), read_called(self.settings, self.path)) if file else None
         except InputError:
             return None
 
@@ -427,20 +327,25 @@ class Session:
         Raises:
             InputError: a file cannot be written, or another program has changed it.
         """
+        # before anything is written
         if not replace and (conflicts := self.conflicts):
             message = "another program has changed it since it was read"
             raise InputError(Finding(Location(each.file), message, "Compare both first.") for each in conflicts)
         values = self._changed_values()
         if values is not None:
+            # changes the text of the project file, which is written below
             self._name_values(self.state.values)
         folder = self.path.parent
         try:
+            # all paths are checked before the first file is written
             targets = {within(folder, name): text for name, text in self._edited_texts().items()}
             target = within(folder, VALUES)
             for path, text in targets.items():
+                # as bytes, so that line ends stay as they are
                 write_whole(path, text.encode())
             if values is not None:
                 write_parameters(values, target)
+                # what the session wrote itself is not a change by another program
                 self._opened = [file.now() if file.path == target else file for file in self._opened]
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
@@ -471,8 +376,9 @@ class Session:
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
-        texts = {name: _text_or_none(folder / name) for name in self.state.texts}
+        texts = {name: text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
+        # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
             self.do(Restore("Read from disk", texts=texts))
@@ -552,6 +458,7 @@ class Session:
             self.findings = self._own_findings
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
+            # the last view stays, so that pages go on showing something while a text is being edited
             self.findings, self.stale = error.findings, True
             return
         if self.state.values:

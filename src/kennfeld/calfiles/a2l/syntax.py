@@ -22,6 +22,7 @@ from kennfeld.calfiles.format import CalibrationSource, FileFindings
 # the main file; None if there is no such file.
 Include = Callable[[str, Path | None], tuple[Path, bytes] | None]
 
+# a text, a comment, a word, or the begin of a text or comment without an end; possessive, so that no failure is retried
 _TOKEN = re.compile(
     r'"((?:[^"\\]++|\\.|"")*+)"'
     r"|/\*.*?\*/|//[^\n]*"
@@ -126,6 +127,7 @@ class _BlockBuilder:
     def _run(self, file: _File, start: int, depth: int) -> int | None:
         """Process tokens from an offset; return the offset at which to continue, None at the end."""
         waiting = ""  # /begin, /end or /include, until the word after it has come
+        # bound once, as a file has millions of words
         keep = self.stack[-1].tokens.append
         for match in _TOKEN.finditer(file.text, start):
             kind = match.lastindex
@@ -148,6 +150,7 @@ class _BlockBuilder:
             waiting, action = "", waiting
             if not self._act(file, match.start(), action, word, depth):
                 return None
+            # A2ML has a grammar of its own
             if action == "/begin" and word == "A2ML":
                 return self._after_a2ml(file, match.end())
             keep = self.stack[-1].tokens.append
@@ -315,12 +318,14 @@ def parse_number(word: str) -> float | None:
 
 def parse_integer(word: str) -> int | None:
     """Return a whole number of at most 64 bits, None if the word is none."""
+    # Python reads 1_000 as a number, and takes long to read thousands of digits
     if len(word) > 40 or "_" in word:
         return None
     try:
         sign, digits = (-1, word[1:]) if word[:1] == "-" else (1, word.removeprefix("+"))
         value = sign * int(digits, 16 if digits[:2] in ("0x", "0X") else 10)
     except ValueError:
+        # a whole number may be written as 1e3
         number = parse_float(word)
         return int(number) if number.is_integer() and abs(number) < 2**53 else None
     return value if abs(value) < 2**64 else None

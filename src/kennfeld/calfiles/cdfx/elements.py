@@ -107,6 +107,7 @@ def _holders(
         if first is not holder:
             message = f"is a variant with the same criteria as in line {first.line}; skipped"
             findings.warning(holder.line, name, message)
+    # without values of its own, an instance only groups others
     if not results and (element.first("SW-VALUE-CONT") is not None or not has_inner):
         results[""] = element
     yield from results.items()
@@ -133,9 +134,11 @@ class Values:
     shape: tuple[int, ...]
 
     def shaped(self, sizes: tuple[int, ...]) -> Float | None:
-        """Return the numbers as an array of these sizes, x first; None if count or grouping differs."""
+        """Return the numbers as Float[x, y, ...] of these sizes; None if count or grouping differs."""
+        # a flat list fits every shape of its size
         if len(self.numbers) != prod(sizes) or (len(self.shape) > 1 and self.shape != sizes[::-1]):
             return None
+        # x runs fastest
         return np.array(self.numbers, dtype=np.float64).reshape(sizes[::-1]).T
 
 
@@ -207,6 +210,7 @@ class _ValueWalker:
                 text = word.strip()[:60]
                 has_comma = "," in text and isfinite(parse_float(text.replace(",", ".")))
                 remedy = "Write a decimal point." if has_comma else ""
+                # of the element's lines, the one that the word is in
                 at = line + word[: len(word) - len(word.lstrip())].count("\n")
                 self.findings.error(at, self.name, f"must be a finite number, got {text!r}", remedy)
             line += word.count("\n")

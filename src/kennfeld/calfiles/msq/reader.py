@@ -89,6 +89,7 @@ def find_definition(path: Path | None, signature: str, findings: FileFindings) -
         if signature and signature in _SIGNATURE.findall(text):
             return text
     for file, text in texts.items():
+        # TunerStudio keeps the definition of a project under this name
         if file.name.casefold() == "maincontroller.ini":
             other = next(iter(_SIGNATURE.findall(text)), "")
             message = f"{file.name} is for the firmware {other!r}, but the tune for {signature!r}"
@@ -138,6 +139,7 @@ def pairs_of(definition: str) -> list[Pair]:
 def _complete_pair(section: str, key: str, bins: dict[str, list[str]], title: str) -> list[Pair]:
     """Return the pair that one more line of an editor completes."""
     is_table = section == "tableeditor"
+    # a table is complete with x, y and z in any order; a curve may have several ybins over one xbins
     if len(bins) < 3 if is_table else key != "ybins" or "xbins" not in bins:
         return []
     axes = [bins["xbins"], bins["ybins"]] if is_table else [bins["xbins"]]
@@ -279,8 +281,10 @@ class _MsqReader:
 
     def build(self, pairs: list[Pair], has_definition: bool) -> None:
         """Convert the constants to parameters, those with a pair to tables."""
+        # backwards, so that of several pairs for a table the first one that fits remains
         different = {(pair.values, pair.axes): pair for pair in reversed(pairs)}
         tables = {pair.values: pair for pair in different.values() if self._fits(pair, has_definition)}
+        # breakpoints are read as axes, unless they are a table themselves
         used = {name for pair in tables.values() for name in pair.axes} - tables.keys()
         for name in self.constants:
             if name in self.arrays and name not in used:

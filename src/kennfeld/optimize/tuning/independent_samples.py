@@ -53,6 +53,7 @@ class CorrelationSums:
         """
         if not self.sums[0] > 0:
             return 1.0
+        # products at lags beyond half of a piece are few, and their sum is noise
         shares = self.sums[1 : self.longest // 2] / self.sums[0]
         return float(1 + 2 * np.max(np.cumsum(shares), initial=0.0))
 

@@ -68,6 +68,7 @@ def backlash(block: BlockContext) -> SignalOrBus:
     u = block.hold_in_minor_steps(block.input())
     half = 0.5 * block.parameter("BacklashWidth")
     init = block.parameter("InitialOutput")
+    # y = min(max(y', u - w / 2), u + w / 2)
     return block.feedback(init, lambda before: apply("min", apply("max", before, u - half), u + half))
 
 
@@ -96,6 +97,7 @@ def rate_limiter_dynamic(block: BlockContext) -> SignalOrBus:
 
 def _limit_rate(block: BlockContext, u: Signal, up: Signal, down: Signal, init: Signal) -> Signal:
     step = block.sample_step()
+    # y = y' + limit(u - y', down T, up T)
     return block.feedback(init, lambda before: before + clip(u - before, down * step, up * step))
 
 
