@@ -202,7 +202,8 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     def select(self, names: Iterable[str]) -> "ParameterSet":
         """Return the named parameters alone, in the order of `names`."""
         chosen = [self[name] for name in names]
-        others = [item for item in self.others if item.name in {member.name for member in chosen}]
+        selected = {member.name for member in chosen}
+        others = [item for item in self.others if item.name in selected]
         return ParameterSet(chosen, others=others, origin=self.origin)
 
     def from_origin(self, origin: object | None) -> "ParameterSet":
@@ -231,8 +232,9 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     def without(self, names: Collection[str]) -> "ParameterSet":
         """Return all but the named parameters; group axes stay."""
-        kept = [member for member in self.parameters if member.name not in names]
-        others = [item for item in self.others if item.name not in names]
+        removed = frozenset(names)
+        kept = [member for member in self.parameters if member.name not in removed]
+        others = [item for item in self.others if item.name not in removed]
         return ParameterSet(kept, self.texts, self.axes, others, self.origin)
 
     def to_frame(self) -> Any:
