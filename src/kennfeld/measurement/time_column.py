@@ -175,6 +175,23 @@ def with_unread_time(table: Table) -> Table:
     return replace(table, findings=(*table.findings, finding))
 
 
+def with_date_doubts(table: Table) -> Table:
+    """Return the table with a warning for each column whose dates read either way.
+
+    In the time column, the day of the recording counts, too.
+    """
+    if not any(column.doubt or column.origin_doubt for column in table.columns):
+        return table
+    clock = find_time(table)
+    remedy = "Export the file with ISO dates, 2026-12-31, if that is wrong."
+    findings = [
+        Finding(table.location.within(f"column {column.place}"), doubt, remedy, severity="warning")
+        for column in table.columns
+        if (doubt := column.doubt or (column.origin_doubt if column is clock else ""))
+    ]
+    return replace(table, findings=(*table.findings, *findings))
+
+
 def _names_time(column: Column) -> bool:
     return time_unit(column.name, column.unit) is not None or says_time(column.name)
 
