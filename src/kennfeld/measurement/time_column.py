@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import Finding, Location, Severity
-from kennfeld.base.formatting import count_noun
+from kennfeld.base.formatting import count_noun, quoted, toml_text
 from kennfeld.domain.dataset import Clock
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.table import Column, Table, limit_findings
@@ -108,9 +108,8 @@ def clock_of(column: Column) -> Clock:
 
 def unit_remedy(name: str) -> str:
     """Return the remedy for a time column that looks like milliseconds: state its unit."""
-    return (
-        f'If they are, write [units] {name} = "ms", else "s"; in Python kennfeld.read(..., units={{"{name}": "ms"}}).'
-    )
+    python = f'kennfeld.read(..., units={{{toml_text(name)}: "ms"}})'
+    return f'If they are, write [units] {quoted(name)} = "ms", else "s"; in Python {python}.'
 
 
 def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
