@@ -182,8 +182,6 @@ def _split(statements: _Statements, text: str) -> Iterator[tuple[int, str, str]]
         at += 1
         keyword = match[1] if match else ""
         if keyword not in _READERS:
-            if keyword == "CM_":
-                at = _end(lines, first)
             continue
         if keyword not in ("BO_", "SG_"):
             at = _end(lines, first)
