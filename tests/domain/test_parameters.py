@@ -392,6 +392,32 @@ def test_an_unknown_variant_is_refused_with_those_that_there_are():
         with_variants().in_variant("Engine=3")
 
 
+class ComparedName(str):
+    """A name that counts how often it is hashed or compared."""
+
+    count = 0
+
+    def __hash__(self):
+        ComparedName.count += 1
+        return super().__hash__()
+
+    def __eq__(self, other):
+        ComparedName.count += 1
+        return super().__eq__(other)
+
+
+@pytest.mark.parametrize("choose", [ParameterSet.select, ParameterSet.without])
+def test_a_choice_takes_each_variant_once(choose):
+    names = [ComparedName(f"K{k}") for k in range(100)]
+    values = ParameterSet(
+        [Scalar(name, 1.0, variant="Engine=1") for name in names],
+        others=[Scalar(name, 2.0, variant="Engine=2") for name in names],
+    )
+    ComparedName.count = 0
+    assert len(choose(values, names[50:]).others) == 50
+    assert ComparedName.count < 25 * len(names)  # 5 000 comparisons and more if each is compared with each
+
+
 def test_new_values_without_a_variant_replace_those_that_count():
     merged = with_variants().with_parameters(Scalar("K", 7))
     assert (merged["K"].value, merged["K"].variant) == (7, "Engine=1")

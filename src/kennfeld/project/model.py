@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kennfeld.base.errors import Finding, Findings, InputError, Location
-from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.base.formatting import count_noun, nearest, quoted, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.files.formats import named_format
@@ -287,10 +287,10 @@ def axis_count_finding(function: ProjectModel, name: str, kind: str, axes: int) 
 def _snippet(name: str, count: int, function: ProjectModel) -> list[str]:
     """Return lines of a project file that define a table, its axes named after the coordinates of the lookup."""
     graph = function.graph
-    lines = [f"[parameters.{name}]" if re.fullmatch(r"[\w-]+", name) else f'[parameters."{name}"]']
+    lines = [f"[parameters.{quoted(name)}]"]
     for direction, quantity in zip(DIRECTIONS, coordinates_of(graph, name)[:count], strict=False):
         spread = "count = 8" if quantity in graph.inputs else "begin = 0.0, end = 1.0, count = 8"
-        named = f'input = "{quantity}", ' if quantity else ""
+        named = f"input = {toml_text(quantity)}, " if quantity else ""
         lines.append(f"{direction} = {{ {named}{spread} }}")
     return [*lines, f"initial = {initial_level(graph, name)}"]
 
