@@ -8,7 +8,6 @@ import pytest
 from kennfeld.app.folders import plain_name
 from kennfeld.base.errors import Findings
 from kennfeld.domain import file_spans
-from kennfeld.importers.c.preprocessing import preprocess
 from kennfeld.models import function_files, importer_registry
 from kennfeld.preprocessing import recording_sources, recordings
 
@@ -65,8 +64,11 @@ def test_a_dataset_is_named_after_its_file():
     assert recordings.default_name([r"D:\a\run_1.csv", r"D:\a\run_2.csv"], r"a\run_*.csv") == "run"
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize("name", [r"..\secret.h", r"D:\secret.h", "D:secret.h", "../secret.h"])
 def test_c_code_includes_files_of_its_own_folder_only(name, tmp_path):
+    from kennfeld.importers.c.preprocessing import preprocess
+
     folder = tmp_path / "code"
     folder.mkdir()
     literal = [folder / name] if os.name == "posix" else []  # a name as Windows would resolve it
