@@ -37,6 +37,7 @@ def test_the_colon_of_a_drive_does_not_separate_a_function(reference, parts):
     assert function_files.split_reference(reference) == parts
 
 
+@pytest.mark.guests
 def test_the_kind_of_a_function_file_does_not_depend_on_its_drive():
     assert function_files.importer_of_function(r"D:\a\KNOCK.ONNX").endings == (".onnx",)
     assert function_files.importer_of_function(r"D:\a.onnx\engine") is None
