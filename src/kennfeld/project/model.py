@@ -21,7 +21,7 @@ from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.function_files import read_function_file, split_reference
 from kennfeld.models.importer import ImportRequest
-from kennfeld.models.importer_registry import importer_of
+from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.models.model_function import ModelFunction
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.value_forms import DIRECTIONS
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 
-_KINDS_REMEDY = "Use formula text (.kf), a Simulink model (.slx, .mdl) or an ASCET class (.esdl, .axl)."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
 
 
@@ -198,10 +197,20 @@ def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     elif stated is not None and stated.remedy:
         findings.error(location, f"{name} is {stated.phrase}", stated.remedy)
     elif ending != ".kf" and importer_of(path.name) is None:
-        findings.error(location, f"unknown model format {path.suffix or name}", _KINDS_REMEDY)
+        findings.error(location, f"unknown model format {path.suffix or name}", _kinds_remedy())
     else:
         return True
     return False
+
+
+def _kinds_remedy() -> str:
+    """Return which files can be the function."""
+    kinds = ["formula text (.kf)"]
+    for importer in importers():
+        endings = [ending for known in importer.formats if not known.remedy for ending in known.endings]
+        kinds.append(f"{importer.label} ({', '.join(endings)})")
+    *first, last = kinds
+    return f"Use {', '.join(first)} or {last}." if first else f"Use {last}."
 
 
 def _extend_model(model: Model, file: ProjectFile, findings: Findings) -> Model:
