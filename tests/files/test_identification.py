@@ -186,7 +186,7 @@ def test_settings_above_a_table_make_no_formula_and_no_script_of_it(tmp_path, te
     assert kf.read(path).samples >= 2
 
 
-def test_the_ending_tells_what_content_does_not(tmp_path):
+def test_the_ending_decides_where_the_content_does_not(tmp_path):
     for name, role in {"net.onnx": "function", "lag.c": "function", "my.py": "function", "Gear.app": "program"}.items():
         (tmp_path / name).write_text("nothing that is known\n", encoding="utf-8")
         assert identify(tmp_path / name).role.value == role

@@ -37,7 +37,7 @@ def test_seconds_are_not_taken_for_a_clock(csv, unit):
     assert data.findings == ()
 
 
-def test_numbers_of_more_than_a_day_are_no_clock():
+def test_numbers_beyond_one_day_are_not_read_as_a_clock():
     assert seconds_of_clock(np.array([240000.0])) is None
     assert seconds_of_clock(np.array([126000.0])) is None
     assert np.isnan(seconds_of_clock(np.array([np.nan, 100.0]))[0])
@@ -47,19 +47,19 @@ def dated(csv, *dates):
     return read(csv("Date;n\n" + "".join(f"{date} 12:00:00;{k}\n" for k, date in enumerate(dates))))
 
 
-def test_a_part_above_twelve_tells_the_order(csv):
+def test_a_part_above_twelve_decides_the_order(csv):
     assert dated(csv, "11/12/2026", "12/12/2026", "13/12/2026").time.tolist() == [0, 86_400, 172_800]
     assert dated(csv, "12/11/2026", "12/12/2026", "12/13/2026").time.tolist() == [0, 86_400, 172_800]
 
 
-def test_a_part_above_twelve_in_a_later_block_tells_the_order(csv):
+def test_a_part_above_twelve_in_a_later_block_decides_the_order(csv):
     rows = [f"{1 + k // 400:02d}/03/2026 10:{k % 400 // 60:02d}:{k % 400 % 60:02d};{k}" for k in range(6000)]
     data = read(csv("Date;n\n" + "\n".join(rows) + "\n"), ["n"])
     assert data.time[4000] == 10 * 86_400
     assert data.findings == ()
 
 
-def test_increasing_time_tells_the_order(csv):
+def test_increasing_time_decides_the_order(csv):
     data = dated(csv, "01/02/2026", "02/02/2026", "01/03/2026")
     assert data.time.tolist() == [0, 86_400, 28 * 86_400]
     assert data.findings == ()
@@ -142,7 +142,7 @@ def test_names_of_months_and_halves_of_days(cells, step):
 
 
 @pytest.mark.parametrize("cell", ["11-Xyz-2026 10:00:00", "13:00:00 PM", "32/01/2026", "11-Nov-26 10:00:00"])
-def test_other_words_are_no_stamps(cell):
+def test_other_words_are_not_read_as_stamps(cell):
     assert not is_stamp(cell)
 
 

@@ -26,7 +26,7 @@ def test_a_signal_has_its_layout_scaling_unit_comment_and_texts():
     assert (signal("Speed", of="Gearbox").big_endian, signal("Speed", of="Gearbox").kind) == (True, "i")
 
 
-def test_the_highest_bit_of_an_identifier_says_that_it_has_29_bits():
+def test_the_highest_bit_marks_an_identifier_of_29_bits():
     assert (message("EEC1").identifier, message("EEC1").extended) == (0x0CF004FE, True)
     assert not message("Engine").extended
 
@@ -102,7 +102,7 @@ SG_MUL_VAL_ 1 B A 1-1;
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "remark"),
     [
         (' SG_ b : 0|0@1+ (1,0) [0|0] "" X', "signal b of message M has 0 bits; it is skipped"),
         (' SG_ b : 0|65@1+ (1,0) [0|0] "" X', "signal b of message M has 65 bits; it is skipped"),
@@ -118,9 +118,9 @@ SG_MUL_VAL_ 1 B A 1-1;
         (' SG_ b : 4|8@1+ (1,0) [0|0] "" X', "1 signal share bits with others of their message: M.b and a"),
     ],
 )
-def test_what_cannot_be_used_is_skipped_and_reported_with_its_line(line, said):
+def test_unusable_entries_are_skipped_and_reported_with_their_line(line, remark):
     database = parse_database("a.dbc", f'BO_ 1 M: 8 X\n SG_ a : 0|8@1+ (1,0) [0|0] "" X\n{line}\n')
-    assert said in " ".join(map(str, database.findings))
+    assert remark in " ".join(map(str, database.findings))
     assert database.messages[0].signals[0].name == "a"
     assert all(finding.severity != "error" for finding in database.findings)
 
