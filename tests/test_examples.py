@@ -54,7 +54,7 @@ QUICK = ("air-flow", "nox", "simulink")  # examples
 STARTS = {"exhaust.md": "exhaust-temperature", "simulink.md": "simulink"}
 
 LONG = {  # documents whose fits take several seconds
-    *("commands.md", "get-started.md", "installation.md", "results.md"),
+    *("commands.md", "get-started.md", "installation.md", "results.md", "simulink-example.md"),
     *(
         "how-to/ci.md",
         "how-to/delay.md",
@@ -67,7 +67,8 @@ LONG = {  # documents whose fits take several seconds
     *("tutorials/torque.md", "tutorials/two-days.md"),
 }
 LONGEST = {  # documents with several fits
-    *("commands.md", "get-started.md", "results.md", "how-to/delay.md", "how-to/smoothness.md"),
+    *("commands.md", "get-started.md", "results.md", "simulink-example.md"),
+    *("how-to/delay.md", "how-to/smoothness.md"),
     *("tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md", "tutorials/torque.md"),
     *("how-to/ci.md", "how-to/monotonic-maps.md", "how-to/trust.md", "how-to/weights.md"),
 }

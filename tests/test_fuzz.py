@@ -48,7 +48,7 @@ def test_many_damaged_files_of_every_kind_end_in_data_or_findings():
 def test_damaged_networks_end_in_a_network_or_one_message(tmp_path):
     pytest.importorskip("onnx", reason="the package onnx is not installed")
     networks = list(stored_networks(3))
-    for number in range(40):
+    for number in range(15):
         _, path = put(networks, 3, number, tmp_path / str(number))
         read(path)
 

@@ -11,6 +11,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.domain import parameter_set as module
 from kennfeld.domain.parameter_set import ParameterSet, use_writer
 from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text, parameter
+from tests.draws import mostly_slow
 
 
 def test_an_axis_holds_its_breakpoints_as_doubles():
@@ -349,7 +350,7 @@ def test_saving_hands_the_set_to_the_writer(monkeypatch):
     assert written == [(parameters, Path("x.dcm"))]
 
 
-@pytest.mark.parametrize("first", ["", "import kennfeld as kf; kf.InputError; "])
+@pytest.mark.parametrize("first", mostly_slow(["", "import kennfeld as kf; kf.InputError; "], 1))
 def test_a_set_is_saved_by_whoever_imports_the_types_alone(tmp_path, first):
     imports = "from kennfeld.domain.parameter_set import ParameterSet; from kennfeld.domain.parameters import Scalar; "
     script = f"{first}{imports}ParameterSet([Scalar('a', 1)]).save('a.json')"

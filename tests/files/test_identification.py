@@ -14,6 +14,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
 from kennfeld.files import Role, identify
 from kennfeld.terminal.file_info import describe_file
+from tests.draws import mostly_slow
 
 CONTENTS = {"measurement": "recording", "calibration": "calibration", "formula": "function", "project": "project"}
 TEXTS = {
@@ -119,7 +120,7 @@ MAKERS = pytest.mark.parametrize(
 
 
 @MAKERS
-@pytest.mark.parametrize("form", ["plain", "no ending"])
+@pytest.mark.parametrize("form", mostly_slow(["plain", "no ending"], 1))
 def test_samples_of_every_format_get_one_answer(tmp_path, form, makers, fewest):
     assert len(check_samples(tmp_path, form, makers)) >= fewest
 
