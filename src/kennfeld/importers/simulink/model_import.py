@@ -277,7 +277,7 @@ class ModelImport:
             source=str(self.path),
             locations=MappingProxyType(names.locations | {name: Location(text) for name, text in sources.items()}),
             values=values,
-            remarks=report.calibration_remarks,
+            remarks=report.notes,
             stepped=self.stepping.replaced,
             equations=replace(equations, units=present_units) if is_continuous(equations) else None,
             solver=self.solver,
