@@ -155,3 +155,10 @@ def test_every_importer_is_found_by_its_files():
         assert isinstance(importer, Importer)
         assert {importer_of(f"a{ending}") for ending in importer.endings} == {importer}
         assert {importer_of_format(known) for known in importer.formats} == {importer}
+
+
+def test_nothing_but_the_public_names_of_kennfeld_names_an_importer_outside_of_its_folder():
+    package = Path(kf.__file__).parent
+    others = [path for path in package.rglob("*.py") if "importers" not in path.relative_to(package).parts]
+    naming = [path for path in others if re.search(r"kennfeld\.importers\.[a-z]", path.read_text(encoding="utf-8"))]
+    assert naming == [package / "__init__.py"]
