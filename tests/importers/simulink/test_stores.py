@@ -1,5 +1,7 @@
 """Data stores, delays that change, scripts, and other things that go beyond a single block."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,9 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
 from kennfeld.importers.simulink.flattening.flat_model import DataStoreOrder, FlatBlock
 from kennfeld.importers.simulink.importing import import_simulink
+from kennfeld.importers.simulink.reader.document import read_document
+from kennfeld.importers.simulink.reader.model_tree import StoredWorkspace
+from kennfeld.importers.simulink.variables.model_variables import collect_variables
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from tests.draws import mostly_slow
@@ -193,6 +198,67 @@ def test_a_signal_object_declares_a_data_store(source, tmp_path):
     model = imported(drawn, tmp_path, parameters=sources[source])
     assert run(model, {"u": [1.0, 2.0, 3.0]})["y"].tolist() == [6, 1, 2]
     assert list(model.graph.parameters) == ["start"]
+
+
+def counting(name, code="", factor="1"):
+    """A model that writes a multiple of its input to the store A, and returns what it was before."""
+    drawn = Model(name, step="0.1", solver="FixedStepDiscrete", code=code)
+    drawn.inport("x")
+    drawn.block("Gain", "G", Gain=factor)
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="A", Priority="2")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A", Priority="1")
+    drawn.outport("y")
+    drawn.chain("x", "G", "W")
+    drawn.chain("R", "y")
+    return drawn
+
+
+def referring(*names, code="", initial=""):
+    """A model around referenced models of these names, perhaps with a block of the store A."""
+    drawn = Model("top", step="0.1", solver="FixedStepDiscrete", code=code)
+    drawn.inport("u")
+    if initial:
+        drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="A", InitialValue=initial)
+    for k, name in enumerate(names, 1):
+        drawn.block("ModelReference", f"R{k}", ports=(1, 1), ModelNameDialog=name)
+        drawn.outport(f"y{k}")
+        drawn.chain("u", f"R{k}", f"y{k}")
+    return drawn
+
+
+def signal_of(initial):
+    return f"A = Simulink.Signal; A.InitialValue = '{initial}'; A.Dimensions = 1;"
+
+
+@pytest.mark.parametrize(
+    ("own", "names", "top", "expected"),
+    [
+        ({"one": signal_of(7), "two": signal_of(8)}, ("one", "two"), {}, [[7, 1, 2], [8, 2, 4]]),
+        ({"one": signal_of(7)}, ("one", "one"), {}, [[7, 1, 2], [7, 1, 2]]),
+        ({"one": signal_of(9), "two": ""}, ("one", "two"), {"given": signal_of(9)}, [[9, 1, 2], [9, 2, 4]]),
+        ({"one": signal_of(7), "two": signal_of(8)}, ("one", "two"), {"initial": "5"}, [[7, 1, 2], [8, 2, 4]]),
+        ({"one": "", "two": ""}, ("one", "two"), {"given": signal_of(9)}, [[9, 2, 4], [9, 2, 4]]),
+        ({"one": "", "two": ""}, ("one", "two"), {"code": signal_of(9)}, [[9, 2, 4], [9, 2, 4]]),
+        ({"one": "", "two": ""}, ("one", "two"), {"initial": "5"}, [[5, 2, 4], [5, 2, 4]]),
+    ],
+)
+def test_a_store_of_a_model_workspace_is_local_to_each_instance_of_its_model(own, names, top, expected, tmp_path):
+    for factor, (name, code) in enumerate(own.items(), 1):
+        counting(name, code, str(factor)).write(tmp_path)
+    (tmp_path / "given.m").write_text(top.pop("given", ""))
+    model = imported(referring(*names, **top), tmp_path, parameters=[tmp_path / "given.m"])
+    outputs = run(model, {"u": [1.0, 2.0, 3.0]})
+    assert [outputs[f"y{k}"].tolist() for k in (1, 2)] == expected
+
+
+@pytest.mark.parametrize("kind", ["m-code", "file"])
+def test_variables_of_a_workspace_are_local_even_if_they_equal_given_ones(kind, tmp_path):
+    for file in ("given.m", "own.m"):
+        (tmp_path / file).write_text(f"{signal_of(7)} {'k = 2;' if file == 'given.m' else ''}")
+    text = signal_of(7) if kind == "m-code" else "own.m"
+    document = replace(read_document(counting("one").write(tmp_path)), workspace=StoredWorkspace(kind, text=text))
+    variables = collect_variables(document, [tmp_path / "given.m"])
+    assert {name: variables[name].local for name in ("A", "k")} == {"A": True, "k": False}
 
 
 def test_a_data_store_of_a_signal_object_without_a_value_starts_at_0(tmp_path):

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from kennfeld.importers.simulink.blocks.continuous import external_reset, has_external_reset, reset_signal
-from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.signals import (
     Signal,
     SignalOrBus,
@@ -49,8 +49,13 @@ def _ports(block: BlockContext) -> dict[str, int]:
 
 def _delay_needs(block: BlockContext) -> Iterable[int]:
     ports = _ports(block)
-    through = _shortest(block) == 0 if "length" in ports else block.field_text("DelayLength") == "0"
-    return [0, *ports.values()] if through else ports.values()
+    shortest = _shortest(block) if "length" in ports else _steps(block, "DelayLength")
+    return ports.values() if shortest else [0, *ports.values()]
+
+
+def _steps(block: BlockContext, field: str) -> int:
+    """Return the samples of a constant delay; a delay by none passes its input on."""
+    return block.integer_field(field, 0, 100_000)
 
 
 def _shortest(block: BlockContext) -> int:
@@ -66,7 +71,7 @@ def delay(block: BlockContext) -> SignalOrBus:
     ports = _ports(block)
     init = block.input(ports["init"]) if "init" in ports else block.parameter("InitialCondition")
     if "length" not in ports:
-        steps = block.integer_field("DelayLength", 0, 100_000)
+        steps = _steps(block, "DelayLength")
         if "enable" not in ports and "reset" not in ports:
             return _delay_by(block, init, steps)
         return _controlled_delay(block, ports, init, steps, None)
@@ -76,12 +81,12 @@ def delay(block: BlockContext) -> SignalOrBus:
     return _controlled_delay(block, ports, init, steps, apply("floor", block.input(ports["length"])))
 
 
-@block("Integer Delay", "IntegerDelay", needs=no_feedthrough, sample="samptime", NumDelays="4", vinit="0.0",
-       samptime="-1", InitialCondition="0.0")  # fmt: skip
+@block("Integer Delay", "IntegerDelay", needs=lambda block: range(not _steps(block, "NumDelays")), sample="samptime",
+       NumDelays="4", vinit="0.0", samptime="-1", InitialCondition="0.0")  # fmt: skip
 def integer_delay(block: BlockContext) -> SignalOrBus:
     """Delay the input by a number of samples (block of older releases)."""
     init = block.parameter(block.field_name("InitialCondition", "vinit"))
-    return _delay_by(block, init, block.integer_field("NumDelays", 0, 100_000))
+    return _delay_by(block, init, _steps(block, "NumDelays"))
 
 
 def _delay_by(block: BlockContext, init: Signal, steps: int) -> Signal:
@@ -129,7 +134,9 @@ def _controlled_delay(
     runs = block.is_true(ports["enable"]) if "enable" in ports else None
     anew = _restarts(block, ports, runs)
     taps = _taps(block, init, steps, runs, anew)
-    y, shortest = taps[-1], _shortest(block)
+    shortest = _shortest(block)
+    # nothing to refill in a delay by 0 samples, which an enable port may hold all the same
+    y = taps[-1] if taps else block.input(0)
     if length is not None:
         # length n selects tap n - 1; without PreventDirectFeedthrough, length 0 selects the input
         y = select_by_index(length, taps if shortest else [block.input(0), *taps], shortest + 1.0)

@@ -4,7 +4,7 @@ A signal is traced through ports, tags, variants and buses to the block that com
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from kennfeld.importers.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
 from kennfeld.importers.simulink.flattening.hierarchy import (
@@ -13,10 +13,16 @@ from kennfeld.importers.simulink.flattening.hierarchy import (
     SystemInstance,
     enclosing_systems,
     goto_tag,
+    model_instance,
 )
 from kennfeld.importers.simulink.reader.block_ports import element_of, elements, port_number
 from kennfeld.importers.simulink.reader.model_tree import Endpoint, ModelBlock, Ports, join_path
-from kennfeld.importers.simulink.variables.mask_scope import Scope, declared_store, names_assigned_by_functions
+from kennfeld.importers.simulink.variables.mask_scope import (
+    Scope,
+    Variable,
+    declared_store,
+    names_assigned_by_functions,
+)
 
 _NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
 
@@ -146,11 +152,12 @@ class SignalTracer:
         return below, Endpoint(outport.sid, "in")
 
     def goto(self, level: SystemInstance, tag: str) -> tuple[SystemInstance, ModelBlock] | None:
-        """Find the Goto of a tag: local in the same system, scoped below its visibility block, global anywhere."""
+        """Find the Goto of a tag: local in the same system, scoped below its visibility block, global in its model."""
         if (level, tag) in self._local:
             return self._local[level, tag]
         for where, goto in self._wide.get(tag, ()):
-            if goto.value("TagVisibility") == "global" or self._is_in_scope(level, where, tag):
+            is_global = goto.value("TagVisibility") == "global" and model_instance(where) is model_instance(level)
+            if is_global or self._is_in_scope(level, where, tag):
                 return where, goto
         return None
 
@@ -210,7 +217,7 @@ class ConnectionResolver:
         self.placed = placed
         self.wires = SignalTracer(placed.gotos)
         self._ends = 0
-        self._declared: dict[str, FlatBlock | None] = {}
+        self._declared: dict[tuple[tuple[str, ...], str], FlatBlock] = {}
 
     def connect(self) -> None:
         """Resolve the sources of all inputs."""
@@ -265,19 +272,33 @@ class ConnectionResolver:
         return access
 
     def _store(self, level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
-        """Return the memory of a data store: that of a block around, else one declared by a signal object."""
-        memory, name = _memory_block(level, block), _store_name(block)
-        if memory is not None:
-            return memory
-        if name not in self._declared:
-            fields = declared_store(level.scope.variables.get(name))
-            self._declared[name] = None if fields is None else self._place_declared(level, name, fields)
-        return self._declared[name]
+        """Return the memory of a data store: that of a block around, else one declared by a signal object.
 
-    def _place_declared(self, level: SystemInstance, name: str, fields: Mapping[str, str]) -> FlatBlock:
+        A referenced model does not see the blocks of the model around it. They are taken if nothing else declares it.
+        """
+        name, around = _store_name(block), list(enclosing_systems(level))
+        variable = level.scope.variables.get(name)
+        own = [system for system in around if _shares(system, level, name)]
+        rest = [system for system in around if system not in own]
+        memory = _memory_block(own, name) or self._declared_store(own[-1], name, variable)
+        return memory or _memory_block(rest, name)
+
+    def _declared_store(self, model: SystemInstance, name: str, variable: Variable | None) -> FlatBlock | None:
+        """Return the memory that a signal object declares: for all models, or for one instance of its own model."""
+        fields = declared_store(variable)
+        if variable is None or fields is None:
+            return None
+        # iterations of a model share its stores, elements of a For Each subsystem do not
+        place = (*model.path, str(model.element)) if variable.local else ()
+        if (place, name) not in self._declared:
+            path = join_path(*model.path, name) if variable.local else name
+            self._declared[place, name] = self._place_declared(model, path, {"DataStoreName": name, **fields})
+        return self._declared[place, name]
+
+    def _place_declared(self, model: SystemInstance, path: str, fields: dict[str, str]) -> FlatBlock:
         """Place the memory of a data store that has no block."""
-        block = ModelBlock("DataStoreMemory", name, "", name, {"DataStoreName": name, **fields}, ports=Ports())
-        memory = FlatBlock("DataStoreMemory", block, name, Scope(level.scope.variables), synthetic=True)
+        block = ModelBlock("DataStoreMemory", fields["DataStoreName"], "", path, fields, ports=Ports())
+        memory = FlatBlock("DataStoreMemory", block, path, Scope(model.scope.variables), synthetic=True)
         self.placed.flat_blocks.append(memory)
         return memory
 
@@ -315,9 +336,19 @@ class ConnectionResolver:
         flat.output_names = {number - 1: name for number, name in flat.block.signals.items()} | level.named.get(sid, {})
 
 
-def _memory_block(level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
-    name = _store_name(block)
-    for here in enclosing_systems(level):
+def _shares(system: SystemInstance, level: SystemInstance, name: str) -> bool:
+    """Return True if a system around another one has the same data stores of a name.
+
+    It belongs to the same model, or to one with the model workspace that declares the store.
+    """
+    variable = level.scope.variables.get(name)
+    if variable is not None and variable.local:
+        return system.scope.variables.get(name) is variable
+    return model_instance(system) is model_instance(level)
+
+
+def _memory_block(systems: Iterable[SystemInstance], name: str) -> FlatBlock | None:
+    for here in systems:
         # innermost first: a memory hides one of the same name further out
         for memory in here.system.of("DataStoreMemory"):
             if _store_name(memory) == name:

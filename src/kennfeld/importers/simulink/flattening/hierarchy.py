@@ -95,6 +95,14 @@ def enclosing_systems(level: SystemInstance) -> Iterator[SystemInstance]:
         here = here.parent
 
 
+def model_instance(level: SystemInstance) -> SystemInstance:
+    """Return the outermost system of the model that contains a system; a referenced model has its own variables."""
+    here = level
+    while here.parent is not None and here.parent.scope.variables is here.scope.variables:
+        here = here.parent
+    return here
+
+
 def goto_tag(block: ModelBlock) -> str:
     """Return the tag of a Goto, From or Goto Tag Visibility block."""
     return (block.value("GotoTag") or "A").strip()

@@ -28,7 +28,8 @@ class Variable:
     """A variable of the model: its value, and further information from its source.
 
     `lower` and `upper` are one number, or one for each number of the value. `axes` are those that a calibration file
-    gives a table. A `fixed` variable, such as an enumeration member, is not a parameter.
+    gives a table. A `fixed` variable, such as an enumeration member, is not a parameter. A `local` one is of a model
+    workspace, which other models do not see.
     """
 
     value: ParameterValue
@@ -39,6 +40,7 @@ class Variable:
     source: str = ""
     axes: tuple[Axis, ...] = ()
     fixed: bool = False
+    local: bool = False
 
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
         """Add limits to the variable, None for none; limits that its own value violates are ignored."""
@@ -172,6 +174,12 @@ def _assigned_name(statement: m.Statement) -> str:
     """Return the name that a statement assigns as a whole, "" for other statements."""
     targets = statement.targets if isinstance(statement, m.Assign) else ()
     return targets[0].name if len(targets) == 1 and isinstance(targets[0], m.Name) else ""
+
+
+def names_assigned_by_script(code: str) -> frozenset[str]:
+    """Collect the variables that a script assigns."""
+    script, _ = parse_leniently(code)
+    return names_assigned(script.statements)
 
 
 def names_assigned_by_functions(code: str) -> frozenset[str]:

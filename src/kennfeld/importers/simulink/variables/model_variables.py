@@ -1,7 +1,7 @@
 """Collection of a model's variables and solver settings from workspace, dictionaries, scripts and given values."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -26,6 +26,7 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     Variable,
     VariableTable,
     equal_values,
+    names_assigned_by_script,
     to_parameter_value,
 )
 from kennfeld.importers.simulink.variables.stored_variables import (
@@ -189,22 +190,35 @@ def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
 
 
 def _workspace(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
+    """Add the variables of the model workspace, which are local to the model."""
+    before = dict(variables)
+    code = _add_workspace(variables, document, search)
+    new = {name for name, variable in variables.items() if before.get(name) is not variable}
+    # code that assigns a value which a variable has leaves the variable as it is
+    for name in new | (names_assigned_by_script(code) & variables.keys()):
+        variables[name] = replace(variables[name], local=True)
+
+
+def _add_workspace(variables: VariableTable, document: ModelDocument, search: FileSearch) -> str:
+    """Add the variables of the model workspace; return its code, if it is code."""
     kind = document.workspace.kind
     if kind == "m-code":
         before = dict(variables)
         run_text(variables, document.workspace.text, "model workspace", document.path.parent)
         for name in before.keys() - variables.keys():  # the user may give what is missing
             variables[name] = before[name]
-    elif kind == "file":
+        return document.workspace.text
+    if kind == "file":
         # next to the model, whatever folder the file names
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
             _add_file(variables, path, search)
-        else:
-            message = f"its workspace is in {path.name}, which was not found"
-            variables.findings.append(Finding(Location(document.name), message))
+            return read_file(path).decode("utf-8", "replace") if path.suffix.casefold() == ".m" else ""
+        message = f"its workspace is in {path.name}, which was not found"
+        variables.findings.append(Finding(Location(document.name), message))
     else:
         _add(variables, workspace_variables(document.workspace), "model workspace")
+    return ""
 
 
 def _add(variables: VariableTable, data: StoredVariables, source: str) -> None:
