@@ -244,11 +244,11 @@ def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
 
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_of_several_starts_those_at_their_end_are_done(make, workers):
-    several = f"{SAVING}\nstarts = 3\nspread = 0.2"
+    several = f"{SAVING}\nstarts = 2\nspread = 0.2"
     whole = make(several).calibrate(workers=1)
 
     def watch(line):
-        if line.start == 3:
+        if line.start == 2:
             raise Stop
 
     make(several).calibrate(watch, workers=workers)
