@@ -7,7 +7,7 @@ from kennfeld.files.file_format import (
     FileFormat,
     Role,
     has_root,
-    holds,
+    holds_line,
     matches,
     reads_as,
 )
@@ -23,10 +23,9 @@ _PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
 _DCM = ("kinds", *_PLAIN)
 _CVX = ("kinds", "descriptions", "group units", *_PLAIN)
 
-_DCM_LINE = re.compile(
-    r"^[ \t]*(?:KONSERVIERUNG_FORMAT|(?:FEST|GRUPPEN)?(?:KENNLINIE|KENNFELD)|FESTWERT(?:EBLOCK)?"
-    r"|STUETZSTELLENVERTEILUNG|TEXTSTRING|FUNKTIONEN|VARIANTENKODIERUNG|MODULKOPF)(?:\s|$)",
-    re.MULTILINE,
+_DCM_LINE = (
+    r"(?:KONSERVIERUNG_FORMAT|(?:FEST|GRUPPEN)?(?:KENNLINIE|KENNFELD)|FESTWERT(?:EBLOCK)?"
+    r"|STUETZSTELLENVERTEILUNG|TEXTSTRING|FUNKTIONEN|VARIANTENKODIERUNG|MODULKOPF)(?:\s|$)"
 )
 _IMAGE_RECORD = re.compile(r"\s*(?::[0-9A-Fa-f]{10}|S[0-9][0-9A-Fa-f]{6})")
 _PAR_TITLE = re.compile(r"\s*CANape PAR V\d")
@@ -91,7 +90,7 @@ CDFX = FileFormat(
 DCM = FileFormat(
     "DCM",
     (".dcm",),
-    holds(_DCM_LINE),
+    holds_line(_DCM_LINE),
     description="a DCM calibration file",
     calibration=_convert_by("dcm.reader:read_dcm", "dcm.update:write_dcm", _DCM),
 )

@@ -6,7 +6,7 @@ Files of other tools are described by the record of their importer.
 import re
 from itertools import islice
 
-from kennfeld.files.file_format import FileFormat, Role, call
+from kennfeld.files.file_format import FileFormat, Role, call, holds_line
 from kennfeld.files.head import FileHead
 from kennfeld.files.rows import is_row
 
@@ -20,9 +20,7 @@ SURROGATE_KINDS = {
 _SURROGATE_HEAD = 200  # characters in which a surrogate states its kind
 _DICTIONARY_PART = re.compile(r"data/chunk\d+\.xml")
 _CLASS = re.compile(r"^[ \t]*classdef\b", re.MULTILINE)
-_SECTION = re.compile(
-    r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
-)
+_SECTION = r"\[{1,2}(?:model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]"
 _FORMULA_LINES = 20  # that tell formula text
 _FORMULA_LINE = re.compile(
     r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
@@ -110,7 +108,7 @@ PROJECT = FileFormat(
 PROJECT_TEXT = FileFormat(
     PROJECT.name,
     (),
-    lambda head: _SECTION.search(head.text) is not None,
+    holds_line(_SECTION),
     role=PROJECT.role,
     describe=PROJECT.describe,
 )
