@@ -11,7 +11,7 @@ import pytest
 SOURCE = Path(__file__).parents[1] / "src" / "kennfeld"
 TREES = {
     "ascet/syntax.py",
-    "matlab/syntax.py",
+    "program/tree.py",
     "models/formula/syntax.py",
 }  # their nodes are used with the name of the module
 VAGUE = {"found", "given", "made", "told"}  # of a local: what it is says more than how one came by it

@@ -29,6 +29,9 @@ def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert automatic in text
     torque.write_text(text.replace(automatic, 'continuation = "off"  '), encoding="utf-8")
     write("exhaust", folder / "exhaust")
+    for recording in (folder / "exhaust").glob("*.csv"):  # a quarter of each takes a quarter of the time to read
+        lines = recording.read_text(encoding="utf-8").splitlines(keepends=True)
+        recording.write_text("".join(lines[: len(lines) // 4]), encoding="utf-8")
     return folder
 
 

@@ -13,6 +13,7 @@ from kennfeld.app.session.summary import summarise_session
 from kennfeld.app.workspace import DEMOS, AppWorkspace
 from kennfeld.base.errors import ArgumentError
 from kennfeld.project import Project
+from kennfeld.project.demo import write
 from tests.measurement.bus_files import DBC, drive, write_mf4
 
 
@@ -90,8 +91,8 @@ def test_an_open_project_is_not_opened_twice(torque: Path) -> None:
 
 
 @pytest.mark.parametrize("demo", DEMOS[:2], ids=lambda demo: demo["name"])
-def test_the_facts_on_a_demo_are_those_of_its_project(demo: dict[str, str], torque: Path, exhaust: Path) -> None:
-    problem = Project.read({"torque": torque, "exhaust": exhaust}[demo["name"]]).problem()
+def test_the_facts_on_a_demo_are_those_of_its_project(demo: dict[str, str], tmp_path: Path) -> None:
+    problem = Project.read(write(demo["name"], tmp_path / "demo")).problem()
     samples = {use: sum(each.samples for each in problem.datasets if each.use == use) for use in ("training", "test")}
     plain = demo["facts"].replace("\u2009", "").replace(" ", "")
     assert plain.startswith(f"{samples['training']}+{samples['test']}")

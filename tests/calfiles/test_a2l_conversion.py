@@ -185,6 +185,12 @@ def test_a_formula_without_a_finite_value_gives_none():
     assert np.isnan(parse_formula("1/X1")(np.array([0.0])))
 
 
+@pytest.mark.parametrize("number", ["9" * 400, "9" * 400 + ".0", "1e400"])
+def test_a_number_beyond_those_of_a_computer_is_infinite(number):
+    assert np.isnan(parse_formula(f"X1 - {number}")(np.array([1.0])))
+    assert parse_formula(f"X1 / {number}")(np.array([1.0])) == [0.0]
+
+
 @few_or_many(
     raw=st.lists(st.integers(0, 255), min_size=1, max_size=8),
     slope=st.floats(1e-3, 1e3) | st.floats(-1e3, -1e-3),

@@ -11,6 +11,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.domain import parameter_set as module
 from kennfeld.domain.parameter_set import ParameterSet, use_writer
 from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text, parameter
+from tests.draws import mostly_slow
 
 
 def test_an_axis_holds_its_breakpoints_as_doubles():
@@ -349,7 +350,7 @@ def test_saving_hands_the_set_to_the_writer(monkeypatch):
     assert written == [(parameters, Path("x.dcm"))]
 
 
-@pytest.mark.parametrize("first", ["", "import kennfeld as kf; kf.InputError; "])
+@pytest.mark.parametrize("first", mostly_slow(["", "import kennfeld as kf; kf.InputError; "], 1))
 def test_a_set_is_saved_by_whoever_imports_the_types_alone(tmp_path, first):
     imports = "from kennfeld.domain.parameter_set import ParameterSet; from kennfeld.domain.parameters import Scalar; "
     script = f"{first}{imports}ParameterSet([Scalar('a', 1)]).save('a.json')"
@@ -390,6 +391,32 @@ def test_a_variant_is_chosen_for_all_labels_that_have_it():
 def test_an_unknown_variant_is_refused_with_those_that_there_are():
     with pytest.raises(ArgumentError, match=r"no parameter has the variant 'Engine=3'.*Engine=1, Engine=2"):
         with_variants().in_variant("Engine=3")
+
+
+class ComparedName(str):
+    """A name that counts how often it is hashed or compared."""
+
+    count = 0
+
+    def __hash__(self):
+        ComparedName.count += 1
+        return super().__hash__()
+
+    def __eq__(self, other):
+        ComparedName.count += 1
+        return super().__eq__(other)
+
+
+@pytest.mark.parametrize("choose", [ParameterSet.select, ParameterSet.without])
+def test_a_choice_takes_each_variant_once(choose):
+    names = [ComparedName(f"K{k}") for k in range(100)]
+    values = ParameterSet(
+        [Scalar(name, 1.0, variant="Engine=1") for name in names],
+        others=[Scalar(name, 2.0, variant="Engine=2") for name in names],
+    )
+    ComparedName.count = 0
+    assert len(choose(values, names[50:]).others) == 50
+    assert ComparedName.count < 25 * len(names)  # 5 000 comparisons and more if each is compared with each
 
 
 def test_new_values_without_a_variant_replace_those_that_count():

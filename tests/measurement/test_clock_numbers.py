@@ -1,5 +1,7 @@
 """Clock times written as one number, and the order of day and month in dates."""
 
+from datetime import datetime
+
 import numpy as np
 import pytest
 
@@ -71,11 +73,57 @@ def test_an_order_that_stays_open_is_reported(csv):
     ]
 
 
-def test_times_of_one_day_do_not_depend_on_the_order(csv):
-    rows = "".join(f"03/04/2026 12:00:{k:02d};{k}\n" for k in range(9))
-    data = read(csv("Date;n\n" + rows))
+def within_a_day(csv, date, header="Date"):
+    return read(csv(f"{header};n\n" + "".join(f"{date} 12:00:{k:02d};{k}\n" for k in range(9))))
+
+
+@pytest.mark.parametrize("date", ["03/04/2026", "3-4-2026"])
+def test_the_day_of_a_recording_that_stays_open_is_reported(csv, date):
+    data = within_a_day(csv, date)
     assert data.time.tolist() == list(range(9))
+    assert data.start_time == datetime(2026, 4, 3, 12)
+    [finding] = data.findings
+    assert str(finding).startswith(f"bench.csv column Date: dates such as {date} 12:00:00 read either way; day/month")
+    assert finding.severity == "warning"
+
+
+@pytest.mark.parametrize(
+    ("date", "header", "month", "day"),
+    [
+        ("13/04/2026", "Date", 4, 13),
+        ("04/13/2026", "Date", 4, 13),
+        ("04/04/2026", "Date", 4, 4),
+        ("2026-04-03", "Date", 4, 3),
+        ("03.04.2026", "Date", 4, 3),
+        ("03-Apr-2026", "Date", 4, 3),
+        ("03/04/2026", "Date [MM/DD/YYYY hh:mm:ss]", 3, 4),
+        ("03/04/2026", "Date (dd/mm/yyyy)", 4, 3),
+    ],
+)
+def test_a_second_fact_tells_the_day_of_a_recording(csv, date, header, month, day):
+    data = within_a_day(csv, date, header)
+    assert data.start_time == datetime(2026, month, day, 12)
     assert data.findings == ()
+
+
+def test_a_header_tells_the_order_of_several_days(csv):
+    data = read(csv("Date [mm/dd/yyyy];n\n03/04/2026 12:00:00;0\n04/04/2026 12:00:00;1\n"))
+    assert data.time.tolist() == [0, 31 * 86_400]
+    assert data.findings == ()
+
+
+def test_data_outweigh_a_header_that_contradicts_them(csv):
+    assert within_a_day(csv, "13/04/2026", "Date [mm/dd/yyyy]").start_time == datetime(2026, 4, 13, 12)
+
+
+def test_dates_that_are_not_the_time_leave_nothing_open(csv):
+    rows = "".join(f"2026-11-01 00:00:0{k};03/04/2026 10:00:00;{k}\n" for k in range(3))
+    assert read(csv("Time;Calibrated;n\n" + rows)).findings == ()
+
+
+def test_dates_as_text_in_a_workbook_are_reported_like_those_of_text_files(xlsx):
+    path = xlsx(Data=[["Date", "n"], *([f"03/04/2026 12:00:0{k}", k] for k in range(3))])
+    assert ["read either way" in str(finding) for finding in read(path).findings] == [True]
 
 
 @pytest.mark.parametrize(

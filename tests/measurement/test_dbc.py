@@ -5,7 +5,7 @@ from contextlib import suppress
 import pytest
 
 from kennfeld.base.errors import InputError
-from kennfeld.measurement.bus_messages import Switch
+from kennfeld.measurement.bus_messages import MultiplexCondition
 from kennfeld.measurement.dbc import parse_database, read_database
 from tests.measurement.bus_files import DBC
 
@@ -60,8 +60,33 @@ def test_multiplexed_signals_have_the_conditions_of_all_their_multiplexers():
 SG_MUL_VAL_ 1 Sub Mode 3-3;
 SG_MUL_VAL_ 1 Deep Sub 0-1, 5-7;
 """
-    assert signal("Sub", text, "M").switches == (Switch("Mode", ((3, 3),)),)
-    assert signal("Deep", text, "M").switches == (Switch("Sub", ((0, 1), (5, 7))), Switch("Mode", ((3, 3),)))
+    assert signal("Sub", text, "M").switches == (MultiplexCondition("Mode", ((3, 3),)),)
+    assert signal("Deep", text, "M").switches == (
+        MultiplexCondition("Sub", ((0, 1), (5, 7))),
+        MultiplexCondition("Mode", ((3, 3),)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("statements", "switches"),
+    [
+        (["Deep Mode 1-2", "Deep Mode 5-5"], (MultiplexCondition("Mode", ((1, 2), (5, 5))),)),
+        (["Deep Mode 1-2", "Deep Mode 1-2"], (MultiplexCondition("Mode", ((1, 2),)),)),
+        (
+            ["Sub Mode 3-3", "Deep Sub 0-1", "Deep Mode 3-3"],
+            (MultiplexCondition("Sub", ((0, 1),)), MultiplexCondition("Mode", ((3, 3),))),
+        ),
+    ],
+)
+def test_several_statements_on_a_signal_are_all_taken(statements, switches):
+    text = """BO_ 1 M: 8 X
+ SG_ Mode M : 0|8@1+ (1,0) [0|0] "" X
+ SG_ Sub m3M : 8|8@1+ (1,0) [0|0] "" X
+ SG_ Deep m0 : 16|8@1+ (1,0) [0|0] "" X
+"""
+    text += "".join(f"SG_MUL_VAL_ 1 {statement};\n" for statement in statements)
+    assert parse_database("a.dbc", text).findings == ()
+    assert signal("Deep", text, "M").switches == switches
 
 
 def test_conditions_that_form_a_cycle_skip_their_signals():

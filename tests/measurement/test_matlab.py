@@ -259,7 +259,7 @@ def test_tables_and_objects_are_reported_by_name(mat5):
             max_size=5,
         )
     ),
-    few=20,
+    few=8,
     many=40,
 )
 def test_any_vectors_come_back_as_they_were(mat, channels):

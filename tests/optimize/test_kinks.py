@@ -15,7 +15,7 @@ Y = -2 * X + 3 * Z + 1 + 0.1 * RANDOM.normal(size=100)  # falls with x, which ab
     [
         ("y = abs(a)*x + b*z + c", {"a": 1.0, "b": 0.0, "c": 0.0}),
         ("y = abs(a)*x + b*z + c", {"a": 0.0, "b": 0.0, "c": 0.0}),
-        ("y = abs(a*x) + b*z + c", {"a": -0.3, "b": 1.0, "c": 5.0}),
+        pytest.param("y = abs(a*x) + b*z + c", {"a": -0.3, "b": 1.0, "c": 5.0}, marks=pytest.mark.slow),
         pytest.param(
             "y = abs(a)*x + abs(d)*x^2 + b*z + c", {"a": 1.0, "d": 0.7, "b": 0.0, "c": 0.0}, marks=pytest.mark.slow
         ),

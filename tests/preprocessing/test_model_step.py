@@ -72,17 +72,20 @@ def ramp(step, count=13, **further):
     return {"time": time, "u": np.ones(count), "z": 3 * time} | further
 
 
+@pytest.mark.guests
 def test_data_at_the_step_of_the_model_are_simulated(counter):
     simulation = kf.simulate(counter, ramp(1.0), {})
     np.testing.assert_allclose(simulation["y"].values, simulation.time)
 
 
+@pytest.mark.guests
 def test_a_finer_step_of_the_model_gives_values_at_the_samples_of_the_data(counter):
     simulation = kf.simulate(counter, ramp(3.0), {})
     assert simulation.time.tolist() == ramp(3.0)["time"].tolist()
     np.testing.assert_allclose(simulation["y"].values, simulation.time)
 
 
+@pytest.mark.guests
 def test_a_finer_step_of_the_model_gives_the_right_gain(counter):
     with pytest.warns(kf.InputWarning, match="13 of 20 test samples"):
         result = kf.calibrate(counter, ramp(3.0), {"Slope": 1.0}, "z", test=ramp(3.0, 20))
@@ -90,6 +93,7 @@ def test_a_finer_step_of_the_model_gives_the_right_gain(counter):
     assert [row.samples for row in result.quality] == [13, 20]
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize("step", [0.01, 0.3])
 def test_data_that_the_step_of_the_model_does_not_meet_are_refused(counter, step):
     expected = (
@@ -115,6 +119,7 @@ def test_a_step_means_nothing_to_a_function_without_memory():
     assert kf.simulate("step 0.5\ny = 2 * u", ramp(0.2, 3), {})["y"].values.tolist() == [2, 2, 2]
 
 
+@pytest.mark.guests
 def test_a_shift_is_not_sought_between_samples_of_the_data(counter):
     with pytest.raises(InputError, match="cannot estimate a shift: the model's step of 1 s is finer"):
         kf.calibrate(counter, ramp(3.0), {"Slope": 1.0}, "z", shift={"u": "auto"})

@@ -133,7 +133,7 @@ def test_blocks_are_those_of_all_data(tmp_path, write, size):
 
 
 def test_many_short_recordings_are_held_out_together_in_partitions(tmp_path):
-    path = write_timed(tmp_path, files=24, samples=60, growth=5, text=TIMED.replace("smoothness = 1e-4", AUTO))
+    path = write_timed(tmp_path, files=12, samples=60, growth=5, text=TIMED.replace("smoothness = 1e-4", AUTO))
     plain, parted = (CompiledProblem(project.problem()) for project in pair(path, 300))
     one, other = HoldoutBlocks.of(plain), HoldoutBlocks.of(parted)
     assert (one.numbers != NEVER).any()
@@ -206,9 +206,9 @@ def test_the_fraction_of_a_sample_does_not_follow_the_part_that_is_scanned(tmp_p
 
 
 def test_layouts_of_other_lags_do_not_stay_on_the_disk(tmp_path, monkeypatch):
-    scan_a_part(monkeypatch, 900)
-    path = write_shifted(tmp_path, files=3, samples=400)
-    problem = in_partitions(path, 500).problem()
+    scan_a_part(monkeypatch, 200)
+    path = write_shifted(tmp_path, files=2, samples=250)
+    problem = in_partitions(path, 300).problem()
     folder = tmp_path / ".kennfeld" / "partitions"
     before = set(folder.glob(f"*{ENDING}"))
     estimate_shifts(problem)

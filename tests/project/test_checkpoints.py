@@ -11,6 +11,7 @@ import pytest
 from kennfeld import InputError, Stop, cli, read_parameters
 from kennfeld.calfiles import describe
 from kennfeld.optimize.search import worker_pool
+from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.project import Project
 from kennfeld.project.checkpoints import Saves
 from kennfeld.project.document import ProjectDocument
@@ -244,11 +245,11 @@ def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
 
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_of_several_starts_those_at_their_end_are_done(make, workers):
-    several = f"{SAVING}\nstarts = 3\nspread = 0.2"
+    several = f"{SAVING}\nstarts = 2\nspread = 0.2"
     whole = make(several).calibrate(workers=1)
 
     def watch(line):
-        if line.start == 3:
+        if line.start == 2:
             raise Stop
 
     make(several).calibrate(watch, workers=workers)
@@ -317,13 +318,27 @@ def test_breakpoints_that_move_are_saved_and_gone_on_from(make, tmp_path, monkey
 
 
 @pytest.mark.parametrize(
+    "section",
+    ["[calibration]\nfree = ['a', 'b']\n", "[[limit]]\nnode = 'm'\nmax = 1.0\n", "[parameters.b]\nbounds = [-1, 1]"],
+)
+def test_what_is_free_and_its_limits_make_another_problem(make, section):
+    plain, other = with_sections(make, ""), with_sections(make, section)
+    assert problem_digest(other.problem(), other.options) != problem_digest(plain.problem(), plain.options)
+
+
+@pytest.mark.parametrize(
     ("before", "after"),
     [
-        ("[calibration]\nfree = ['a', 'b']\n[parameters.b]\ninitial = 0.0", "[calibration]\nfree = ['*']"),
+        pytest.param(
+            "[calibration]\nfree = ['a', 'b']\n[parameters.b]\ninitial = 0.0",
+            "[calibration]\nfree = ['*']",
+            marks=pytest.mark.slow,
+            id="free",
+        ),
         pytest.param(
             "[parameters.b]\nbounds = [-1, 1]", "[parameters.b]\nbounds = [-3, 3]", marks=pytest.mark.slow, id="bounds"
         ),
-        ("[[limit]]\nnode = 'm'\nmax = 1.0", ""),
+        pytest.param("[[limit]]\nnode = 'm'\nmax = 1.0", "", marks=pytest.mark.slow, id="limit"),
         ("[parameters.C]\nsmoothness = 1e3", "[parameters.C]\nsmoothness = 1.0"),
         pytest.param(
             "[optimizer]\ntolerance = 0.1", "[optimizer]\ntolerance = 1e-8", marks=pytest.mark.slow, id="tolerance"

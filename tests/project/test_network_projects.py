@@ -16,6 +16,8 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.project import Project
 from tests.importers.onnx.networks import perceptron, random_layers
 
+pytestmark = pytest.mark.guests
+
 PROJECT = """
 [model]
 file = "f.kf"
@@ -38,7 +40,7 @@ target = "target"
 
 def write_project_of(folder, parameters="", model=""):
     """Write a project with further lines of its model and its parameters; return its file."""
-    perceptron(folder / "net.onnx", random_layers([2, 8, 1]))
+    perceptron(folder / "net.onnx", random_layers([2, 5, 1]))
     (folder / "f.kf").write_text("y = net(C(u), v)\n")
     u, v = np.random.default_rng(0).uniform(-1, 1, (2, 200))
     noise = 0.02 * np.random.default_rng(1).standard_normal(200)
@@ -143,9 +145,9 @@ def test_poorly_determined_weights_are_summarised_in_one_sentence_without_advice
 
 def test_positions_of_a_value_block_are_locked_by_ranges(project_of):
     block = (
-        project_of('[parameters."net.layer2"]\nlock = [{ x = [8, 8], y = [0, 0] }]').problem().parameters["net.layer2"]
+        project_of('[parameters."net.layer2"]\nlock = [{ x = [5, 5], y = [0, 0] }]').problem().parameters["net.layer2"]
     )
-    assert block.locked.ravel().tolist() == [False] * 8 + [True]
+    assert block.locked.ravel().tolist() == [False] * 5 + [True]
 
 
 def test_a_network_that_starts_at_zero_is_warned_of_and_fitted_from_other_weights(project_of, tmp_path):

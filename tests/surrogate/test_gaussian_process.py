@@ -143,7 +143,7 @@ def test_leaving_one_out_in_closed_form_is_leaving_it_out():
         assert residual[i] == pytest.approx(y[i] - offset - slopes @ x[i] - weights @ bells, rel=1e-6)
 
 
-@pytest.mark.parametrize(("method", "count"), [("exact", 150), ("sparse", 250)])
+@pytest.mark.parametrize(("method", "count"), [("exact", 150), pytest.param("sparse", 250, marks=pytest.mark.slow)])
 def test_it_finds_function_noise_and_relevance(method, count):
     x, y = points(count, noise=2.0)
     process = gaussian_process(x, y, method=method, centres=80 if method == "sparse" else None, starts=1)

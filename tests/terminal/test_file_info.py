@@ -240,6 +240,7 @@ DIAGRAM = """Model {
 """
 
 
+@pytest.mark.guests
 def test_a_simulink_model_is_recognised_by_its_content(written):
     for name in ("engine.mdl", "engine.txt"):
         info = describe_file(written(name, DIAGRAM))
@@ -248,6 +249,7 @@ def test_a_simulink_model_is_recognised_by_its_content(written):
     assert "rpm" in "\n".join(text_lines(info))
 
 
+@pytest.mark.guests
 def test_a_zipped_simulink_model_and_a_data_dictionary_are_described(tmp_path):
     diagram = '<M><Model><System><Block BlockType="Gain" Name="K" SID="1"/></System></Model></M>'
     with zipfile.ZipFile(tmp_path / "engine.slx", "w") as archive:
@@ -264,6 +266,7 @@ def test_a_zipped_simulink_model_and_a_data_dictionary_are_described(tmp_path):
     assert info.tables[0][1][:4] == ("K", "double", "1 x 1", "2.5")
 
 
+@pytest.mark.guests
 def test_the_class_file_of_an_enumeration_shows_its_members(written):
     text = "classdef Gear < Simulink.IntEnumType\nenumeration\nReverse(-1), First(1)\nend\nend\n"
     described = describe_file(written("Gear.m", text))
@@ -273,6 +276,7 @@ def test_the_class_file_of_an_enumeration_shows_its_members(written):
     assert "must be called Gear.m" in describe_file(written("gears.m", text)).notes[0]
 
 
+@pytest.mark.guests
 def test_a_damaged_simulink_model_is_reported(tmp_path):
     (tmp_path / "engine.slx").write_bytes(b"PK\3\4 and no more")
     with pytest.raises(InputError, match=r"engine\.slx: is a damaged zip archive"):
@@ -347,6 +351,7 @@ def test_a_bus_log_is_described_by_its_databases(tmp_path):
     assert "Engine.Speed" in "\n".join(text_lines(description))
 
 
+@pytest.mark.guests
 def test_a_function_of_a_file_is_described_without_running_it(tmp_path):
     (tmp_path / "f.py").write_text(
         'raise RuntimeError("it ran")\ndef eta(a, b=2.0):\n    values = [a, b]\n    return values[0]\n'

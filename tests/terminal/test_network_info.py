@@ -12,6 +12,8 @@ from onnx import helper
 from kennfeld.cli import run
 from tests.importers.onnx.networks import perceptron, random_layers, save
 
+pytestmark = pytest.mark.guests
+
 
 def test_info_shows_inputs_outputs_layers_and_operators(tmp_path, capsys):
     path = perceptron(tmp_path / "net.onnx", random_layers([4, 8, 1], kind=np.float32), kind=np.float32)

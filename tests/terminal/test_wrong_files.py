@@ -171,6 +171,7 @@ PUMP = (
 )
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize(
     ("name", "content"),
     [("engine.mdl", DIAGRAM.encode()), ("pump.esdl", PUMP.encode()), ("plant.axl", archive(plant_component()))],

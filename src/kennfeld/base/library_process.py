@@ -21,6 +21,7 @@ from threading import Lock
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, Protocol
 
 from kennfeld.base.errors import InputError, Location
+from kennfeld.base.exit_status import signal_name
 from kennfeld.base.process_limits import MEMORY_EXCEEDED, limit_memory, limit_time, memory_bound
 from kennfeld.base.windows_job import WindowsJob
 
@@ -122,6 +123,7 @@ class LibraryProcess:
             return self._process
         import subprocess  # most files do without
 
+        # Ctrl-C in the terminal concerns this process alone
         session: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
@@ -133,6 +135,7 @@ class LibraryProcess:
             **session,
         )
         self._job.add(process.pid)
+        # after a fork, the process belongs to the parent
         self._process, self._owner = process, os.getpid()
         atexit.register(self._end)
         return process
@@ -161,10 +164,10 @@ def _reason(status: int, size: int) -> str:
     """Return why the process ended with an exit status while it read a file of so many bytes."""
     if status == MEMORY_EXCEEDED:
         return _too_large(size)
-    if status == -getattr(signal, "SIGXCPU", 0):
+    name = signal_name(status)
+    if name == "SIGXCPU":
         return _ENDLESS
-    name = next((member.name for member in signal.Signals if member == -status), f"exit status {status}")
-    return f"the library that reads it crashed ({name})"
+    return f"the library that reads it crashed ({name or f'exit status {status}'})"
 
 
 def _too_large(size: int) -> str:
@@ -174,6 +177,7 @@ def _too_large(size: int) -> str:
 def main() -> None:
     """Serve until the other process closes the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # answers go through a copy of the output, to which the library cannot print
     outgoing = os.fdopen(os.dup(1), "wb")
     null_device = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null_device, 1)

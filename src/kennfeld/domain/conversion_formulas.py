@@ -6,6 +6,7 @@ operator ^ is a power in older versions of ASAM MCD-2 MC and an exclusive or in 
 """
 
 import ast
+import math
 import re
 from collections.abc import Callable, Sequence
 
@@ -38,6 +39,7 @@ def parse_formula(text: str) -> Formula | None:
     >>> parse_formula("X1 ^ 2") is None
     True
     """
+    # what no token covers, or lies beyond the limit, is missing in the tokens joined
     tokens = _TOKEN.findall(text[: _MAX_CHARACTERS + 1])
     if "".join(tokens) != text or len(tokens) > _MAX_TOKENS:
         return None
@@ -62,8 +64,10 @@ def nan_if_infinite(values: Float) -> Float:
 
 def _compile(node: ast.expr) -> Formula:
     match node:
+        # `True` is an int to Python
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-            return lambda raw: np.full(np.shape(raw), float(number))
+            constant = _nearest_float(number)
+            return lambda raw: np.full(np.shape(raw), constant)
         case ast.Name(id=name) if name.casefold() in ("x", "x1"):
             return lambda raw: raw
         case ast.UnaryOp(op=operator, operand=operand) if type(operator) in _OPERATORS:
@@ -75,7 +79,16 @@ def _compile(node: ast.expr) -> Formula:
     raise _UnsupportedFormulaError
 
 
+def _nearest_float(number: float) -> float:
+    """Return a number as float64: an integer beyond its range is infinite, as `1e400` is."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf
+
+
 def _call(function: np.ufunc, operands: Sequence[ast.expr]) -> Formula:
+    # NumPy would take a further operand for the array that receives the result
     if len(operands) != function.nin:
         raise _UnsupportedFormulaError
     arguments = list(map(_compile, operands))

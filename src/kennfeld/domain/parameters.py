@@ -148,6 +148,7 @@ class Axis:
         if not (self.min_distance > 0 and np.isfinite(self.min_distance)):
             raise ArgumentError(f"min_distance={self.min_distance:g} of axis {self.label} must be > 0")
         gaps = np.diff(points)
+        # breakpoints that were fitted with this distance may be a rounding error closer
         if gaps.size and gaps.min() < self.min_distance - 1e-6 * gaps.mean():
             at = int(gaps.argmin())
             raise ArgumentError(
@@ -169,6 +170,7 @@ class Axis:
         least, mean = float(gaps.min()), float(gaps.mean())
         if self.min_distance is None:
             return min(max(least, LEAST_SPACING * mean), MIN_SPACING * mean)
+        # by rounding, the smallest gap may be the lesser one
         return min(least, self.min_distance)
 
     def changed(self, **changes: Any) -> "Axis":
@@ -189,6 +191,13 @@ class Axis:
         return hash((self.breakpoints.tobytes(), self.name))
 
 
+_ASPECTS = {"extrapolation": "extrapolation", "lower": "bounds", "upper": "bounds", "locked": "locks"}  # by attribute
+
+
+def _freedom(axes: Iterable[Axis]) -> list[tuple[Any, ...]]:
+    return [(axis.free, axis.min_distance, axis.range) for axis in axes]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Parameter(NotebookDisplay):
     """A calibratable quantity: an array of values over zero to four axes.
@@ -206,6 +215,8 @@ class Parameter(NotebookDisplay):
         functions: the parts of the ECU software that use it.
         display_name: its short name.
         variant: the variant (`Engine=2`) that the values belong to; empty if there is just one.
+        unstated: the aspects that the format of its file cannot state, of "extrapolation", "bounds", "locks" and "free
+            axes". It plays no part in comparisons, and an aspect that `changed` sets is stated.
 
     Raises:
         ArgumentError: shapes, bounds or axes are inconsistent.
@@ -225,10 +236,12 @@ class Parameter(NotebookDisplay):
     functions: tuple[str, ...] = ()
     display_name: str = ""
     variant: str = ""
+    unstated: frozenset[str] = field(default=frozenset(), repr=False)
 
     def __post_init__(self) -> None:
         attributes = vars(self)  # the class is frozen
         attributes["functions"] = tuple(self.functions)
+        attributes["unstated"] = frozenset(self.unstated)
         values = attributes["values"] = readonly(self.values)
         shape = self._expected_shape(values)
         if values.shape != shape:
@@ -238,10 +251,11 @@ class Parameter(NotebookDisplay):
         for side in ("lower", "upper"):
             attributes[side] = self._spread(side, array(attributes[side], f"{side} bounds of {self.name}"))
         attributes["locked"] = self._spread("locked", truths(self.locked, f"locked of {self.name}"))
+        # false for NaN, too, which is refused as well
         ordered = self.lower <= self.upper
         if not ordered.all():
-            crossed = ~ordered
-            at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))
+            reversed_bounds = ~ordered
+            at = tuple(int(i) for i in np.unravel_index(int(reversed_bounds.argmax()), reversed_bounds.shape))
             place = f"{self.name}{list(at)}" if at else self.name
             bounds = f"the lower bound {self.lower[at]:g} above its upper bound {self.upper[at]:g}"
             raise ArgumentError(f"{place} has {bounds}")
@@ -252,6 +266,7 @@ class Parameter(NotebookDisplay):
     def _spread(self, attribute: str, numbers: NDArray[Any]) -> Any:
         try:
             same = numbers.shape == self.values.shape
+            # memory of its own: the caller may write to the array later
             spread = numbers.copy() if same else np.broadcast_to(numbers, self.values.shape).copy()
         except ValueError:
             message = f"{attribute} of {self.name} has shape {numbers.shape}, its values have {self.values.shape}"
@@ -273,6 +288,7 @@ class Parameter(NotebookDisplay):
     def at_bound(self) -> Bool:
         """True for values at a bound; locked values, and those with equal bounds, do not count."""
         outside = (self.values <= self.lower) | (self.values >= self.upper)
+        # equal bounds are another way to lock a value
         return outside & ~self.locked & (self.lower < self.upper)
 
     @property
@@ -287,7 +303,7 @@ class Parameter(NotebookDisplay):
 
     @property
     def packed(self) -> Float:
-        """The values as compiled code reads them if no calibration changes them, in C order."""
+        """The values as compiled code reads them if no calibration changes them: Float[values], in C order."""
         return self.values.ravel()
 
     def to_frame(self) -> Any:
@@ -321,15 +337,33 @@ class Parameter(NotebookDisplay):
 
     def changed(self, **changes: Any) -> Self:
         """Return the same parameter with some of its attributes replaced."""
+        # not the constructor of the kind, which takes other arguments
         copy = object.__new__(type(self))
-        Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
+        Parameter.__init__(copy, **self._attributes(changes))
         return copy
+
+    def read_without(self, unstated: Iterable[str]) -> Self:
+        """Return the same parameter as one that was read from a format which cannot state some aspects."""
+        # a large file has 50 000 parameters, which need no further check
+        copy = object.__new__(type(self))
+        vars(copy).update(vars(self), unstated=frozenset(unstated))
+        return copy
+
+    def _attributes(self, changes: dict[str, Any]) -> dict[str, Any]:
+        """Return all attributes with some replaced; an aspect that these set is no longer unstated."""
+        own = {f.name: getattr(self, f.name) for f in fields(Parameter)}
+        if self.unstated:
+            own["unstated"] = self.unstated - {_ASPECTS[name] for name in changes if name in _ASPECTS}
+            if _freedom(changes.get("axes", self.axes)) != _freedom(self.axes):
+                own["unstated"] -= {"free axes"}
+        return own | changes
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Parameter):
             return NotImplemented
         plain = ("kind", "name", "axes", "unit", "extrapolation", *LABELS)
         arrays = ("values", "lower", "upper", "locked")
+        # a value may be NaN, missing; bounds and locks never are
         return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
             np.array_equal(getattr(self, a), getattr(other, a), equal_nan=a == "values") for a in arrays
         )

@@ -7,7 +7,7 @@ from kennfeld.files.file_format import (
     FileFormat,
     Role,
     has_root,
-    holds,
+    holds_line,
     matches,
     reads_as,
 )
@@ -23,13 +23,13 @@ _PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
 _DCM = ("kinds", *_PLAIN)
 _CVX = ("kinds", "descriptions", "group units", *_PLAIN)
 
-_DCM_LINE = re.compile(
-    r"^[ \t]*(?:KONSERVIERUNG_FORMAT|(?:FEST|GRUPPEN)?(?:KENNLINIE|KENNFELD)|FESTWERT(?:EBLOCK)?"
-    r"|STUETZSTELLENVERTEILUNG|TEXTSTRING|FUNKTIONEN|VARIANTENKODIERUNG|MODULKOPF)(?:\s|$)",
-    re.MULTILINE,
+_DCM_LINE = (
+    r"(?:KONSERVIERUNG_FORMAT|(?:FEST|GRUPPEN)?(?:KENNLINIE|KENNFELD)|FESTWERT(?:EBLOCK)?"
+    r"|STUETZSTELLENVERTEILUNG|TEXTSTRING|FUNKTIONEN|VARIANTENKODIERUNG|MODULKOPF)(?:\s|$)"
 )
 _IMAGE_RECORD = re.compile(r"\s*(?::[0-9A-Fa-f]{10}|S[0-9][0-9A-Fa-f]{6})")
 _PAR_TITLE = re.compile(r"\s*CANape PAR V\d")
+# possessive, so that a long head of comments is searched only once
 _ESDL_PACKAGE = re.compile(r"(?:\s++|//[^\n]*+|/\*.*?\*/)*+package\s+[\w.]+\s*;", re.DOTALL)
 _AMD_ROOTS = ("ComponentData", "ComponentMain", "ComponentImplementation", "Specifications", "Project")
 _ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:\[|(?!=)[^;\n]*(?:;|\.\.\.))")
@@ -43,6 +43,7 @@ def _is_amd(head: FileHead) -> bool:
     """Return whether a file is an archive of ASCET's components, or one of them."""
     if head.members:
         parts = [member for member in head.members if member.endswith(".amd")]
+        # under another ending, an archive has to hold the main file of a component
         return bool(parts) and (head.ending == ".axl" or any(member.endswith(".main.amd") for member in parts))
     return head.root in _AMD_ROOTS
 
@@ -51,6 +52,7 @@ def _is_script(head: FileHead) -> bool:
     """Return whether a text begins like a script that assigns numbers."""
     if head.text.startswith(SCRIPT_TITLE):
         return True
+    # a matrix in brackets has rows like those of a table
     if head.ending != ".m" and any(map(is_row, _BRACKETS.sub("", head.text).split("\n"))):
         return False
     for line in map(str.strip, head.text.split("\n", _SCRIPT_LINES)[:_SCRIPT_LINES]):
@@ -88,7 +90,7 @@ CDFX = FileFormat(
 DCM = FileFormat(
     "DCM",
     (".dcm",),
-    holds(_DCM_LINE),
+    holds_line(_DCM_LINE),
     description="a DCM calibration file",
     calibration=_convert_by("dcm.reader:read_dcm", "dcm.update:write_dcm", _DCM),
 )
@@ -121,7 +123,6 @@ ESDL = FileFormat(
     matches(_ESDL_PACKAGE),
     calibration=_convert_by("esdl.reader:read_esdl", "esdl.update:write_esdl", label="ESDL (ASCET)"),
     role=Role.PROGRAM,
-    describe="kennfeld.importers.ascet.file_info:describe_esdl",
 )
 AMD = FileFormat(
     "ASCET component",
@@ -129,7 +130,6 @@ AMD = FileFormat(
     _is_amd,
     calibration=_convert_by("amd.reader:read_amd", "amd.update:write_amd", label="AXL and AMD (ASCET 6)"),
     role=Role.PROGRAM,
-    describe="kennfeld.importers.ascet.file_info:describe_components",
 )
 SCRIPT = FileFormat(
     "MATLAB script",

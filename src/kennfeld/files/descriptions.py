@@ -2,7 +2,7 @@
 
 import re
 
-from kennfeld.files.file_format import FileFormat, Recogniser, Role, has_root, holds, matches
+from kennfeld.files.file_format import FileFormat, Recogniser, Role, has_root, holds_line, matches
 from kennfeld.files.foreign import DATABASE
 from kennfeld.files.head import HEAD_SIZE
 
@@ -11,7 +11,8 @@ _A2L_BLOCK = re.compile(
     r"|COMPU_VTAB_RANGE|RECORD_LAYOUT|FUNCTION|GROUP|FRAME|UNIT|USER_RIGHTS|VARIANT_CODING|INSTANCE|TYPEDEF_\w+|BLOB"
     r"|TRANSFORMER|IF_DATA|A2ML)\b"
 )
-_DBC_LINE = re.compile(r"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)", re.MULTILINE)
+_DBC_VERSION = matches(re.compile(r"\s*VERSION\s+\""))
+_DBC_LINE = holds_line(r"NS_\s*:|BU_\s*:|BO_\s+\d+\s")
 _SYM_TITLE = re.compile(r"\s*FormatVersion\s*=", re.IGNORECASE)
 _DESCRIBE_A2L = "kennfeld.calfiles.file_info:describe_a2l_file"
 _HOW_TO_DECODE = "Name a bus log and the database that decodes it: `kennfeld info drive.mf4 --dbc engine.dbc`."
@@ -61,7 +62,7 @@ A2L = FileFormat(
     description="an A2L description, which contains no values",
     remedy="Pass the image that it describes (.hex, .s19), with --a2l if needed.",
 )
-DBC = _database("CAN database", ".dbc", "a CAN database (DBC)", holds(_DBC_LINE))
+DBC = _database("CAN database", ".dbc", "a CAN database (DBC)", lambda head: _DBC_VERSION(head) or _DBC_LINE(head))
 ARXML = _database("AUTOSAR description", ".arxml", "an AUTOSAR description (ARXML)", has_root("AUTOSAR"))
 KCD = _database("Kayak database", ".kcd", "a Kayak database (KCD)", has_root("NetworkDefinition"))
 SYM = _database("PEAK database", ".sym", "a PEAK database (SYM)", matches(_SYM_TITLE))

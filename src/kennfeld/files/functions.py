@@ -1,9 +1,12 @@
-"""Formats of functions, of what is read with them, and of projects."""
+"""Formats of functions, of what is read with them, and of projects.
+
+Files of other tools are described by the record of their importer.
+"""
 
 import re
 from itertools import islice
 
-from kennfeld.files.file_format import FileFormat, Role, call
+from kennfeld.files.file_format import FileFormat, Role, call, holds_line
 from kennfeld.files.head import FileHead
 from kennfeld.files.rows import is_row
 
@@ -17,9 +20,7 @@ SURROGATE_KINDS = {
 _SURROGATE_HEAD = 200  # characters in which a surrogate states its kind
 _DICTIONARY_PART = re.compile(r"data/chunk\d+\.xml")
 _CLASS = re.compile(r"^[ \t]*classdef\b", re.MULTILINE)
-_SECTION = re.compile(
-    r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
-)
+_SECTION = r"\[{1,2}(?:model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]"
 _FORMULA_LINES = 20  # that tell formula text
 _FORMULA_LINE = re.compile(
     r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
@@ -43,6 +44,7 @@ def _is_simulink(head: FileHead) -> bool:
 
 
 def _is_enumeration(head: FileHead) -> bool:
+    # the importer is loaded only for a file that defines a class
     if head.ending != ".m" or not _CLASS.search(head.text):
         return False
     return call("kennfeld.matlab.enumerations:enumeration_of", head.text) is not None
@@ -61,37 +63,25 @@ def _function(name: str, *endings: str, **settings: object) -> FileFormat:
 
 
 _DESCRIBERS = "kennfeld.terminal.describers"
-_SIMULINK = "kennfeld.importers.simulink.file_info"
 FORMULA = _function("formula text", ".kf", describe=f"{_DESCRIBERS}:describe_formula_file")
-SIMULINK = _function(
-    "Simulink model", ".slx", ".mdl", recognises=_is_simulink, describe=f"{_SIMULINK}:describe_simulink"
-)
+SIMULINK = _function("Simulink model", ".slx", ".mdl", recognises=_is_simulink)
 PROTECTED = _function(
     "protected Simulink model",
     ".slxp",
-    describe=f"{_SIMULINK}:describe_simulink",
     description="a protected model; its blocks cannot be read",
     remedy="Obtain the unprotected model, .slx or .mdl.",
 )
-FMU = _function(
-    "FMU",
-    ".fmu",
-    recognises=lambda head: "modelDescription.xml" in head.members,
-    describe="kennfeld.importers.fmu.fmu_info:describe_fmu",
-)
-ONNX = _function("ONNX network", ".onnx", describe="kennfeld.importers.onnx.network_info:describe_network")
-C = _function("C source", ".c", describe="kennfeld.models.function_info:describe_functions")
-PYTHON = _function("Python source", ".py", describe="kennfeld.models.function_info:describe_functions")
-APPLICATION = FileFormat(
-    "ASCET application", (".app",), role=Role.PROGRAM, describe="kennfeld.importers.ascet.file_info:describe_esdl"
-)
+FMU = _function("FMU", ".fmu", recognises=lambda head: "modelDescription.xml" in head.members)
+ONNX = _function("ONNX network", ".onnx")
+C = _function("C source", ".c")
+PYTHON = _function("Python source", ".py")
+APPLICATION = FileFormat("ASCET application", (".app",), role=Role.PROGRAM)
 HEADER = FileFormat("C header", (".h",), role=Role.COMPANION, description="a C header", remedy="Name the C file.")
 DICTIONARY = FileFormat(
     "Simulink data dictionary",
     (".sldd",),
     lambda head: any(_DICTIONARY_PART.match(member) for member in head.members),
     role=Role.COMPANION,
-    describe=f"{_SIMULINK}:describe_dictionary",
     description="a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
     remedy="Convert the model: `kennfeld convert engine.slx engine.kf` writes its values to engine.json.",
 )
@@ -100,7 +90,6 @@ ENUMERATION = FileFormat(
     (".m",),
     _is_enumeration,
     role=Role.COMPANION,
-    describe=f"{_SIMULINK}:describe_enumeration",
 )
 SURROGATE = FileFormat(
     "surrogate",
@@ -119,7 +108,7 @@ PROJECT = FileFormat(
 PROJECT_TEXT = FileFormat(
     PROJECT.name,
     (),
-    lambda head: _SECTION.search(head.text) is not None,
+    holds_line(_SECTION),
     role=PROJECT.role,
     describe=PROJECT.describe,
 )

@@ -1,7 +1,8 @@
 """Dates and times of day as text: ISO, German and US order, names of months, 12-hour clocks.
 
 `03/04/2026` is the third of April or the fourth of March. `StampCollector` reads a column in both orders and decides at
-its end: a part above 12 is not a month, and time increases. If that leaves both, a `doubt` says so.
+its end: a part above 12 is not a month, the header may state the order, and time increases. If that leaves both, a
+doubt says so.
 """
 
 import re
@@ -21,6 +22,7 @@ _HALF_DAY = 43_200.0
 _HOUR = 3600.0
 _MONTH_NAMES = ("jan", "feb", "mar|mär|mrz", "apr", "may|mai", "jun", "jul", "aug", "sep", "oct|okt", "nov", "dec|dez")
 _MONTHS = {name: number for number, names in enumerate(_MONTH_NAMES, start=1) for name in names.split("|")}
+# 2026-3-31, 20260331T, 31.3.2026, 3/4/2026 in either order, 31-Mar-2026
 _DATE = (
     r"(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)"
     r"|(?P<y1>\d{4})(?P<m1>\d\d)(?P<d1>\d\d)(?=[T ]\d\d)"
@@ -29,6 +31,11 @@ _DATE = (
     r"|(?P<d4>\d\d?)[- ](?P<month>[^\W\d_]{3,9})\.?[- ](?P<y4>\d{4})"
 )
 _EITHER = re.compile(r"\b\d\d?([-/])\d\d?\1\d{4}")  # a date whose order shows in the data alone
+# an order that a header states: MM/DD/YYYY, dd-mm-yyyy, TT/MM/JJJJ
+_ORDERS = (
+    (re.compile(r"\bmm?[-/]dd?\b", re.IGNORECASE), True),
+    (re.compile(r"\b[dtj]{1,2}[-/]mm?\b", re.IGNORECASE), False),
+)
 _ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d):(\d\d(?:[.,]\d{1,9})?)Z?")
 _STAMP = re.compile(
     rf"\s*(?:(?P<date>{_DATE})(?:[T ,]+|$))?"
@@ -64,7 +71,9 @@ def is_stamp(cell: object) -> bool:
 def parse_stamps(
     cells: Sequence[object], origin: int | None = None, *, month_first: bool = False
 ) -> tuple[Float, int | None] | None:
-    """Return seconds since the day `origin` (default: that of the first date) and that day; None for other text.
+    """Parse cells as seconds since the day `origin`, Float[cells], and that day; None for other text.
+
+    The day, by default that of the first date, is a proleptic Gregorian ordinal.
 
     A missing cell is NaN. Times without a date count from midnight.
 
@@ -88,19 +97,30 @@ def parse_stamps(
     return values, origin
 
 
+def stated_order(header: str) -> bool | None:
+    """Return whether the header of a column states that the month comes first; None if it states no order.
+
+    >>> stated_order("Time [MM/DD/YYYY hh:mm:ss]"), stated_order("Date (dd-mm-yyyy)"), stated_order("Date")
+    (True, False, None)
+    """
+    return next((order for pattern, order in _ORDERS if pattern.search(header)), None)
+
+
 @dataclass
 class StampCollector:
     """The stamps of one column, block by block, in both orders of day and month as long as both are possible."""
 
+    month_first: bool | None = None  # as the header states it
     _blocks: dict[bool, list[Float]] = field(default_factory=lambda: {False: [], True: []})  # by month_first
     _origins: dict[bool, int | None] = field(default_factory=lambda: {False: None, True: None})
     _only_minutes: bool = True  # all times are minutes and seconds
     _example: str = ""  # a date that reads either way
     doubt: str = ""  # what the data leave open, once `build` was called
+    origin_doubt: str = ""  # the same of `origin` alone
     origin: datetime | None = None  # the midnight that `build` counts from; None if there are no dates
 
     def extend(self, values: Float) -> None:
-        """Take a block that holds no stamps."""
+        """Take a block of values, Float[cells], that holds no stamps."""
         for blocks in self._blocks.values():
             blocks.append(values)
 
@@ -109,8 +129,10 @@ class StampCollector:
         parsed = {order: parse_stamps(cells, self._origins[order], month_first=order) for order in self._orders(cells)}
         if not any(parsed.values()):
             return False
+        # an order that was not parsed reads the same as the other
         parsed |= {order: parsed[next(iter(parsed))] for order in self._blocks if order not in parsed}
         for order, stamps in parsed.items():
+            # a cell that an order cannot read rules it out for the whole column
             if stamps is None:
                 del self._blocks[order]
             else:
@@ -128,7 +150,7 @@ class StampCollector:
         return orders if is_either else orders[:1]
 
     def build(self) -> Float:
-        """Return the seconds of all stamps; times of day continue across midnight, minutes across the hour."""
+        """Return all stamps in s, Float[cells]; times of day continue across midnight, minutes across the hour."""
         orders = {order: np.concatenate(blocks) for order, blocks in self._blocks.items()}
         order = self._choose_order(orders)
         values = orders[order]
@@ -146,16 +168,24 @@ class StampCollector:
         """Return whether the month comes first: the order in which time does not fall, else the shorter recording."""
         if len(orders) == 1:
             return next(iter(orders))
+        if self.month_first is not None:
+            return self.month_first
         elapsed = {order: _elapsed(values) for order, values in orders.items()}
         if np.array_equal(elapsed[False], elapsed[True], equal_nan=True):
+            # within one day both orders count the same seconds, but from the midnight of another day
+            if self._origins[False] != self._origins[True]:
+                self.origin_doubt = self._doubt(month_first=False)
             return False
         rising = [order for order, values in elapsed.items() if np.all(np.diff(values[~np.isnan(values)]) >= 0)]
         if len(rising) == 1:
             return rising[0]
         order = float(np.nanmax(np.abs(elapsed[True]))) < float(np.nanmax(np.abs(elapsed[False])))
-        name = "month/day" if order else "day/month"
-        self.doubt = f"dates such as {self._example.strip()[:40]} read either way; {name} is assumed"
+        self.doubt = self._doubt(month_first=order)
         return order
+
+    def _doubt(self, *, month_first: bool) -> str:
+        name = "month/day" if month_first else "day/month"
+        return f"dates such as {self._example.strip()[:40]} read either way; {name} is assumed"
 
 
 def _elapsed(values: Float) -> Float:
@@ -180,6 +210,7 @@ def _stamp_seconds(cell: str, month_first: bool) -> tuple[int | None, float] | N
         if not 1 <= hours <= 12:
             return None
         hours = hours % 12 + (12 if match["half"] in "pP" else 0)
+    # an elapsed time may pass 24 hours, a time of day beside a date may not
     if (hours > 23 and match["date"]) or minutes > 59 or whole > 60:
         return None
     seconds = (

@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import Finding, Location, Severity
-from kennfeld.base.formatting import count_noun
+from kennfeld.base.formatting import count_noun, quoted, toml_text
 from kennfeld.domain.dataset import Clock
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.table import Column, Table, limit_findings
@@ -68,7 +68,7 @@ def _does_not_fall(column: Column) -> bool:
 
 
 def time_in_seconds(column: Column) -> Float:
-    """Return the time stamps in seconds; dates count from the first one.
+    """Convert the time stamps to seconds, Float[samples]; dates count from the first one.
 
     >>> time_in_seconds(Column("t", "ms", "t", np.array([0.0, 10.0])))
     array([0.  , 0.01])
@@ -108,13 +108,12 @@ def clock_of(column: Column) -> Clock:
 
 def unit_remedy(name: str) -> str:
     """Return the remedy for a time column that looks like milliseconds: state its unit."""
-    return (
-        f'If they are, write [units] {name} = "ms", else "s"; in Python kennfeld.read(..., units={{"{name}": "ms"}}).'
-    )
+    python = f'kennfeld.read(..., units={{{toml_text(name)}: "ms"}})'
+    return f'If they are, write [units] {quoted(name)} = "ms", else "s"; in Python {python}.'
 
 
 def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
-    """Report missing time stamps, steps backwards, and a clock that does not advance."""
+    """Report missing stamps among `time`, Float[samples] in s, steps backwards, and a clock that does not advance."""
     message = "rows with a wrong time stamp"
     gaps = np.flatnonzero(np.isnan(time)).tolist()
     if gaps:
@@ -124,6 +123,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
         )
     if advances(time):
         return []
+    # where a log may restart, only neighbours are compared
     earlier = time if table.restarts else np.maximum.accumulate(time)
     back = [] if table.restarts else _falls(time)
     still = int(np.count_nonzero(time[1:] < earlier[:-1] + SAME_INSTANT))
@@ -141,7 +141,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
 
 
 def advances(time: Float) -> bool:
-    """Return True if each sample is later than the one before."""
+    """Return True if each stamp, Float[samples] in s, is later than the one before."""
     return bool(np.all(time[1:] >= time[:-1] + SAME_INSTANT))
 
 
@@ -152,7 +152,7 @@ def _falls(time: Float) -> list[int]:
 
 
 def split_pieces(table: Table, time: Float) -> list[slice]:
-    """Return the samples of each piece: a new one begins if time falls in a table that allows it.
+    """Split stamps, Float[samples] in s, into pieces: a new one begins if time falls in a table that allows it.
 
     >>> table = Table(Location("run.msl"), (), np.arange(3), restarts=True)
     >>> split_pieces(table, np.array([0.0, 1.0, 0.5]))
@@ -172,6 +172,23 @@ def with_unread_time(table: Table) -> Table:
     remedy = "Write the time in seconds, or as 2026-12-31 23:59:59.9 or 23:59:59.9."
     finding = Finding(table.at(sample, text), message, remedy, severity="warning")
     return replace(table, findings=(*table.findings, finding))
+
+
+def with_date_doubts(table: Table) -> Table:
+    """Return the table with a warning for each column whose dates read either way.
+
+    In the time column, the day of the recording counts, too.
+    """
+    if not any(column.doubt or column.origin_doubt for column in table.columns):
+        return table
+    clock = find_time(table)
+    remedy = "Export the file with ISO dates, 2026-12-31, if that is wrong."
+    findings = [
+        Finding(table.location.within(f"column {column.place}"), doubt, remedy, severity="warning")
+        for column in table.columns
+        if (doubt := column.doubt or (column.origin_doubt if column is clock else ""))
+    ]
+    return replace(table, findings=(*table.findings, *findings))
 
 
 def _names_time(column: Column) -> bool:

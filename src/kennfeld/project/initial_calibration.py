@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.base.formatting import nearest, size_text
+from kennfeld.base.formatting import nearest, quoted, size_text, toml_text
 from kennfeld.calfiles import read_several
 from kennfeld.calfiles.a2l.origin import FlashOrigin
 from kennfeld.calfiles.format import FileFindings
@@ -134,7 +134,8 @@ def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ..
     surrogate = read_surrogate(path)
     if not isinstance(surrogate, StaticSurrogate):
         message = f"{surrogate.name} is a dynamic surrogate, which cannot be a parameter"
-        raise InputError.of(Location(path.name), message, f'Write [surrogates] and {surrogate.name} = "{path.name}".')
+        remedy = f"Write [surrogates] and {quoted(surrogate.name)} = {toml_text(path.name)}."
+        raise InputError.of(Location(path.name), message, remedy)
     unit = surrogate.units[-1] if surrogate.units else ""
     return ParameterSet([RBF(surrogate.name, surrogate.expansion, surrogate.inputs, unit=unit)]), ()
 
@@ -149,11 +150,20 @@ def _missing(file: ProjectFile, name: str) -> Finding:
 
 def _clash(file: ProjectFile, old: Parameter, new: Parameter, first: str, second: str) -> Finding:
     if old.kind == new.kind and old.values.shape == new.values.shape:
-        message = f"{old.name} has different breakpoints in {first} and {second}"
+        message = f"{old.name} has {_difference(old, new)} in {first} and {second}"
     else:
         message = f"{old.name} is {describe_parameter(old)} in {first} and {describe_parameter(new)} in {second}"
     remedy = "Remove one of the files, or the parameter from one of them."
     return Finding(file.location("calibration", "initial"), message, remedy)
+
+
+def _difference(old: Parameter, new: Parameter) -> str:
+    """Return what differs between two parameters of the same kind and size."""
+    if not isinstance(old, RBF) or not isinstance(new, RBF):
+        return "different breakpoints"
+    if old.coordinates != new.coordinates:
+        return "different numbers of inputs"
+    return "different kernels" if old.kernel != new.kernel else "different hinges"
 
 
 def describe_parameter(parameter: Parameter) -> str:

@@ -34,6 +34,7 @@ DATA = {
         "base/atomic_files",
         "domain/criteria",
         "base/errors",
+        "base/exit_status",
         "domain/free_axes",
         "base/lazy_dataclass",
         "base/lazy_names",

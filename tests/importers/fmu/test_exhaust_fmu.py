@@ -17,7 +17,7 @@ solver ode1
 settled = MapSettled(speed, injection)
 T = integrator((settled - T) / CurveTimeConstant(air), settled)
 """
-SAMPLES, SPAN = 600, 60.0
+SAMPLES, SPAN = 300, 30.0
 
 
 @pytest.fixture(scope="module")

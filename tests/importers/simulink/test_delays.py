@@ -53,6 +53,28 @@ def test_a_delay_with_an_enable_port_and_a_reset_port_is_reset_only_while_it_run
     np.testing.assert_array_equal(y, controlled(steps, enabled, resets, 9.0))
 
 
+@pytest.mark.parametrize("length", ["0", "0.0", "n", "n - 0"])
+@pytest.mark.parametrize(("kind", "field"), [("Delay", "DelayLength"), ("Integer Delay", "NumDelays")])
+def test_a_delay_by_no_sample_passes_its_input_on(kind, field, length, tmp_path):
+    model = imported(alone(kind, **{field: length}), tmp_path, parameters=[{"n": 0.0}])
+    np.testing.assert_array_equal(run(model, {"u1": U})["y1"], U)
+
+
+@pytest.mark.parametrize("length", ["0", "n"])
+def test_a_delay_by_no_sample_can_be_held_and_has_nothing_to_reset(length, tmp_path):
+    drawn = alone("Delay", 3, DelayLength=length, ExternalReset="Level", ShowEnablePort="on", InitialCondition="9")
+    y = run(imported(drawn, tmp_path, parameters=[{"n": 0.0}]), {"u1": U, "u2": ON, "u3": PULSE})["y1"]
+    latest = np.maximum.accumulate(np.where(ON, np.arange(COUNT), -1))
+    np.testing.assert_array_equal(y, np.where(latest >= 0, U[latest], 0.0))
+
+
+@pytest.mark.parametrize(("kind", "field"), [("Delay", "DelayLength"), ("Integer Delay", "NumDelays")])
+@pytest.mark.parametrize("length", ["-1", "1.5"])
+def test_a_delay_by_part_of_a_sample_is_told(kind, field, length, tmp_path):
+    with pytest.raises(InputError, match=f"its {field} must be an integer from 0 to 100000, got {length}"):
+        imported(alone(kind, **{field: length}), tmp_path)
+
+
 @pytest.mark.parametrize("kind", ["Falling", "Either"])
 def test_a_delay_with_both_ports_knows_all_edges(kind, tmp_path):
     drawn = alone("Delay", 3, DelayLength="1", ExternalReset=kind, ShowEnablePort="on", InitialCondition="9")

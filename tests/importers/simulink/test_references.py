@@ -161,6 +161,28 @@ def test_variables_of_one_name_in_several_models_are_distinguished(tmp_path):
     np.testing.assert_allclose(exact, differences, atol=1e-8)
 
 
+@pytest.mark.parametrize("visibility", ["global", "scoped"])
+def test_tags_of_one_name_in_several_models_are_told_apart(visibility, tmp_path):
+    for name, factor in (("one", "2"), ("two", "3")):
+        made = Model(name, step="0.1", solver="FixedStepDiscrete")
+        made.inport("x")
+        made.block("GotoTagVisibility", "V", ports=(0, 0), GotoTag="A")
+        inner = made.subsystem("S")
+        inner.inport("a")
+        inner.block("Gain", "K", Gain=factor)
+        inner.block("Goto", "T", ports=(1, 0), GotoTag="A", TagVisibility=visibility)
+        inner.chain("a", "K", "T")
+        made.block("From", "F", ports=(0, 1), GotoTag="A")
+        made.line("x", "S")
+        for port in ("y", "z"):
+            made.outport(port)
+            made.line("F", port)
+        made.write(tmp_path)
+    outputs = run(imported(around("k = 5;"), tmp_path), {"u": U})
+    for name, factor in (("one", 2), ("two", 3)):
+        np.testing.assert_allclose(outputs[f"{name}1"], factor * U, rtol=1e-13)
+
+
 def test_variables_of_one_name_and_value_are_one_parameter(tmp_path):
     for name in ("one", "two"):
         scaled(name, "k = 5; Eta = [1 2 3];").write(tmp_path)

@@ -1,12 +1,18 @@
 """Data stores, delays that change, scripts, and other things that go beyond a single block."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
+from kennfeld.importers.simulink.flattening.flat_model import DataStoreOrder, FlatBlock
 from kennfeld.importers.simulink.importing import import_simulink
+from kennfeld.importers.simulink.reader.document import read_document
+from kennfeld.importers.simulink.reader.model_tree import StoredWorkspace
+from kennfeld.importers.simulink.variables.model_variables import collect_variables
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from tests.draws import mostly_slow
@@ -49,6 +55,76 @@ def test_an_order_that_no_priority_decides_is_reported(tmp_path):
     report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
     assert any("data store" in one and "R" in one for one in report.substitutions)
     assert any("Assign a Priority to both" in str(one) for one in report.notes)
+
+
+def several_writers(priorities):
+    """Writers of one data store in the order of the file, each of its own input; the output shows the last one."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="s")
+    for name, priority in priorities.items():
+        drawn.inport(f"u{name}")
+        setting = {"Priority": priority} if priority else {}
+        drawn.block("DataStoreWrite", name, ports=(1, 0), DataStoreName="s", **setting)
+        drawn.line(f"u{name}", name)
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="s")
+    drawn.outport("y")
+    drawn.line("R", "y")
+    return drawn
+
+
+@pytest.mark.parametrize(
+    ("priorities", "last", "undecided"),
+    [
+        ({"C": "2", "B": "", "A": "1"}, "C", {"BA", "BC"}),
+        ({"A": "1", "B": "", "C": "2"}, "C", {"AB", "BC"}),
+        ({"C": "2", "A": "1", "B": ""}, "B", {"AB", "CB"}),
+        ({"C": "3", "B": "2", "A": "1"}, "C", set()),
+        ({"C": "2", "B": "1", "A": "1"}, "C", {"BA"}),
+        ({"A": "", "B": ""}, "B", {"AB"}),
+    ],
+)
+def test_writers_run_in_the_order_of_their_priorities(priorities, last, undecided, tmp_path):
+    imported_model = import_simulink(several_writers(priorities).write(tmp_path))
+    inputs = {f"u{name}": [float(k)] * 2 for k, name in enumerate(priorities)}
+    # a reader without a priority shows what the step before has left
+    assert run(imported_model.model, inputs)["y"][1] == inputs[f"u{last}"][0]
+    notes = [note for note in imported_model.report.substitutions if "writes the data store after" in note]
+    assert {note.split(" writes")[0] + note.split(" after ")[1][0] for note in notes} == {
+        pair[::-1] for pair in undecided
+    }
+
+
+@pytest.mark.parametrize("branches", [("If:1", "If:2"), ("If:1", "If:1")])
+def test_writers_in_branches_that_exclude_each_other_need_no_order(branches, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="s")
+    drawn.block("If", "If", ports=(1, 2), IfExpression="u1 > 0", ShowElse="on")
+    drawn.line("u", "If")
+    for name, branch in zip("AB", branches, strict=True):
+        inner = drawn.subsystem(name)
+        inner.block("ActionPort", "Action", ports=(0, 0))
+        inner.block("Constant", "K", ports=(0, 1), Value="1" if name == "A" else "2")
+        inner.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="s")
+        inner.line("K", "W")
+        drawn.line(branch, f"{name}#ifaction")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="s")
+    drawn.outport("y")
+    drawn.line("R", "y")
+    notes = import_simulink(drawn.write(tmp_path)).report.substitutions
+    assert any("writes the data store after" in note for note in notes) == (branches[0] == branches[1])
+
+
+def test_tasks_that_contradict_priorities_leave_the_order_to_the_file():
+    writers = [FlatBlock("DataStoreWrite", None, name, None) for name in "ABC"]
+    memory = FlatBlock("DataStoreMemory", None, "M", None)
+    for writer, priority in zip(writers, (3, 1, 2), strict=True):
+        writer.data_store, writer.priority_path = memory, ((writer.path, priority),)
+    a, b, c = writers
+    # A is in a faster task than B, and the task of C is unknown: A, B, C, A
+    order = DataStoreOrder(writers, lambda flat, other: {(a, b): -1, (b, a): 1}.get((flat, other), 0))
+    assert order.writers[memory] == [a, b, c]
+    assert order.undecided_writers == [(a, c)]
 
 
 def tasks(reader, writer, mode, priorities):
@@ -122,6 +198,67 @@ def test_a_signal_object_declares_a_data_store(source, tmp_path):
     model = imported(drawn, tmp_path, parameters=sources[source])
     assert run(model, {"u": [1.0, 2.0, 3.0]})["y"].tolist() == [6, 1, 2]
     assert list(model.graph.parameters) == ["start"]
+
+
+def counting(name, code="", factor="1"):
+    """A model that writes a multiple of its input to the store A, and returns what it was before."""
+    drawn = Model(name, step="0.1", solver="FixedStepDiscrete", code=code)
+    drawn.inport("x")
+    drawn.block("Gain", "G", Gain=factor)
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="A", Priority="2")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A", Priority="1")
+    drawn.outport("y")
+    drawn.chain("x", "G", "W")
+    drawn.chain("R", "y")
+    return drawn
+
+
+def referring(*names, code="", initial=""):
+    """A model around referenced models of these names, perhaps with a block of the store A."""
+    drawn = Model("top", step="0.1", solver="FixedStepDiscrete", code=code)
+    drawn.inport("u")
+    if initial:
+        drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="A", InitialValue=initial)
+    for k, name in enumerate(names, 1):
+        drawn.block("ModelReference", f"R{k}", ports=(1, 1), ModelNameDialog=name)
+        drawn.outport(f"y{k}")
+        drawn.chain("u", f"R{k}", f"y{k}")
+    return drawn
+
+
+def signal_of(initial):
+    return f"A = Simulink.Signal; A.InitialValue = '{initial}'; A.Dimensions = 1;"
+
+
+@pytest.mark.parametrize(
+    ("own", "names", "top", "expected"),
+    [
+        ({"one": signal_of(7), "two": signal_of(8)}, ("one", "two"), {}, [[7, 1, 2], [8, 2, 4]]),
+        ({"one": signal_of(7)}, ("one", "one"), {}, [[7, 1, 2], [7, 1, 2]]),
+        ({"one": signal_of(9), "two": ""}, ("one", "two"), {"given": signal_of(9)}, [[9, 1, 2], [9, 2, 4]]),
+        ({"one": signal_of(7), "two": signal_of(8)}, ("one", "two"), {"initial": "5"}, [[7, 1, 2], [8, 2, 4]]),
+        ({"one": "", "two": ""}, ("one", "two"), {"given": signal_of(9)}, [[9, 2, 4], [9, 2, 4]]),
+        ({"one": "", "two": ""}, ("one", "two"), {"code": signal_of(9)}, [[9, 2, 4], [9, 2, 4]]),
+        ({"one": "", "two": ""}, ("one", "two"), {"initial": "5"}, [[5, 2, 4], [5, 2, 4]]),
+    ],
+)
+def test_a_store_of_a_model_workspace_is_local_to_each_instance_of_its_model(own, names, top, expected, tmp_path):
+    for factor, (name, code) in enumerate(own.items(), 1):
+        counting(name, code, str(factor)).write(tmp_path)
+    (tmp_path / "given.m").write_text(top.pop("given", ""))
+    model = imported(referring(*names, **top), tmp_path, parameters=[tmp_path / "given.m"])
+    outputs = run(model, {"u": [1.0, 2.0, 3.0]})
+    assert [outputs[f"y{k}"].tolist() for k in (1, 2)] == expected
+
+
+@pytest.mark.parametrize("kind", ["m-code", "file"])
+def test_variables_of_a_workspace_are_local_even_if_they_equal_given_ones(kind, tmp_path):
+    for file in ("given.m", "own.m"):
+        (tmp_path / file).write_text(f"{signal_of(7)} {'k = 2;' if file == 'given.m' else ''}")
+    text = signal_of(7) if kind == "m-code" else "own.m"
+    document = replace(read_document(counting("one").write(tmp_path)), workspace=StoredWorkspace(kind, text=text))
+    variables = collect_variables(document, [tmp_path / "given.m"])
+    assert {name: variables[name].local for name in ("A", "k")} == {"A": True, "k": False}
 
 
 def test_a_data_store_of_a_signal_object_without_a_value_starts_at_0(tmp_path):

@@ -15,7 +15,6 @@ from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
 from kennfeld.graph.integration import apply_solver, is_continuous, without_idle_holds
 from kennfeld.importers.simulink.constant_outputs import find_constant_outputs
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, FlatModel
-from kennfeld.importers.simulink.flattening.integer_signals import find_integer_conversions
 from kennfeld.importers.simulink.import_report import (
     TYPES_IGNORED,
     SimulinkReport,
@@ -24,6 +23,7 @@ from kennfeld.importers.simulink.import_report import (
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, placeholder_signal, unsupported_reason
+from kennfeld.importers.simulink.lowering.integer_signals import find_integer_conversions
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
@@ -241,6 +241,11 @@ class ModelImport:
             f"{writer.path}. Assign a Priority to both, because generated code may run them in another order"
             for writer, reader in compiler.stores.undecided
         )
+        undecided |= dict.fromkeys(
+            f"{later.path} writes the data store after {first.path}, as in the file: no priority orders them. "
+            "Assign a Priority to both, because generated code may run them in another order"
+            for first, later in compiler.stores.undecided_writers
+        )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
         sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
         constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
@@ -272,7 +277,7 @@ class ModelImport:
             source=str(self.path),
             locations=MappingProxyType(names.locations | {name: Location(text) for name, text in sources.items()}),
             values=values,
-            remarks=report.calibration_remarks,
+            remarks=report.notes,
             stepped=self.stepping.replaced,
             equations=replace(equations, units=present_units) if is_continuous(equations) else None,
             solver=self.solver,

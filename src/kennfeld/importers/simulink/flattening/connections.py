@@ -4,7 +4,7 @@ A signal is traced through ports, tags, variants and buses to the block that com
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from kennfeld.importers.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
 from kennfeld.importers.simulink.flattening.hierarchy import (
@@ -13,10 +13,16 @@ from kennfeld.importers.simulink.flattening.hierarchy import (
     SystemInstance,
     enclosing_systems,
     goto_tag,
+    model_instance,
 )
 from kennfeld.importers.simulink.reader.block_ports import element_of, elements, port_number
 from kennfeld.importers.simulink.reader.model_tree import Endpoint, ModelBlock, Ports, join_path
-from kennfeld.importers.simulink.variables.mask_scope import Scope, declared_store, names_assigned_by_functions
+from kennfeld.importers.simulink.variables.mask_scope import (
+    Scope,
+    Variable,
+    declared_store,
+    names_assigned_by_functions,
+)
 
 _NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
 
@@ -31,15 +37,17 @@ class SignalTracer:
         self._wide: dict[str, list[tuple[SystemInstance, ModelBlock]]] = {}
         for tag, ends in gotos.items():
             for level, goto in ends:
+                # of several Gotos with one tag in a system, the first one counts
                 self._local.setdefault((level, tag), (level, goto))
                 if (goto.value("TagVisibility") or "local") in _NONLOCAL_VISIBILITY:
                     self._wide.setdefault(tag, []).append((level, goto))
 
     def label(self, level: SystemInstance, end: Endpoint) -> str:
-        """Return the name of the line at a port, traced through ports and tags."""
+        """Find the name of the line at a port, traced through ports and tags."""
         for here, source in self._trace(level, end):
             name = here.labels.get(source, "")
             block = here.system.by_sid.get(source.block)
+            # <name> is a propagated name, as a line in the diagram shows it
             if name and not name.startswith("<"):
                 return name
             if name.startswith("<") and name.endswith(">"):
@@ -49,7 +57,7 @@ class SignalTracer:
         return ""
 
     def source(self, level: SystemInstance, end: Endpoint) -> SignalSource | None:
-        """Return the block output that feeds an input port, traced through subsystems and tags."""
+        """Find the block output that feeds an input port, traced through subsystems and tags."""
         last = self._origin(level, end)
         if last is None:
             return None
@@ -57,6 +65,7 @@ class SignalTracer:
         if (picked := self._selected_input(here, source)) is not None:
             return self.source(*picked)
         if (flat := here.flat_blocks.get(source.block)) is not None:
+            # no other kinds of ports, such as physical ones, carry a signal
             port = {"out": source.number - 1, "state": STATE_PORT}.get(source.port)
             return None if port is None else SignalSource(flat, port)
         below = here.below.get(source.block)
@@ -67,7 +76,7 @@ class SignalTracer:
         return None
 
     def commented_source(self, level: SystemInstance, end: Endpoint) -> str:
-        """Return the path of the commented-out block that fed a port, traced through subsystems and tags; or ""."""
+        """Find the path of the commented-out block that fed a port, traced through subsystems and tags; or ""."""
         passed = list(self._trace(level, end))
         here, at = self._passed_on_input(*passed[-1]) if passed else (level, end)
         name = here.system.commented.get(at, "") if here is not None and at is not None else ""
@@ -81,11 +90,12 @@ class SignalTracer:
         flat = level.flat_blocks.get(source.block)
         if flat is None or flat.type != "BusSelector" or (flat.block.value("OutputAsBus") or "off") == "on":
             return None
-        ways = (flat.block.value("OutputSignals") or "").split(",")
-        if not source.number <= len(ways):
+        paths = (flat.block.value("OutputSignals") or "").split(",")
+        if not source.number <= len(paths):
             return None
+        # from the selector back through nested creators, one name at a time
         creator: tuple[SystemInstance, Endpoint] | None = (level, Endpoint(source.block, "in"))
-        for name in ways[source.number - 1].strip().split("."):
+        for name in paths[source.number - 1].strip().split("."):
             creator = self._member_input(*creator, name) if creator is not None else None
         return creator
 
@@ -110,6 +120,7 @@ class SignalTracer:
         """Yield the line ends that a signal passes, from its use back to its origin."""
         here: SystemInstance | None = level
         at: Endpoint | None = end
+        # subsystems and tags without any block in between may form a ring
         seen: set[tuple[int, Endpoint]] = set()
         while here is not None and at is not None and (id(here), at) not in seen:
             seen.add((id(here), at))
@@ -125,6 +136,7 @@ class SignalTracer:
         """Return the input port that a block output passes on unchanged, or None if the block computes it."""
         if source in level.passing:
             return level, level.passing[source]
+        # a placed block computes its outputs; ports, tags and plain subsystems only pass them on
         if source.block in level.flat_blocks:
             return None, None
         block = level.system.by_sid[source.block]
@@ -140,11 +152,12 @@ class SignalTracer:
         return below, Endpoint(outport.sid, "in")
 
     def goto(self, level: SystemInstance, tag: str) -> tuple[SystemInstance, ModelBlock] | None:
-        """Return the Goto of a tag: local in the same system, scoped below its visibility block, global anywhere."""
+        """Find the Goto of a tag: local in the same system, scoped below its visibility block, global in its model."""
         if (level, tag) in self._local:
             return self._local[level, tag]
         for where, goto in self._wide.get(tag, ()):
-            if goto.value("TagVisibility") == "global" or self._is_in_scope(level, where, tag):
+            is_global = goto.value("TagVisibility") == "global" and model_instance(where) is model_instance(level)
+            if is_global or self._is_in_scope(level, where, tag):
                 return where, goto
         return None
 
@@ -169,7 +182,7 @@ def _original_inport(level: SystemInstance, source: Endpoint | None) -> Endpoint
 
 
 def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
-    """Return the signal names of a bus creator: those of its lines, else as stated, else numbered.
+    """Name the signals of a bus creator: after their lines, else as stated, else numbered.
 
     >>> bus_member_names(["n", "", "n", ""], "'a','b'")
     ['n', 'b', 'n3', 'signal4']
@@ -178,12 +191,13 @@ def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
     names: list[str] = []
     for at, label in enumerate(labels):
         name = label or (listed[at] if at < len(listed) else "") or f"signal{at + 1}"
+        # Simulink appends the port number to a name that occurs again
         names.append(f"{name}{at + 1}" if name in names else name)
     return names
 
 
 def find_bus_member(names: Sequence[str], wanted: str) -> str | None:
-    """Return the member that a name in a bus selector means, None if there is none.
+    """Find the member that a name in a bus selector means, None if there is none.
 
     If input names are duplicates, Simulink appends port numbers to them, in old files as "(signal2)".
 
@@ -203,7 +217,7 @@ class ConnectionResolver:
         self.placed = placed
         self.wires = SignalTracer(placed.gotos)
         self._ends = 0
-        self._declared: dict[str, FlatBlock | None] = {}
+        self._declared: dict[tuple[tuple[str, ...], str], FlatBlock] = {}
 
     def connect(self) -> None:
         """Resolve the sources of all inputs."""
@@ -230,6 +244,7 @@ class ConnectionResolver:
     def _connect_controls(self, level: SystemInstance) -> None:
         for sid, below in level.below.items():
             control = below.control
+            # a plain subsystem has the control of the conditional one around it, which is connected there
             if control is not None and control.block is below.holder:
                 control.inputs = [self._control_source(level, sid, port) for port in control.control_ports]
                 ends = (Endpoint(sid, port) for port in control.control_ports)
@@ -243,6 +258,7 @@ class ConnectionResolver:
         written = names_assigned_by_functions(flat.block.script) if flat.code_stores else frozenset()
         outputs = sum(variable.scope == "OUTPUT_DATA" for variable in data)
         for at, name in enumerate(flat.code_stores):
+            # a read is an input after the ports, a write an output after them
             flat.inputs.append(SignalSource(self._place_access(level, flat, "DataStoreRead", name), 0))
             if name in written:
                 self._place_access(level, flat, "DataStoreWrite", name).inputs.append(SignalSource(flat, outputs + at))
@@ -256,19 +272,33 @@ class ConnectionResolver:
         return access
 
     def _store(self, level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
-        """Return the memory of a data store: that of a block around, else one declared by a signal object."""
-        memory, name = _memory_block(level, block), _store_name(block)
-        if memory is not None:
-            return memory
-        if name not in self._declared:
-            fields = declared_store(level.scope.variables.get(name))
-            self._declared[name] = None if fields is None else self._place_declared(level, name, fields)
-        return self._declared[name]
+        """Return the memory of a data store: that of a block around, else one declared by a signal object.
 
-    def _place_declared(self, level: SystemInstance, name: str, fields: Mapping[str, str]) -> FlatBlock:
+        A referenced model does not see the blocks of the model around it. They are taken if nothing else declares it.
+        """
+        name, around = _store_name(block), list(enclosing_systems(level))
+        variable = level.scope.variables.get(name)
+        own = [system for system in around if _shares(system, level, name)]
+        rest = [system for system in around if system not in own]
+        memory = _memory_block(own, name) or self._declared_store(own[-1], name, variable)
+        return memory or _memory_block(rest, name)
+
+    def _declared_store(self, model: SystemInstance, name: str, variable: Variable | None) -> FlatBlock | None:
+        """Return the memory that a signal object declares: for all models, or for one instance of its own model."""
+        fields = declared_store(variable)
+        if variable is None or fields is None:
+            return None
+        # iterations of a model share its stores, elements of a For Each subsystem do not
+        place = (*model.path, str(model.element)) if variable.local else ()
+        if (place, name) not in self._declared:
+            path = join_path(*model.path, name) if variable.local else name
+            self._declared[place, name] = self._place_declared(model, path, {"DataStoreName": name, **fields})
+        return self._declared[place, name]
+
+    def _place_declared(self, model: SystemInstance, path: str, fields: dict[str, str]) -> FlatBlock:
         """Place the memory of a data store that has no block."""
-        block = ModelBlock("DataStoreMemory", name, "", name, {"DataStoreName": name, **fields}, ports=Ports())
-        memory = FlatBlock("DataStoreMemory", block, name, Scope(level.scope.variables), synthetic=True)
+        block = ModelBlock("DataStoreMemory", fields["DataStoreName"], "", path, fields, ports=Ports())
+        memory = FlatBlock("DataStoreMemory", block, path, Scope(model.scope.variables), synthetic=True)
         self.placed.flat_blocks.append(memory)
         return memory
 
@@ -281,12 +311,14 @@ class ConnectionResolver:
         return self.wires.source(level, Endpoint(sid, port))
 
     def _connect_inputs(self, level: SystemInstance, sid: str, flat: FlatBlock) -> None:
+        # a file may state the number of ports without connecting all, or connect them without stating it
         count = max(level.fed.get(sid, 0), flat.block.ports.inputs if flat.block.ports is not None else 0)
         self._ends += count
         if self._ends > _MAX_INPUTS:
             raise OverflowError(f"its blocks have more than {_MAX_INPUTS} inputs")
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
         if flat.type == "BusElements":
+            # the first element of an output bus stands for all of them, so that it has their inputs
             shared = elements(level.system, "Outport", port_number(flat.block))
             ends = [Endpoint(block.sid, "in") for block in shared]
             flat.bus_paths = tuple(element_of(block) or "" for block in shared)
@@ -304,9 +336,20 @@ class ConnectionResolver:
         flat.output_names = {number - 1: name for number, name in flat.block.signals.items()} | level.named.get(sid, {})
 
 
-def _memory_block(level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
-    name = _store_name(block)
-    for here in enclosing_systems(level):
+def _shares(system: SystemInstance, level: SystemInstance, name: str) -> bool:
+    """Return True if a system around another one has the same data stores of a name.
+
+    It belongs to the same model, or to one with the model workspace that declares the store.
+    """
+    variable = level.scope.variables.get(name)
+    if variable is not None and variable.local:
+        return system.scope.variables.get(name) is variable
+    return model_instance(system) is model_instance(level)
+
+
+def _memory_block(systems: Iterable[SystemInstance], name: str) -> FlatBlock | None:
+    for here in systems:
+        # innermost first: a memory hides one of the same name further out
         for memory in here.system.of("DataStoreMemory"):
             if _store_name(memory) == name:
                 return here.flat_blocks.get(memory.sid)

@@ -1,7 +1,7 @@
 """Collection of a model's variables and solver settings from workspace, dictionaries, scripts and given values."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -26,6 +26,7 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     Variable,
     VariableTable,
     equal_values,
+    names_assigned_by_script,
     to_parameter_value,
 )
 from kennfeld.importers.simulink.variables.stored_variables import (
@@ -64,17 +65,18 @@ class FileSearch:
         return frozenset(path.name for path in self.given)
 
     def dictionary(self, path: Path) -> Dictionary:
-        """Return a data dictionary with those it refers to."""
+        """Read a data dictionary with those it refers to, once."""
         return read_dictionary(
             path, folders=self.folders, given=self.given_names - {path.name}, known=self._dictionaries
         )
 
     def enumerations(self, folder: Path) -> dict[str, Variable]:
-        """Return the enumerations whose class files are given, in a folder or in the further ones, in this order."""
+        """Read the enumerations whose class files are given, in a folder or in the further ones, in this order."""
         enumerations = enumeration_files((), [path for path in self.given if path.suffix == ".m"])
         for place in (folder, *self.folders):
             if place not in self._enumerations:
                 self._enumerations[place] = enumeration_files([place])
+            # earlier places take precedence
             enumerations = {**self._enumerations[place], **enumerations}
         return enumerations
 
@@ -104,6 +106,7 @@ def collect_variables(
                 variables[name] = Variable(value, source=USER_SOURCE)
         else:
             parameter_sets += _add_file(variables, Path(source), search)
+    # taken before the workspace is read, which may override them
     by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
     _workspace(variables, document, search)
     variables.findings += [
@@ -112,9 +115,11 @@ def collect_variables(
         if not equal_values(variable.value, variables[name].value)
     ]
     overriding = {parameter.name: parameter for values in parameter_sets for parameter in values.values()}
+    # `Control.Gain` may be a field of the struct `Control`
     variables.strangers = ParameterSet(
         parameter for name, parameter in overriding.items() if name.partition(".")[0] not in variables
     )
+    # last, so that they override the workspace as well
     variables.update({name: _with_parameter(variables.get(name), parameter) for name, parameter in overriding.items()})
     return variables
 
@@ -175,6 +180,7 @@ def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[
 
 def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
     read = search.dictionary(path)
+    # before the entries, whose enumerated values are members of these
     variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
@@ -184,21 +190,35 @@ def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
 
 
 def _workspace(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
+    """Add the variables of the model workspace, which are local to the model."""
+    before = dict(variables)
+    code = _add_workspace(variables, document, search)
+    new = {name for name, variable in variables.items() if before.get(name) is not variable}
+    # code that assigns a value which a variable has leaves the variable as it is
+    for name in new | (names_assigned_by_script(code) & variables.keys()):
+        variables[name] = replace(variables[name], local=True)
+
+
+def _add_workspace(variables: VariableTable, document: ModelDocument, search: FileSearch) -> str:
+    """Add the variables of the model workspace; return its code, if it is code."""
     kind = document.workspace.kind
     if kind == "m-code":
         before = dict(variables)
         run_text(variables, document.workspace.text, "model workspace", document.path.parent)
         for name in before.keys() - variables.keys():  # the user may give what is missing
             variables[name] = before[name]
-    elif kind == "file":
+        return document.workspace.text
+    if kind == "file":
+        # next to the model, whatever folder the file names
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
             _add_file(variables, path, search)
-        else:
-            message = f"its workspace is in {path.name}, which was not found"
-            variables.findings.append(Finding(Location(document.name), message))
+            return read_file(path).decode("utf-8", "replace") if path.suffix.casefold() == ".m" else ""
+        message = f"its workspace is in {path.name}, which was not found"
+        variables.findings.append(Finding(Location(document.name), message))
     else:
         _add(variables, workspace_variables(document.workspace), "model workspace")
+    return ""
 
 
 def _add(variables: VariableTable, data: StoredVariables, source: str) -> None:
@@ -275,6 +295,7 @@ def _with_parameter(known: Variable | None, parameter: Parameter) -> Variable:
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
     if known is not None and isinstance(known.value, np.ndarray) and _sizes(known.value) == _sizes(value):
+        # a curve of a calibration file has one dimension, a variable of the model is a row or a column
         value = value.reshape(known.value.shape)
     description = parameter.description or (known.description if known is not None else "")
     lower: float | Numbers = known.lower if known is not None else -np.inf
@@ -290,9 +311,10 @@ def _sizes(values: Numbers) -> list[int]:
 
 
 def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[StoredSolver, str]:
-    """Return the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
+    """Look up the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
     settings, seen = document.solver, set[str]()
     while settings.reference:
+        # a configuration may refer to another one, and by mistake in a circle
         name = settings.reference
         if name in seen or name not in variables.solvers:
             why = "refers to itself" if name in seen else "was not found"
@@ -303,9 +325,9 @@ def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[
 
 
 def model_properties(document: ModelDocument, variables: VariableTable) -> dict[str, Variable]:
-    """Return the properties that `get_param` may query of a model, as structs of texts."""
+    """Collect the properties that `get_param` may query of a model, as structs of texts."""
     settings, _ = solver_settings(document, variables)
-    said = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
-    said |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
-    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in said.items() if text}}
+    texts = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
+    texts |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
+    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in texts.items() if text}}
     return {name: Variable(value, source="the model itself", fixed=True) for name in _NAMES if name not in variables}
