@@ -4,7 +4,7 @@ Every array has at least two dimensions. Character arrays have the type `U1`, st
 are never changed in place; an assignment to a part makes a new one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field
 from typing import Any, TypeAlias
 
@@ -32,6 +32,16 @@ class MatlabCell:
 
     values: Array
 
+    @classmethod
+    def of(cls, contents: Iterable[Any], shape: tuple[int, ...]) -> "MatlabCell":
+        """Return a cell array of these values, in column-major order."""
+        return cls(object_array(list(contents), shape))
+
+    @property
+    def contents(self) -> list[Any]:
+        """The values in column-major order."""
+        return list(self.values.ravel(order="F"))
+
 
 @dataclass(frozen=True, eq=False)
 class MatlabStruct:
@@ -42,12 +52,12 @@ class MatlabStruct:
     kind: str = ""
 
     @classmethod
-    def of(cls, fields: Mapping[str, "Value"], kind: str = "") -> "MatlabStruct":
+    def of(cls, fields: Mapping[str, Any], kind: str = "") -> "MatlabStruct":
         """Return a struct of one element."""
         return cls(object_array([dict(fields)], (1, 1)), tuple(fields), kind)
 
     @property
-    def fields(self) -> dict[str, "Value"]:
+    def fields(self) -> dict[str, Any]:
         """The fields of the first element."""
         return self.elements.flat[0] if self.elements.size else {}
 
@@ -59,7 +69,7 @@ class MatlabFunctionHandle:
     name: str = ""
     parameters: tuple[str, ...] = ()
     body: Expression | None = None
-    variables: Mapping[str, "Value"] = field(default_factory=dict)
+    variables: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

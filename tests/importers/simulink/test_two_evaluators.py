@@ -22,8 +22,6 @@ from kennfeld.models.imperative.statement_interpreter import StatementInterprete
 from kennfeld.models.imperative.symbolic_values import (
     LogicalNodes,
     String,
-    SymbolicCell,
-    SymbolicStruct,
     as_array,
     constants,
     force,
@@ -72,9 +70,9 @@ def as_double(value):
 def held(builder, value):
     """A value of scripts as one of code."""
     if isinstance(value, v.MatlabCell):
-        return SymbolicCell(tuple(held(builder, one) for one in value.values.ravel(order="F")), value.values.shape)
+        return v.MatlabCell.of((held(builder, one) for one in value.contents), value.values.shape)
     if isinstance(value, v.MatlabStruct):
-        return SymbolicStruct({key: held(builder, one) for key, one in value.fields.items()})
+        return v.MatlabStruct.of({key: held(builder, one) for key, one in value.fields.items()})
     if value.dtype.kind == "U":
         return "".join(value.ravel().tolist())
     if value.dtype.kind == "O":
@@ -86,9 +84,9 @@ def held(builder, value):
 def shown(context, one):
     """A value of code as one of scripts."""
     one = force(one)
-    if isinstance(one, SymbolicCell):
-        return v.MatlabCell(v.object_array([shown(context, cell) for cell in one.cells], one.shape))
-    if isinstance(one, SymbolicStruct):
+    if isinstance(one, v.MatlabCell):
+        return v.MatlabCell.of((shown(context, cell) for cell in one.contents), one.values.shape)
+    if isinstance(one, v.MatlabStruct):
         return v.MatlabStruct.of({key: shown(context, inner) for key, inner in one.fields.items()})
     if isinstance(one, str):
         return v.strings([one]) if isinstance(one, String) else v.characters(one)

@@ -2,13 +2,22 @@
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.indexing import assign_elements
-from kennfeld.matlab.values import MatlabValueError, trim_dimensions
+from kennfeld.matlab.values import (
+    Array,
+    MatlabCell,
+    MatlabStruct,
+    MatlabValueError,
+    object_array,
+    scalar,
+    trim_dimensions,
+)
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -21,19 +30,18 @@ Place = tuple[Nodes | None, list[int]]  # nodes of places that depend on signals
 Change = Callable[[s.SymbolicValue | None], s.SymbolicValue]
 
 
-def fixed_element(array: Nodes, at: Sequence[int]) -> int:
+def fixed_element(array: Array, at: Sequence[int]) -> Any:
     """Return the element at zero-based indices; raises `ProgramError` if out of range."""
     try:
         if min(at) < 0:
             raise IndexError
-        result = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
+        return array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
     except IndexError:
         places = ",".join(str(item + 1) for item in at)
         raise ProgramError(f"index ({places}) exceeds an array of size {format_sizes(array)}") from None
-    return int(result)
 
 
-def cell_indices(evaluator: SymbolicEvaluator, whole: Nodes, trees: Sequence[m.Expression]) -> list[int]:
+def cell_indices(evaluator: SymbolicEvaluator, whole: Array, trees: Sequence[m.Expression]) -> list[int]:
     """Evaluate the indices, from 0, of an element of a cell array; raises `ProgramError` unless they are constant."""
     indices = map(s.as_array, evaluator.index_values(whole, trees))
     numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
@@ -47,17 +55,16 @@ def index_value(
     evaluator: SymbolicEvaluator, value: s.SymbolicValue, trees: Sequence[m.Expression], message: str
 ) -> s.SymbolicValue:
     """Evaluate `value(trees)`."""
-    if isinstance(value, s.SymbolicCell):
-        whole = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
-        chosen = _elements(evaluator, whole, evaluator.index_values(whole, trees), message, fixed=True)
-        return s.SymbolicCell(tuple(value.cells[int(at)] for at in chosen.ravel(order="F")), chosen.shape)
+    if isinstance(value, MatlabCell):
+        places = evaluator.index_values(value.values, trees)
+        return MatlabCell(_elements(evaluator, value.values, places, message, fixed=True))
     if isinstance(value, s.String) and all(is_one(evaluator, tree) for tree in trees):
         return value
     if isinstance(value, str):
         text = np.array([[ord(item) for item in value]], dtype=np.int64)
         chosen = _elements(evaluator, text, evaluator.index_values(text, trees), message, fixed=True)
         return "".join(chr(int(item)) for item in chosen.ravel(order="F"))
-    if isinstance(value, s.SymbolicStruct) and all(is_one(evaluator, tree) for tree in trees):
+    if isinstance(value, MatlabStruct) and all(is_one(evaluator, tree) for tree in trees):
         return value
     array = s.as_array(value, message)
     if not trees:
@@ -82,8 +89,8 @@ def is_one(evaluator: SymbolicEvaluator, tree: m.Expression) -> bool:
 
 
 def _elements(
-    evaluator: SymbolicEvaluator, array: Nodes, places: list[s.SymbolicValue], message: str, fixed: bool = False
-) -> Nodes:
+    evaluator: SymbolicEvaluator, array: Array, places: list[s.SymbolicValue], message: str, fixed: bool = False
+) -> Array:
     whole = np.asarray(array)
     if len(places) == 1:
         return _linear(evaluator, whole, places[0], message, fixed)
@@ -218,41 +225,42 @@ def _part(evaluator: SymbolicEvaluator, old: s.SymbolicValue | None, tree: m.Exp
             return old
         case m.Field(of, name):
             around = _part(evaluator, old, of)
-            return s.field_of(around, name) if isinstance(around, s.SymbolicStruct) and name in around.fields else None
+            return s.field_of(around, name) if isinstance(around, MatlabStruct) and name in around.fields else None
         case m.Call(of, arguments):
             around = _part(evaluator, old, of)
             return None if around is None else index_value(evaluator, around, arguments, "it")
     raise ProgramError("assignment to a part of a cell is not supported")
 
 
-def _with_field(current: s.SymbolicValue | None, name: str, value: s.SymbolicValue) -> s.SymbolicStruct:
+def _with_field(current: s.SymbolicValue | None, name: str, value: s.SymbolicValue) -> MatlabStruct:
     if current is None or (isinstance(current, np.ndarray) and current.size == 0):
-        return s.SymbolicStruct({name: value})
-    if not isinstance(current, s.SymbolicStruct):
+        return MatlabStruct.of({name: value})
+    if not isinstance(current, MatlabStruct):
         raise ProgramError(f"assignment to the field {name} of {s.describe(current)}")
-    return s.SymbolicStruct({**current.fields, name: value})
+    return MatlabStruct.of({**current.fields, name: value})
 
 
 def _with_cell(
     evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression], value: s.SymbolicValue
-) -> s.SymbolicCell:
-    cells = current if isinstance(current, s.SymbolicCell) else s.SymbolicCell((), (0, 0))
-    whole = np.arange(len(cells.cells), dtype=np.int64).reshape(cells.shape, order="F")
-    at = cell_indices(evaluator, whole, trees)
-    is_row = len(cells.shape) == 2 and min(cells.shape) < 2
-    if at == [len(cells.cells)] and is_row:  # one more, behind the last
-        rows, columns = cells.shape
-        shape = (rows + 1, 1) if columns == 1 and rows > 1 else (1, len(cells.cells) + 1)
-        return s.SymbolicCell((*cells.cells, value), shape)
-    result = list(cells.cells)
-    result[fixed_element(whole, at)] = value
-    return s.SymbolicCell(tuple(result), cells.shape)
+) -> MatlabCell:
+    cells = current.values if isinstance(current, MatlabCell) else np.empty((0, 0), dtype=object)
+    at = cell_indices(evaluator, cells, trees)
+    if at != [cells.size]:  # not one more, behind the last
+        fixed_element(cells, at)
+    try:
+        return MatlabCell(
+            assign_elements(
+                cells, [scalar(place + 1) for place in at], object_array([value], (1, 1)), s.EMPTY, Budget()
+            )
+        )
+    except MatlabValueError as error:
+        raise ProgramError(f"assignment to a cell array of size {format_sizes(cells)}: {error}") from None
 
 
 def _with_elements(
     evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression], value: s.SymbolicValue
 ) -> s.SymbolicValue:
-    if isinstance(current, s.SymbolicStruct) or isinstance(value, s.SymbolicStruct):
+    if isinstance(current, MatlabStruct) or isinstance(value, MatlabStruct):
         if all(is_one(evaluator, tree) for tree in trees):
             return value
         raise ProgramError("arrays of structs are not supported")

@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.traversal import assigned_name, dotted_name
+from kennfeld.matlab.values import MatlabCell
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.control_flow import LoopUnroller
 from kennfeld.models.imperative.element_access import assign_part
@@ -270,9 +271,9 @@ class StatementInterpreter:
 
     def _matches(self, subject: s.SymbolicValue, case: s.SymbolicValue) -> int:
         """Return the condition that a case matches the subject of a switch."""
-        if isinstance(case, s.SymbolicCell):
+        if isinstance(case, MatlabCell):
             result = self.builder.const(0.0)
-            for cell in case.cells:
+            for cell in case.contents:
                 result = logical_or(self.builder, result, self._matches(subject, cell))
             return result
         if isinstance(subject, str) or isinstance(case, str):
@@ -332,8 +333,8 @@ def _bind_arguments(function: m.FunctionDefinition, arguments: Sequence[s.Symbol
     names = list(function.parameters)
     if names[-1:] == ["varargin"]:
         fixed = len(names) - 1
-        rest = tuple(arguments[fixed:])
-        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": s.SymbolicCell(rest, (1, len(rest)))}
+        rest = arguments[fixed:]
+        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": MatlabCell.of(rest, (1, len(rest)))}
     return dict(zip(names, arguments, strict=False))
 
 
