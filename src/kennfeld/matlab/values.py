@@ -26,6 +26,16 @@ class MatlabValueError(Exception):
     """An operation has no value. The text says why; the caller knows where."""
 
 
+class Elements(np.ndarray[tuple[int, ...], np.dtype[Any]]):
+    """An array of elements that are not numbers yet; a subclass defines what numpy's operations on them build."""
+
+    matlab_class = "double"
+
+    def first_extremes(self, name: str, axis: int) -> tuple[Array, Array]:
+        """Return the extremes along a dimension, of the function called `name`, and their first positions, from 1."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, eq=False)
 class MatlabCell:
     """A cell array: an object array of values."""
@@ -121,6 +131,8 @@ def class_name(value: Value) -> str:
     >>> class_name(scalar(1.0)), class_name(characters("a"))
     ('double', 'char')
     """
+    if isinstance(value, Elements):
+        return value.matlab_class
     if isinstance(value, np.ndarray):
         kinds = {"float64": "double", "float32": "single", "bool": "logical", "object": "string"}
         return "char" if value.dtype.kind == "U" else kinds.get(value.dtype.name, value.dtype.name)

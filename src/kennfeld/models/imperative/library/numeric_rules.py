@@ -1,5 +1,6 @@
-"""Library functions without arithmetic on nodes, run by the evaluator of MATLAB numbers.
+"""Library functions that are run by the evaluator of MATLAB numbers.
 
+Functions of numbers run on nodes whose operations build those of the graph (`node_elements`).
 Functions of constants, sizes and classes run on constants of the same size and class. Functions that arrange elements
 run on the numbers of the elements, counted from 1; 0 is a new element. Functions of structs, cells and function handles
 run on the values themselves.
@@ -20,6 +21,7 @@ from kennfeld.models.imperative.evaluation_context import MAX_NODES, SymbolicEva
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function, matlab_word
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.node_elements import NodeElements
 
 _FILLED: Final = ("zeros", "ones", "inf", "Inf", "nan", "NaN", "true", "false", "eye", "cell")
 # functions by the number of leading arguments of which only size and class matter; the others are constants
@@ -34,6 +36,11 @@ _ARRANGED: Final = (
     "reshape", "repmat", "transpose", "ctranspose", "permute", "squeeze", "fliplr", "flipud", "flip", "circshift",
     "diag", "tril", "triu",
 )  # fmt: skip
+# functions of numbers by the number of leading arguments that may depend on signals
+_COMPUTED: Final = {
+    **dict.fromkeys(("sum", "prod", "any", "all", "cumsum", "cumprod", "mean", "rms", "var", "std", "diff"), 1),
+    **dict.fromkeys(("min", "max", "dot", "cross", "trapz"), 2),
+}
 # functions that put values into structs and cells, take them out, or pass them to functions
 _PASSED: Final = (
     "struct", "getfield", "setfield", "rmfield", "orderfields", "struct2cell", "cell2struct", "num2cell", "deal",
@@ -59,6 +66,17 @@ class _SymbolicCalls(NumericEvaluator):
         return list(self.evaluator.call_named(v.text(function), values, outputs))  # type: ignore[arg-type]
 
 
+@function(*_COMPUTED, least=1, most=MANY)
+def compute(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
+    """Run a function of numbers on nodes."""
+    if any(isinstance(value, str) and value == "omitnan" for value in args.values):
+        raise args.refuse("'omitnan' is not supported", "Leave elements out by a loop with if.")
+    count = min(_COMPUTED[args.name], len(args))
+    operands = [NodeElements.of(args.builder, args.array(at)) for at in range(count)]
+    results = call_numerically(args, [*operands, *_constants(args, count)])
+    return tuple(value.nodes() if isinstance(value, NodeElements) else _symbolic(args, value) for value in results)
+
+
 @function(*_PASSED, least=0, most=MANY)
 def pass_values(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
     """Run a function that does not depend on the elements of arrays."""
@@ -77,7 +95,7 @@ def _with_texts(value: Any) -> s.SymbolicValue:
         return v.MatlabStruct.of({name: _with_texts(part) for name, part in value.fields.items()}, value.kind)
     if v.is_text(value):
         return s.String(v.text(value)) if value.dtype.kind == "O" else v.text(value)
-    return s.EMPTY if value is v.EMPTY else value  # type: ignore[no-any-return]
+    return s.EMPTY if value is v.EMPTY else value
 
 
 @function(*_QUERIES, least=0, most=MANY)
