@@ -340,11 +340,13 @@ def _dot(call: NumericArguments) -> v.Value:
     if left.size != right.size:
         raise v.MatlabValueError("the arguments must have the same size")
     if v.is_vector(left) and v.is_vector(right):
-        return np.asanyarray(np.matmul(left.reshape(1, -1), right.reshape(-1, 1)))
+        result: v.Array = np.matmul(left.reshape(1, -1), right.reshape(-1, 1))
+        return result
     if left.shape != right.shape:
         raise v.MatlabValueError("the arguments must have the same size")
     products = (left * right).reshape(1, 0) if left.shape == (0, 0) else left * right
-    return np.asanyarray(products.sum(axis=call.dimension(9, products), keepdims=True))
+    total: v.Array = products.sum(axis=call.dimension(9, products), keepdims=True)
+    return total
 
 
 @function("cross", 2)
@@ -377,7 +379,8 @@ def _trapz(call: NumericArguments) -> v.Value:
     x, y = call.numbers(0).reshape(1, -1, order="F"), values.reshape(1, -1, order="F")
     if x.size != y.size or 1 not in values.shape:
         raise v.MatlabValueError("the arguments must be vectors of the same size")
-    return np.asanyarray((np.diff(x) * _middles(y, 1)).sum(axis=1, keepdims=True))
+    result: v.Array = (np.diff(x) * _middles(y, 1)).sum(axis=1, keepdims=True)
+    return result
 
 
 def _middles(values: Float, axis: int) -> v.Array:
@@ -401,13 +404,25 @@ def _to_scalar(reduce: Callable[..., Any]) -> Callable[[NumericArguments], v.Val
 
 
 _TO_SCALAR: dict[str, Callable[..., Any]] = {
-    "nnz": np.count_nonzero,
     "det": np.linalg.det,
-    "trace": np.trace,
     "rank": np.linalg.matrix_rank,
 }
 for _name, _reduce in _TO_SCALAR.items():
     function(_name, 1)(_to_scalar(_reduce))
+
+
+@function("nnz", 1)
+def _nnz(call: NumericArguments) -> v.Value:
+    is_nonzero = call.numbers(0).reshape(-1, 1) != 0
+    result: v.Array = is_nonzero.sum(axis=0, keepdims=True).astype(np.float64)
+    return result
+
+
+@function("trace", 1)
+def _trace(call: NumericArguments) -> v.Value:
+    diagonal = v.numbers(call.matrix(0)).diagonal().reshape(-1, 1)
+    result: v.Array = diagonal.sum(axis=0, keepdims=True)
+    return result
 
 
 @function("pinv", 1)

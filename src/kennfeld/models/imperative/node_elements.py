@@ -1,22 +1,59 @@
 """Arrays of nodes on which functions of MATLAB numbers work: numpy's operations on them build those of the graph."""
 
+import math
 from typing import Any, Final
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab.values import Array, Elements
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, matrix_product, reduce_slices
+from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, TWO, Rule, expm1
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, matrix_product, reduce_slices, truncate
 from kennfeld.models.imperative.symbolic_values import LogicalNodes, as_logical, constants
 
-# operations by those of numpy, and the results of reducing no elements
-_OPERATIONS: Final = {
-    "add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "negative": "neg", "sqrt": "sqrt",
-    "absolute": "abs", "fmin": "min", "fmax": "max", "not_equal": "ne", "equal": "eq", "less": "lt",
-    "less_equal": "le", "greater": "gt", "greater_equal": "ge", "logical_and": "and", "logical_or": "or",
+# operations of the graph by those of numpy
+_SAME: Final = (
+    np.sin,
+    np.cos,
+    np.tan,
+    np.sinh,
+    np.cosh,
+    np.tanh,
+    np.exp,
+    np.log,
+    np.log10,
+    np.sqrt,
+    np.sign,
+    np.floor,
+    np.ceil,
+)
+_OPERATIONS: Final[dict[np.ufunc, str]] = {
+    **{ufunc: ufunc.__name__ for ufunc in _SAME},
+    np.add: "add", np.subtract: "sub", np.multiply: "mul", np.divide: "div", np.negative: "neg", np.absolute: "abs",
+    np.arcsin: "asin", np.arccos: "acos", np.arctan: "atan", np.arctan2: "atan2", np.fmin: "min", np.fmax: "max",
+    np.equal: "eq", np.not_equal: "ne", np.less: "lt", np.less_equal: "le", np.greater: "gt", np.greater_equal: "ge",
+    np.logical_and: "and", np.logical_or: "or",
 }  # fmt: skip
-_CONDITIONS: Final = frozenset({"eq", "ne", "lt", "le", "gt", "ge", "and", "or"})
-_OF_NOTHING: Final = {"add": 0.0, "mul": 1.0, "or": 0.0, "and": 1.0}
+_COMPOSED: Final[dict[np.ufunc, Rule]] = {
+    np.trunc: truncate,
+    np.hypot: TWO["hypot"],
+    np.arcsinh: INVERSE_HYPERBOLIC["asinh"],
+    np.arccosh: INVERSE_HYPERBOLIC["acosh"],
+    np.arctanh: INVERSE_HYPERBOLIC["atanh"],
+    np.log2: lambda builder, x: Elementwise(builder)("div", Elementwise(builder)("log", x), math.log(2.0)),
+    np.log1p: lambda builder, x: Elementwise(builder)("log", Elementwise(builder)("add", x, 1.0)),
+    np.expm1: expm1,
+    np.deg2rad: lambda builder, x: Elementwise(builder)("mul", x, math.pi / 180),
+    np.rad2deg: lambda builder, x: Elementwise(builder)("div", x, math.pi / 180),
+    np.isnan: lambda builder, x: Elementwise(builder)("ne", x, x),
+    np.isinf: lambda builder, x: Elementwise(builder)("eq", Elementwise(builder)("abs", x), math.inf),
+    np.isfinite: lambda builder, x: Elementwise(builder)("lt", Elementwise(builder)("abs", x), math.inf),
+}
+_CONDITIONS: Final = frozenset(
+    {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal}
+    | {np.logical_and, np.logical_or, np.isnan, np.isinf, np.isfinite}
+)
+_OF_NOTHING: Final[dict[np.ufunc, float]] = {np.add: 0.0, np.multiply: 1.0, np.logical_or: 0.0, np.logical_and: 1.0}
 # functions that only select elements, or that numpy composes of the operations above
 _SELECTING: Final = (np.diff, np.expand_dims, np.take)
 
@@ -46,17 +83,17 @@ class NodeElements(Elements):
         if ufunc is np.matmul:
             left, right = (operand.reshape(1, -1) if operand.ndim < 2 else operand for operand in operands)
             return self.of(self.builder, matrix_product(self.builder, left, right if inputs[1].ndim > 1 else right.T))
-        op = _OPERATIONS.get(ufunc.__name__)
-        if ufunc is np.isnan:
-            op, operands = "ne", operands * 2
-        if op is None or method not in ("__call__", "reduce", "accumulate"):
+        op, apply = _OPERATIONS.get(ufunc, ""), Elementwise(self.builder)
+        if ufunc in _COMPOSED:
+            result = _COMPOSED[ufunc](self.builder, *operands)
+        elif not op or method not in ("__call__", "reduce", "accumulate"):
             return NotImplemented
-        apply = Elementwise(self.builder)
-        if method == "__call__":
+        elif method == "__call__":
             result = apply(op, *operands)
         else:
-            result = reduce_slices(apply, op, operands[0], options["axis"], _OF_NOTHING.get(op), method == "accumulate")
-        return self.of(self.builder, as_logical(result) if op in _CONDITIONS else result)
+            empty = _OF_NOTHING.get(ufunc)
+            result = reduce_slices(apply, op, operands[0], options["axis"], empty, method == "accumulate")
+        return self.of(self.builder, as_logical(result) if ufunc in _CONDITIONS else result)
 
     def __array_function__(self, function: Any, types: Any, arguments: Any, options: Any) -> Any:
         if function not in _SELECTING:

@@ -1,6 +1,5 @@
 """Library functions that compare values of any type."""
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -23,14 +22,6 @@ def join_cells(args: SymbolicArguments) -> s.SymbolicValue:
 
 def _fixed(args: SymbolicArguments, holds: bool) -> s.SymbolicValue:
     return s.as_logical(s.constants(args.builder, float(holds)))
-
-
-@function("isnan", "isinf", "isfinite")
-def classify_numbers(args: SymbolicArguments) -> s.SymbolicValue:
-    x, apply = args.array(0), args.apply
-    if args.name == "isnan":
-        return s.as_logical(apply("ne", x, x))
-    return s.as_logical(apply("eq" if args.name == "isinf" else "lt", apply("abs", x), math.inf))
 
 
 @function("isequal", least=2, most=2)

@@ -115,18 +115,6 @@ def _vector(args: SymbolicArguments, at: int) -> Numbers:
     return np.asarray(points)
 
 
-@function("polyval", least=2, most=2)
-def evaluate_polynomial(args: SymbolicArguments) -> SymbolicValue:
-    """Evaluate a polynomial by its coefficients, the highest first."""
-    apply, x = args.apply, args.array(1)
-    coefficients = [node.reshape(1, 1) for node in args.array(0).ravel(order="F")]
-    args.context.room(float(x.size) * len(coefficients))
-    result = np.full(x.shape, args.builder.const(0.0), dtype=np.int64)
-    for coefficient in coefficients:
-        result = apply("add", apply("mul", result, x), coefficient)
-    return result
-
-
 @function("conv", least=2, most=2)
 def convolve(args: SymbolicArguments) -> SymbolicValue:
     """Multiply two polynomials; the product has the orientation of the longer one."""

@@ -33,11 +33,33 @@ _QUERIES: Final = {
     **dict.fromkeys(("strcmp", "strcmpi", "strncmp", "strncmpi"), 2),
 }
 _ARRANGED: Final = (
-    "reshape", "repmat", "transpose", "ctranspose", "permute", "squeeze", "fliplr", "flipud", "flip", "circshift",
-    "diag", "tril", "triu",
+    "reshape",
+    "repmat",
+    "transpose",
+    "ctranspose",
+    "permute",
+    "squeeze",
+    "fliplr",
+    "flipud",
+    "flip",
+    "circshift",
+    "diag",
+    "tril",
+    "triu",
+)  # fmt: skip
+# functions of each element
+OF_ONE: Final = (
+    "abs", "sign", "floor", "ceil", "fix", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "asind", "acosd", "atand", "deg2rad", "rad2deg", "exp", "expm1", "log", "log2",
+    "log10", "log1p", "sqrt", "uminus", "isnan", "isinf", "isfinite",
+)  # fmt: skip
+OF_TWO: Final = (
+    "plus", "minus", "times", "rdivide", "ldivide", "eq", "ne", "lt", "le", "gt", "ge", "xor", "atan2", "hypot",
 )  # fmt: skip
 # functions of numbers by the number of leading arguments that may depend on signals
 _COMPUTED: Final = {
+    **dict.fromkeys((*OF_ONE, "nnz", "trace"), 1),
+    **dict.fromkeys((*OF_TWO, "polyval", "kron"), 2),
     **dict.fromkeys(("sum", "prod", "any", "all", "cumsum", "cumprod", "mean", "rms", "var", "std", "diff"), 1),
     **dict.fromkeys(("min", "max", "dot", "cross", "trapz"), 2),
 }

@@ -31,12 +31,6 @@ def bounds(args: SymbolicArguments) -> tuple[SymbolicValue, ...]:
     return tuple(reduce_slices(args.apply, op, array, axis, 0.0) for op in ("min", "max"))
 
 
-@function("nnz")
-def count_nonzero(args: SymbolicArguments) -> SymbolicValue:
-    """Return the number of non-zero elements."""
-    return sum_along(args.apply, args.apply("ne", args.array(0), 0.0).reshape(-1, 1))
-
-
 def transpose(array: Nodes) -> Nodes:
     """Return the transposed matrix."""
     if array.ndim > 2:
@@ -137,11 +131,6 @@ def determinant(args: SymbolicArguments) -> SymbolicValue:
         raise args.refuse("its matrix is not square")
     a, sign = _eliminate(args.apply, np.asarray(matrix), matrix.shape[0])
     return np.array([[reduce(partial(args.builder.call, "mul"), map(int, np.diagonal(a)), sign)]], dtype=np.int64)
-
-
-@function("trace")
-def trace(args: SymbolicArguments) -> SymbolicValue:
-    return sum_along(args.apply, np.diagonal(args.matrix(0)).reshape(-1, 1))
 
 
 @function("norm", least=1, most=2)
