@@ -219,6 +219,8 @@ def _reduction(operation: _Along, of_nothing: float | bool | None, keeps: bool, 
     def run(call: NumericArguments) -> v.Value:
         call, words = _options(call)
         values = call.numbers(0)
+        if len(call) > 2:
+            raise v.MatlabValueError(f"one dimension is expected, got {len(call) - 1}")
         reduce = without_nan if "omitnan" in words else operation
         if reduce is None:
             raise v.MatlabValueError("omitnan is not supported")
@@ -317,6 +319,15 @@ def _extreme_of_nothing(values: Float, axis: int) -> Float:
 
 function("min", 1, 3)(_extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True)))
 function("max", 1, 3)(_extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True)))
+
+
+@function("bounds", 1)
+def _bounds(call: NumericArguments) -> tuple[v.Value, ...]:
+    values = call.numbers(0)
+    axis = call.dimension(1, values)
+    if not values.size:
+        return (_extreme_of_nothing(values, axis),) * 2
+    return np.fmin.reduce(values, axis=axis, keepdims=True), np.fmax.reduce(values, axis=axis, keepdims=True)
 
 
 @function("diff", 1, 3)

@@ -1,14 +1,14 @@
 """Indexing and indexed assignment; an index that depends on signals selects among all elements."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.indexing import assign_elements
+from kennfeld.matlab.indexing import assign_elements, fold_shape, linear_shape
 from kennfeld.matlab.values import (
     Array,
     MatlabCell,
@@ -27,8 +27,6 @@ from kennfeld.models.imperative.path_facts import round_half_away
 MASK_REMEDY = "Write it as a loop over all elements with if."
 Place = tuple[Nodes | None, list[int]]  # nodes of places that depend on signals; else fixed places, from 0
 
-Change = Callable[[s.SymbolicValue | None], s.SymbolicValue]
-
 
 def fixed_element(array: Array, at: Sequence[int]) -> Any:
     """Return the element at zero-based indices; raises `ProgramError` if out of range."""
@@ -45,7 +43,7 @@ def cell_indices(evaluator: SymbolicEvaluator, whole: Array, trees: Sequence[m.E
     """Evaluate the indices, from 0, of an element of a cell array; raises `ProgramError` unless they are constant."""
     indices = map(s.as_array, evaluator.index_values(whole, trees))
     numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
-    at = [int(number.item()) - 1 for number in numbers if number is not None and number.size == 1]
+    at = [int(number.item()) - 1 for number in numbers if number is not None and np.isfinite(number).sum() == 1]
     if len(at) < len(trees):
         raise ProgramError("the index of a cell is not a constant scalar")
     return at
@@ -112,8 +110,7 @@ def _elements(
 
 def fold_dimensions(array: Nodes, count: int) -> Nodes:
     """Return the array reshaped to the number of its indices."""
-    shape = (*array.shape, *(1,) * (count - array.ndim))
-    return array.reshape((*shape[: count - 1], int(np.prod(shape[count - 1 :]))), order="F")
+    return array.reshape(fold_shape(array.shape, count), order="F")
 
 
 def _linear(evaluator: SymbolicEvaluator, array: Nodes, value: s.SymbolicValue, message: str, fixed: bool) -> Nodes:
@@ -123,7 +120,9 @@ def _linear(evaluator: SymbolicEvaluator, array: Nodes, value: s.SymbolicValue, 
         return flat.reshape(-1, 1)
     chosen, at = resolve_index(evaluator, value, flat.size, message)
     check_within(at, flat.size, array, message)
-    shape = _shape(array, s.as_array(value), len(at))
+    indices = s.as_array(value)
+    is_mask = isinstance(indices, s.LogicalNodes)
+    shape = linear_shape(array, np.zeros(indices.shape, dtype=bool if is_mask else float), len(at))
     if chosen is None:
         return flat[at].reshape(shape, order="F")
     if fixed:
@@ -131,20 +130,6 @@ def _linear(evaluator: SymbolicEvaluator, array: Nodes, value: s.SymbolicValue, 
     evaluator.context.room(float(flat.size) * chosen.size)
     result = np.array([_select_at(evaluator, flat, int(node)) for node in chosen.ravel(order="F")], dtype=np.int64)
     return result.reshape(shape, order="F")
-
-
-def _shape(array: Nodes, place: Nodes, count: int) -> tuple[int, ...]:
-    """Return the shape of linearly indexed elements: that of the indices; for vectors, along the array's direction."""
-    if isinstance(place, s.LogicalNodes) and place.shape != array.shape and 1 not in place.shape:
-        return (count, 1)
-    if isinstance(place, s.LogicalNodes) or (1 in place.shape and 1 in array.shape and array.ndim == 2):
-        if array.shape[0] == 1 and array.size != 1:
-            return (1, count)
-        if array.shape[1] == 1 and array.size != 1:
-            return (count, 1)
-    if isinstance(place, s.LogicalNodes):
-        return (1, count) if place.shape[0] == 1 else (count, 1)
-    return place.shape
 
 
 def resolve_index(evaluator: SymbolicEvaluator, value: s.SymbolicValue, size: int, message: str) -> Place:
@@ -189,46 +174,34 @@ def _select_at(evaluator: SymbolicEvaluator, parts: Nodes, node: int) -> Nodes:
     return result
 
 
+def field_name(evaluator: SymbolicEvaluator, step: m.Field | m.DynamicField) -> str:
+    """Return the name of a field, evaluated if it is dynamic."""
+    name = step.name if isinstance(step, m.Field) else evaluator.value(step.name)
+    if not isinstance(name, str):
+        raise ProgramError("the name of a field is not a text")
+    return name
+
+
 def assign_part(
-    evaluator: SymbolicEvaluator, old: s.SymbolicValue | None, target: m.Expression, value: s.SymbolicValue
+    evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, steps: Sequence[m.Expression], value: s.SymbolicValue
 ) -> s.SymbolicValue:
-    """Return a variable (None if new) after an assignment to a part of it."""
-    match target:
-        case m.Name():
-            return value
-        case m.Field(of, name):
-            return _change_part(evaluator, old, of, lambda current: _with_field(current, name, value))
-        case m.DynamicField(of, tree):
-            key = evaluator.value(tree)
-            if not isinstance(key, str):
-                raise ProgramError("the name of a field is not a text")
-            return _change_part(evaluator, old, of, lambda current: _with_field(current, key, value))
-        case m.Call(of, arguments) | m.CellIndex(of, arguments):
-            change = _with_cell if isinstance(target, m.CellIndex) else _with_elements
-            return _change_part(evaluator, old, of, lambda current: change(evaluator, current, arguments, value))
-    raise ProgramError("the target of an assignment is not a variable")
-
-
-def _change_part(
-    evaluator: SymbolicEvaluator, old: s.SymbolicValue | None, of: m.Expression, change: Change
-) -> s.SymbolicValue:
-    """Change a part of a variable and return the variable."""
-    if isinstance(of, m.Name):
-        return change(old)
-    return assign_part(evaluator, old, of, change(_part(evaluator, old, of)))
-
-
-def _part(evaluator: SymbolicEvaluator, old: s.SymbolicValue | None, tree: m.Expression) -> s.SymbolicValue | None:
-    """Return the part of a variable that an assignment changes; None if it is new."""
-    match tree:
-        case m.Name():
-            return old
-        case m.Field(of, name):
-            around = _part(evaluator, old, of)
-            return s.field_of(around, name) if isinstance(around, MatlabStruct) and name in around.fields else None
-        case m.Call(of, arguments):
-            around = _part(evaluator, old, of)
-            return None if around is None else index_value(evaluator, around, arguments, "it")
+    """Return a value (None if new) with `value` assigned to the part that the accesses `steps` select."""
+    if not steps:
+        return value
+    step, rest = steps[0], steps[1:]
+    match step:
+        case m.Field() | m.DynamicField():
+            name = field_name(evaluator, step)
+            is_known = isinstance(current, MatlabStruct) and name in current.fields
+            inner = s.field_of(current, name) if is_known and current is not None else None
+            return _with_field(current, name, assign_part(evaluator, inner, rest, value))
+        case m.CellIndex(_, arguments) if not rest:
+            return _with_cell(evaluator, current, arguments, value)
+        case m.Call(_, arguments):
+            if rest:
+                inner = None if current is None else index_value(evaluator, current, arguments, "it")
+                value = assign_part(evaluator, inner, rest, value)
+            return _with_elements(evaluator, current, arguments, value)
     raise ProgramError("assignment to a part of a cell is not supported")
 
 

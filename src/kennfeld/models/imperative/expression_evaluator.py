@@ -16,7 +16,7 @@ from kennfeld.matlab.simulink_objects import ENUMERATION
 from kennfeld.matlab.traversal import children, dotted_name
 from kennfeld.matlab.values import MatlabCell, MatlabFunctionHandle, MatlabStruct
 from kennfeld.models.imperative import symbolic_values as s
-from kennfeld.models.imperative.element_access import MASK_REMEDY, cell_indices, fixed_element, index_value
+from kennfeld.models.imperative.element_access import MASK_REMEDY, cell_indices, field_name, fixed_element, index_value
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.graph_operators import BINARY
 from kennfeld.models.imperative.library.elementwise_functions import ELEMENTWISE_NAMES
@@ -117,10 +117,7 @@ class ExpressionEvaluator:
                 parameter = self.context.workspace(path)
                 if parameter is not None:
                     return parameter
-        name = tree.name if isinstance(tree, m.Field) else self.value(tree.name)
-        if not isinstance(name, str):
-            raise ProgramError("the name of a field is not a text")
-        return s.field_of(self.value(tree.of), name, _short(tree.of))
+        return s.field_of(self.value(tree.of), field_name(self, tree), _short(tree.of))
 
     def _end(self) -> Nodes:
         if not self.ends:

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import assigned_name, dotted_name
+from kennfeld.matlab.traversal import access_chain, assigned_name, dotted_name
 from kennfeld.matlab.values import MatlabCell
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.control_flow import LoopUnroller
@@ -195,7 +195,7 @@ class StatementInterpreter:
                 raise ProgramError("the target of an assignment is not a variable")
             old = self.names.get(name)
             whole = self.read(name) if old is not None and not self._undefined(old) else None
-            self.names[name] = assign_part(self.expressions, whole, target, s.force(value))
+            self.names[name] = assign_part(self.expressions, whole, access_chain(target)[1], s.force(value))
 
     def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
         if target is not None and is_masked_assignment(self.expressions, target, tree):

@@ -7,6 +7,7 @@ run on the values themselves.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -58,11 +59,12 @@ OF_TWO: Final = (
 )  # fmt: skip
 # functions of numbers by the number of leading arguments that may depend on signals
 _COMPUTED: Final = {
-    **dict.fromkeys((*OF_ONE, "nnz", "trace"), 1),
+    **dict.fromkeys((*OF_ONE, "bounds", "nnz", "trace"), 1),
     **dict.fromkeys((*OF_TWO, "polyval", "kron"), 2),
     **dict.fromkeys(("sum", "prod", "any", "all", "cumsum", "cumprod", "mean", "rms", "var", "std", "diff"), 1),
     **dict.fromkeys(("min", "max", "dot", "cross", "trapz"), 2),
 }
+_OF_SEVERAL_RESULTS: Final = ("min", "max", "bounds")
 # functions that put values into structs and cells, take them out, or pass them to functions
 _PASSED: Final = (
     "struct", "getfield", "setfield", "rmfield", "orderfields", "struct2cell", "cell2struct", "num2cell", "deal",
@@ -88,25 +90,33 @@ class _SymbolicCalls(NumericEvaluator):
         return list(self.evaluator.call_named(v.text(function), values, outputs))  # type: ignore[arg-type]
 
 
-@function(*_COMPUTED, least=1, most=MANY)
+@function(*_COMPUTED, least=0, most=MANY)
 def compute(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
     """Run a function of numbers on nodes."""
     if any(isinstance(value, str) and value == "omitnan" for value in args.values):
         raise args.refuse("'omitnan' is not supported", "Leave elements out by a loop with if.")
     count = min(_COMPUTED[args.name], len(args))
     operands = [NodeElements.of(args.builder, args.array(at)) for at in range(count)]
-    results = call_numerically(args, [*operands, *_constants(args, count)])
+    wanted = args.wanted if args.name in _OF_SEVERAL_RESULTS else 1
+    results = call_numerically(replace(args, wanted=wanted), [*operands, *_constants(args, count)])
     return tuple(value.nodes() if isinstance(value, NodeElements) else _symbolic(args, value) for value in results)
 
 
 @function(*_PASSED, least=0, most=MANY)
 def pass_values(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
     """Run a function that does not depend on the elements of arrays."""
-    values = [_same_class(value) if isinstance(value, str) else value for value in args.values]
-    results = call_numerically(args, values, _SymbolicCalls(args.evaluator))  # type: ignore[arg-type]
+    values = list(map(_with_characters, args.values))
+    results = call_numerically(args, values, _SymbolicCalls(args.evaluator))
     if any(isinstance(value, v.MatlabStruct) and value.elements.size != 1 for value in results):
         raise args.refuse("arrays of structs are not supported")
     return tuple(s.force(_with_texts(value)) for value in results)
+
+
+def _with_characters(value: Any) -> Any:
+    """Return a value with its texts as characters, as functions of numbers take them."""
+    if isinstance(value, v.MatlabCell):
+        return v.MatlabCell.of((_with_characters(s.force(part)) for part in value.contents), value.values.shape)
+    return _same_class(value) if isinstance(value, str) else value
 
 
 def _with_texts(value: Any) -> s.SymbolicValue:

@@ -1,4 +1,4 @@
-"""Library functions of linear algebra, and some reductions.
+"""Library functions of linear algebra.
 
 Systems of equations are solved by elimination with partial pivoting; row exchanges are decisions.
 """
@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.matlab.values import is_vector
 from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
-from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function, is_vector
+from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, format_sizes, matrix_product, reduce_slices
 from kennfeld.models.imperative.symbolic_values import SymbolicValue, constants
 
@@ -21,14 +22,6 @@ _MAX_EQUATIONS: Final = 12  # rows of a system of equations: the choice of pivot
 def sum_along(apply: Elementwise, array: Nodes, axis: int = 0) -> Nodes:
     """Return the sums along a dimension."""
     return reduce_slices(apply, "add", array, axis, 0.0)
-
-
-@function("bounds")
-def bounds(args: SymbolicArguments) -> tuple[SymbolicValue, ...]:
-    """Return the smallest and the largest element along the first dimension."""
-    array = args.array(0)
-    axis = args.dimension(1, array)
-    return tuple(reduce_slices(args.apply, op, array, axis, 0.0) for op in ("min", "max"))
 
 
 def transpose(array: Nodes) -> Nodes:
@@ -54,7 +47,7 @@ def matrix_divide(builder: GraphBuilder, operator: str, left: Nodes, right: Node
 def solve_linear_system(builder: GraphBuilder, matrix: Nodes, right: Nodes) -> Nodes:
     """Solve a system of equations by elimination with partial pivoting; row exchanges are decisions."""
     count = matrix.shape[0]
-    if matrix.ndim != 2 or matrix.shape != (count, count) or right.shape[0] != count:
+    if matrix.shape != (count, count) or not count or right.ndim != 2 or right.shape[0] != count:
         raise ProgramError(f"a system of equations of {format_sizes(matrix, right)} is not supported, only square ones")
     apply = Elementwise(builder)
     a, _ = _eliminate(apply, np.concatenate([np.asarray(matrix), np.asarray(right)], axis=1), count)
