@@ -144,7 +144,7 @@ def pad_dimensions(*arrays: v.Array, least: int = 0) -> list[v.Array]:
 
 def result_class(*operands: v.Value) -> str:
     """Return the class of a result: an integer class wins over single, single over double."""
-    names = {v.class_name(v.array_value(operand)) for operand in operands}
+    names = dict.fromkeys(v.class_name(v.array_value(operand)) for operand in operands)
     whole = [name for name in names if name in v.INTEGERS]
     if len(whole) > 1:
         raise v.MatlabValueError(f"{whole[0]} and {whole[1]} cannot be combined")

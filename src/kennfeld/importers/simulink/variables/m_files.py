@@ -111,7 +111,7 @@ def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -
 
 
 def _get_param(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
-    said = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
+    said: MatlabValue | None = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
     if said is None:
         raise MatlabError.at("mask", m.SourcePosition(), f"get_param({text(key)[:40]}) requires Simulink")
     return said

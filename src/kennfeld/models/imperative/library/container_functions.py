@@ -39,7 +39,7 @@ def _equality_conditions(builder: GraphBuilder, left: s.SymbolicValue, right: s.
         left, right = (_codes(builder, side) if isinstance(side, str) else side for side in (left, right))
     yield builder.const(float(_form(left) == _form(right)))
     if isinstance(left, MatlabStruct) and isinstance(right, MatlabStruct):
-        for name in left.fields.keys() & right.fields.keys():
+        for name in filter(right.fields.__contains__, left.fields):
             yield from _equality_conditions(builder, s.field_of(left, name), s.field_of(right, name))
     elif isinstance(left, MatlabCell) and isinstance(right, MatlabCell):
         for pair in zip(left.contents, right.contents, strict=False):
