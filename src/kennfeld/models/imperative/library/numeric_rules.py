@@ -70,6 +70,7 @@ _PASSED: Final = (
     "struct", "getfield", "setfield", "rmfield", "orderfields", "struct2cell", "cell2struct", "num2cell", "deal",
     "feval", "arrayfun", "cellfun", "structfun",
 )  # fmt: skip
+_OF_STRUCTS: Final = ("getfield", "setfield", "rmfield", "orderfields", "struct2cell")
 
 
 class _SymbolicCalls(NumericEvaluator):
@@ -90,7 +91,6 @@ class _SymbolicCalls(NumericEvaluator):
         return list(self.evaluator.call_named(v.text(function), values, outputs))  # type: ignore[arg-type]
 
 
-@function(*_COMPUTED, least=0, most=MANY)
 def compute(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
     """Run a function of numbers on nodes."""
     if any(isinstance(value, str) and value == "omitnan" for value in args.values):
@@ -102,14 +102,20 @@ def compute(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue,
     return tuple(value.nodes() if isinstance(value, NodeElements) else _symbolic(args, value) for value in results)
 
 
-@function(*_PASSED, least=0, most=MANY)
 def pass_values(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
     """Run a function that does not depend on the elements of arrays."""
+    if args.name in _OF_STRUCTS and args.values and not isinstance(args.values[0], v.MatlabStruct):
+        raise args.refuse(f"its first argument is {s.describe(args.values[0])}, not a struct")
     values = list(map(_with_characters, args.values))
     results = call_numerically(args, values, _SymbolicCalls(args.evaluator))
     if any(isinstance(value, v.MatlabStruct) and value.elements.size != 1 for value in results):
         raise args.refuse("arrays of structs are not supported")
     return tuple(s.force(_with_texts(value)) for value in results)
+
+
+for _rule, _names in ((compute, _COMPUTED), (pass_values, _PASSED)):
+    for _name in _names:
+        function(_name, least=NUMERIC_FUNCTIONS[_name].least, most=NUMERIC_FUNCTIONS[_name].most)(_rule)
 
 
 def _with_characters(value: Any) -> Any:
