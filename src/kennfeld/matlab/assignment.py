@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.matlab import values as v
 from kennfeld.matlab.evaluator import NumericEvaluator
 from kennfeld.matlab.indexing import Index, assign_elements, delete_elements, index_array
-from kennfeld.matlab.operators import cast_to_class, result_class
+from kennfeld.matlab.operators import cast_to_class, result_class, to_strings
 from kennfeld.matlab.simulink_objects import default_properties
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import access_chain
@@ -194,8 +194,7 @@ def _assign_numbers(
     if holder.dtype.kind == "O" or values.dtype.kind == "O":
         if holder.size and holder.dtype.kind != "O":
             raise v.MatlabValueError("a string cannot be assigned to an element of a numeric array")
-        strings = values if values.dtype.kind == "O" else v.object_array(["".join(values.ravel().tolist())], (1, 1))
-        return assign_elements(holder.astype(object), indices, strings, "", evaluator.budget)
+        return assign_elements(holder.astype(object), indices, to_strings(values), "", evaluator.budget)
     if holder.dtype.kind == values.dtype.kind == "U":
         return assign_elements(holder, indices, values, "\0", evaluator.budget, owned)
     if holder.dtype != values.dtype:

@@ -29,8 +29,8 @@ def index_array(array: Array, indices: Sequence[Index], budget: Budget) -> Array
         budget.allocate(positions.size)
         _check_range(positions, array.size, "the index")
         values = array.ravel(order="F")[positions]
-        return values.reshape(_shape_of(array, indices[0], positions.size), order="F")
-    shape = _fold(array.shape, len(indices))
+        return values.reshape(linear_shape(array, indices[0], positions.size), order="F")
+    shape = fold_shape(array.shape, len(indices))
     chosen = [_positions(index, size) for index, size in zip(indices, shape, strict=True)]
     budget.allocate(math.prod(map(len, chosen)))
     for at, (positions, size) in enumerate(zip(chosen, shape, strict=True)):
@@ -38,7 +38,7 @@ def index_array(array: Array, indices: Sequence[Index], budget: Budget) -> Array
     return trim_dimensions(array.reshape(shape, order="F")[np.ix_(*chosen)])
 
 
-def _shape_of(array: Array, index: Index, count: int) -> tuple[int, ...]:
+def linear_shape(array: Array, index: Index, count: int) -> tuple[int, ...]:
     """Return the shape of a linear index result: that of the index, unless both are vectors."""
     if isinstance(index, _All):
         return (count, 1)
@@ -53,7 +53,7 @@ def _shape_of(array: Array, index: Index, count: int) -> tuple[int, ...]:
     return indices.shape
 
 
-def _fold(shape: tuple[int, ...], count: int) -> tuple[int, ...]:
+def fold_shape(shape: tuple[int, ...], count: int) -> tuple[int, ...]:
     """Return a shape as `count` dimensions; the last one combines the remaining ones."""
     if count >= len(shape):
         return shape + (1,) * (count - len(shape))
@@ -92,8 +92,8 @@ def assign_elements(
         raise MatlabValueError("an index is missing")
     if len(indices) == 1:
         return _assign_linear(array, indices[0], values, fill, budget, owned)
-    shape = array.shape if array.ndim <= len(indices) else _fold(array.shape, len(indices))
-    shape = _fold(shape, len(indices))
+    shape = array.shape if array.ndim <= len(indices) else fold_shape(array.shape, len(indices))
+    shape = fold_shape(shape, len(indices))
     sizes = _sizes_for_all(indices, shape, values)
     chosen = [_positions(index, size) for index, size in zip(indices, sizes, strict=True)]
     needed = tuple(
@@ -181,11 +181,11 @@ def delete_elements(array: Array, indices: Sequence[Index]) -> Array:
         if isinstance(indices[0], _All):
             return array[:0, :0]
         return np.delete(array.ravel(order="F"), positions).reshape(1, -1)
-    shape = _fold(array.shape, len(indices))
+    shape = fold_shape(array.shape, len(indices))
     chosen = [_positions(index, size) for index, size in zip(indices, shape, strict=True)]
     partial = [at for at, positions in enumerate(chosen) if len(set(positions.tolist())) < shape[at]]
     if len(partial) > 1:
         raise MatlabValueError("only whole rows or columns can be removed")
-    at = partial[0] if partial else next(k for k, index in enumerate(indices) if not isinstance(index, _All))
+    at = partial[0] if partial else next((k for k, index in enumerate(indices) if not isinstance(index, _All)), 0)
     _check_range(chosen[at], shape[at], f"index {at + 1}")
     return np.delete(array.reshape(shape, order="F"), chosen[at], axis=at)

@@ -41,7 +41,7 @@ def apply_binary(operator: str, left: v.Value, right: v.Value, budget: Budget) -
     """
     first, second = v.array_value(left), v.array_value(right)
     if first.dtype.kind == "O" or second.dtype.kind == "O":
-        return _apply_to_strings(operator, first, second)
+        return _applyto_strings(operator, first, second)
     name = "double" if operator in _COMPARED or operator in _LOGIC else result_class(first, second)
     with np.errstate(all="ignore"):
         result = _apply_operator(operator, v.numbers(first), v.numbers(second), budget)
@@ -126,9 +126,9 @@ def _run_solver(solve: Callable[[], Any]) -> Float:
         raise v.MatlabValueError(f"the linear system cannot be solved ({str(error).lower()})") from None
 
 
-def _apply_to_strings(operator: str, left: v.Array, right: v.Array) -> v.Array:
+def _applyto_strings(operator: str, left: v.Array, right: v.Array) -> v.Array:
     """Join strings by +, or compare them."""
-    words = [_to_strings(array) for array in (left, right)]
+    words = [to_strings(array) for array in (left, right)]
     if operator == "+":
         return np.asarray(np.add(*words), dtype=object)
     if operator in ("==", "~="):
@@ -144,7 +144,7 @@ def pad_dimensions(*arrays: v.Array, least: int = 0) -> list[v.Array]:
 
 def result_class(*operands: v.Value) -> str:
     """Return the class of a result: an integer class wins over single, single over double."""
-    names = {v.class_name(v.array_value(operand)) for operand in operands}
+    names = dict.fromkeys(v.class_name(v.array_value(operand)) for operand in operands)
     whole = [name for name in names if name in v.INTEGERS]
     if len(whole) > 1:
         raise v.MatlabValueError(f"{whole[0]} and {whole[1]} cannot be combined")
@@ -263,7 +263,7 @@ def _is_nothing(value: v.Value) -> bool:
 def _concatenate_arrays(arrays: Sequence[v.Array], axis: int, budget: Budget) -> v.Array:
     kinds = {array.dtype.kind for array in arrays}
     if "O" in kinds:
-        return _concatenate([_to_strings(array) for array in arrays], axis, budget)
+        return _concatenate([to_strings(array) for array in arrays], axis, budget)
     if kinds == {"b"} or kinds == {"U"}:
         return _concatenate(arrays, axis, budget)
     if "U" in kinds:
@@ -273,7 +273,8 @@ def _concatenate_arrays(arrays: Sequence[v.Array], axis: int, budget: Budget) ->
     return cast_to_class(_concatenate([v.numbers(array) for array in arrays], axis, budget), name)
 
 
-def _to_strings(array: v.Array) -> v.Array:
+def to_strings(array: v.Array) -> v.Array:
+    """Return an array as strings: a row of characters as one, numbers each as its text."""
     if array.dtype.kind == "O":
         return array
     if array.dtype.kind == "U":

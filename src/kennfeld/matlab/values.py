@@ -4,7 +4,7 @@ Every array has at least two dimensions. Character arrays have the type `U1`, st
 are never changed in place; an assignment to a part makes a new one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field
 from typing import Any, TypeAlias
 
@@ -26,11 +26,31 @@ class MatlabValueError(Exception):
     """An operation has no value. The text says why; the caller knows where."""
 
 
+class Elements(np.ndarray[tuple[int, ...], np.dtype[Any]]):
+    """An array of elements that are not numbers yet; a subclass defines what numpy's operations on them build."""
+
+    matlab_class = "double"
+
+    def first_extremes(self, name: str, axis: int) -> tuple[Array, Array]:
+        """Return the extremes along a dimension, of the function called `name`, and their first positions, from 1."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, eq=False)
 class MatlabCell:
     """A cell array: an object array of values."""
 
     values: Array
+
+    @classmethod
+    def of(cls, contents: Iterable[Any], shape: tuple[int, ...]) -> "MatlabCell":
+        """Return a cell array of these values, in column-major order."""
+        return cls(object_array(list(contents), shape))
+
+    @property
+    def contents(self) -> list[Any]:
+        """The values in column-major order."""
+        return list(self.values.ravel(order="F"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +62,12 @@ class MatlabStruct:
     kind: str = ""
 
     @classmethod
-    def of(cls, fields: Mapping[str, "Value"], kind: str = "") -> "MatlabStruct":
+    def of(cls, fields: Mapping[str, Any], kind: str = "") -> "MatlabStruct":
         """Return a struct of one element."""
         return cls(object_array([dict(fields)], (1, 1)), tuple(fields), kind)
 
     @property
-    def fields(self) -> dict[str, "Value"]:
+    def fields(self) -> dict[str, Any]:
         """The fields of the first element."""
         return self.elements.flat[0] if self.elements.size else {}
 
@@ -59,7 +79,7 @@ class MatlabFunctionHandle:
     name: str = ""
     parameters: tuple[str, ...] = ()
     body: Expression | None = None
-    variables: Mapping[str, "Value"] = field(default_factory=dict)
+    variables: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -111,6 +131,8 @@ def class_name(value: Value) -> str:
     >>> class_name(scalar(1.0)), class_name(characters("a"))
     ('double', 'char')
     """
+    if isinstance(value, Elements):
+        return value.matlab_class
     if isinstance(value, np.ndarray):
         kinds = {"float64": "double", "float32": "single", "bool": "logical", "object": "string"}
         return "char" if value.dtype.kind == "U" else kinds.get(value.dtype.name, value.dtype.name)

@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.lowering.parameter_fields import variable_field
 from kennfeld.importers.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus, as_vector, period_of
 from kennfeld.importers.simulink.variables.mask_scope import names_assigned_by_functions
 from kennfeld.matlab.parser import parse_script
+from kennfeld.matlab.values import MatlabStruct
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, AbortedPathError, ProgramError
 from kennfeld.models.imperative.library.function_registry import matlab_word
@@ -31,7 +32,7 @@ from kennfeld.models.imperative.persistent_variables import (
     late_persistents,
 )
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
-from kennfeld.models.imperative.symbolic_values import InvalidValue, SymbolicStruct, SymbolicValue, field_of, integers
+from kennfeld.models.imperative.symbolic_values import InvalidValue, SymbolicValue, field_of, integers
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import declares_persistent
 
@@ -151,12 +152,12 @@ def _input_value(block: BlockContext, at: int, name: str) -> SymbolicValue:
 def _to_symbolic(wired: SignalOrBus) -> SymbolicValue:
     """Return a signal as a variable: a vector as a column, a bus as a struct."""
     if isinstance(wired, Bus):
-        return SymbolicStruct({name: _to_symbolic(member) for name, member in wired.members.items()})
+        return MatlabStruct.of({name: _to_symbolic(member) for name, member in wired.members.items()})
     return wired.matrix
 
 
 def _wired(nodes: SymbolicValue, period: float) -> SignalOrBus:
-    if isinstance(nodes, SymbolicStruct):
+    if isinstance(nodes, MatlabStruct):
         return Bus({name: _wired(field_of(nodes, name), period) for name in nodes.fields})
     if isinstance(nodes, InvalidValue):
         raise ProgramError(nodes.why, nodes.remedy or DEFAULT_REMEDY)

@@ -239,7 +239,9 @@ def _diag(call: NumericArguments) -> v.Value:
 @function("kron", 2)
 def _kron(call: NumericArguments) -> v.Value:
     call.budget.allocate(call.data(0).size * call.data(1).size)
-    return np.kron(v.numbers(call.matrix(0)), v.numbers(call.matrix(1)))
+    left, right = v.numbers(call.matrix(0)), v.numbers(call.matrix(1))
+    products = left[:, None, :, None] * right[None, :, None, :]
+    return products.reshape(left.shape[0] * right.shape[0], left.shape[1] * right.shape[1])
 
 
 @function("sub2ind", 2, MANY)

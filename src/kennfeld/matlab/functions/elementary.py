@@ -16,7 +16,7 @@ from kennfeld.matlab.operators import (
     result_class,
     round_half_away,
 )
-from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, class_name
+from kennfeld.matlab.values import Array, Elements, MatlabValueError, Value, array_value, class_name
 
 _Real = Callable[[Float], Float]
 
@@ -99,11 +99,11 @@ def _elementwise(
 ) -> Run:
     def run(call: NumericArguments) -> Value:
         values = call.numbers(0)
-        if forbidden is not None and forbidden(values).any():
+        if forbidden is not None and not isinstance(values, Elements) and forbidden(values).any():
             raise MatlabValueError(f"{value} is complex")
         name = class_name(call.array(0))
         with np.errstate(all="ignore"):
-            results = np.asarray(operation(values), dtype=np.float64)
+            results = np.asanyarray(operation(values)).astype(np.float64, copy=False)
         return cast_to_class(
             results, "single" if name == "single" else "double" if floating else result_class(call.array(0))
         )

@@ -26,10 +26,11 @@ def _polyfit(call: NumericArguments) -> Value:
 
 @function("polyval", 2)
 def _polyval(call: NumericArguments) -> Value:
-    result = np.zeros_like(call.numbers(1))
-    for coefficient in call.numbers(0).ravel(order="F"):
+    coefficients, x = call.numbers(0).ravel(order="F"), call.numbers(1)
+    result = np.zeros(x.shape)
+    for at in range(coefficients.size):
         call.budget.allocate(result.size)
-        result = result * call.numbers(1) + coefficient
+        result = result * x + coefficients[at : at + 1]
     return result
 
 

@@ -20,12 +20,13 @@ _WORDS = frozenset({"all", "double", "native", "default", "includenan", "include
 _SIMPLE: dict[str, tuple[_Along, float | bool | None, bool]] = {
     "sum": (lambda values, axis: values.sum(axis=axis, keepdims=True), 0.0, True),
     "prod": (lambda values, axis: values.prod(axis=axis, keepdims=True), 1.0, True),
-    "mean": (lambda values, axis: values.mean(axis=axis, keepdims=True), float("nan"), False),
+    "mean": (lambda values, axis: _mean(values, axis), float("nan"), False),
+    "rms": (lambda values, axis: np.sqrt(_mean(values * values, axis)), float("nan"), False),
     "median": (lambda values, axis: np.median(values, axis=axis, keepdims=True), float("nan"), False),
     "any": (lambda values, axis: (values != 0).any(axis=axis, keepdims=True), False, False),
     "all": (lambda values, axis: (values != 0).all(axis=axis, keepdims=True), True, False),
-    "cumsum": (lambda values, axis: values.cumsum(axis=axis), None, True),
-    "cumprod": (lambda values, axis: values.cumprod(axis=axis), None, True),
+    "cumsum": (lambda values, axis: np.add.accumulate(values, axis=axis), None, True),
+    "cumprod": (lambda values, axis: np.multiply.accumulate(values, axis=axis), None, True),
     "cummax": (lambda values, axis: np.fmax.accumulate(values, axis=axis), None, True),
     "cummin": (lambda values, axis: np.fmin.accumulate(values, axis=axis), None, True),
     "range": (lambda values, axis: np.ptp(values, axis=axis, keepdims=True), None, True),
@@ -38,6 +39,10 @@ _WITHOUT_NAN: dict[str, _Along] = {
     "cumsum": lambda values, axis: np.nancumsum(values, axis=axis),
     "cumprod": lambda values, axis: np.nancumprod(values, axis=axis),
 }
+
+
+def _mean(values: Float, axis: int) -> v.Array:
+    return np.asanyarray(values.sum(axis=axis, keepdims=True) / values.shape[axis])
 
 
 @function("find", 1, 3)
@@ -214,6 +219,8 @@ def _reduction(operation: _Along, of_nothing: float | bool | None, keeps: bool, 
     def run(call: NumericArguments) -> v.Value:
         call, words = _options(call)
         values = call.numbers(0)
+        if len(call) > 2:
+            raise v.MatlabValueError(f"one dimension is expected, got {len(call) - 1}")
         reduce = without_nan if "omitnan" in words else operation
         if reduce is None:
             raise v.MatlabValueError("omitnan is not supported")
@@ -259,10 +266,10 @@ def _deviation(root: bool) -> Run:
         (values,) = pad_dimensions(values, least=axis + 1)
         if not values.shape[axis]:
             return v.trim_dimensions(np.full((*values.shape[:axis], 1, *values.shape[axis + 1 :]), np.nan))
-        result = v.trim_dimensions(
-            np.var(values, axis=axis, ddof=int(weight == 0 and values.shape[axis] > 1), keepdims=True)
-        )
-        return np.asarray(np.sqrt(result) if root else result)
+        deviations = values - _mean(values, axis)
+        divisor = values.shape[axis] if weight else max(values.shape[axis] - 1, 1)
+        result = v.trim_dimensions((deviations * deviations).sum(axis=axis, keepdims=True) / divisor)
+        return np.sqrt(result) if root else result
 
     return run
 
@@ -271,7 +278,7 @@ function("std", 1, 3)(_deviation(root=True))
 function("var", 1, 3)(_deviation(root=False))
 
 
-def _extreme(name: str, along: _Along, arg: Callable[[Float, int], v.Array]) -> Run:
+def _extreme(name: str, along: _Along) -> Run:
     def run(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
         if len(call) == 2 or (len(call) == 3 and call.data(1).size):
             return apply_pairwise(call, np.fmin if name == "min" else np.fmax)
@@ -285,13 +292,22 @@ def _extreme(name: str, along: _Along, arg: Callable[[Float, int], v.Array]) -> 
             return (_extreme_of_nothing(values, axis),) * 2
         if axis >= values.ndim:
             return call.array(0), np.ones(values.shape)
-        extremes = along(values, axis)
-        fill = np.inf if name == "min" else -np.inf
-        at = arg(np.where(np.isnan(values), fill, values), axis)
-        places = np.expand_dims(at, axis).astype(np.float64) + 1
-        return cast_to_class(v.trim_dimensions(extremes), result_class(call.array(0))), v.trim_dimensions(places)
+        extremes, places = along(values, axis), None
+        if call.outputs > 1:
+            extremes, places = _with_position(name, values, extremes, axis)
+        result = cast_to_class(v.trim_dimensions(extremes), result_class(call.array(0)))
+        return result if places is None else (result, v.trim_dimensions(places))
 
     return run
+
+
+def _with_position(name: str, values: Float, extremes: v.Array, axis: int) -> tuple[v.Array, v.Array]:
+    """Return the extremes and their first positions, from 1."""
+    if isinstance(values, v.Elements):
+        return values.first_extremes(name, axis)
+    numbers = np.where(np.isnan(values), np.inf if name == "min" else -np.inf, values)
+    places = np.argmin(numbers, axis=axis) if name == "min" else np.argmax(numbers, axis=axis)
+    return extremes, np.expand_dims(places, axis).astype(np.float64) + 1
 
 
 def _extreme_of_nothing(values: Float, axis: int) -> Float:
@@ -301,8 +317,17 @@ def _extreme_of_nothing(values: Float, axis: int) -> Float:
     return np.take(values, [0], axis=axis)
 
 
-function("min", 1, 3)(_extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True), np.argmin))
-function("max", 1, 3)(_extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True), np.argmax))
+function("min", 1, 3)(_extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True)))
+function("max", 1, 3)(_extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True)))
+
+
+@function("bounds", 1)
+def _bounds(call: NumericArguments) -> tuple[v.Value, ...]:
+    values = call.numbers(0)
+    axis = call.dimension(1, values)
+    if not values.size:
+        return (_extreme_of_nothing(values, axis),) * 2
+    return np.fmin.reduce(values, axis=axis, keepdims=True), np.fmax.reduce(values, axis=axis, keepdims=True)
 
 
 @function("diff", 1, 3)
@@ -326,11 +351,13 @@ def _dot(call: NumericArguments) -> v.Value:
     if left.size != right.size:
         raise v.MatlabValueError("the arguments must have the same size")
     if v.is_vector(left) and v.is_vector(right):
-        return v.scalar(float(left.ravel(order="F") @ right.ravel(order="F")))
+        result: v.Array = np.matmul(left.reshape(1, -1), right.reshape(-1, 1))
+        return result
     if left.shape != right.shape:
         raise v.MatlabValueError("the arguments must have the same size")
     products = (left * right).reshape(1, 0) if left.shape == (0, 0) else left * right
-    return np.asarray(products.sum(axis=call.dimension(9, products), keepdims=True))
+    total: v.Array = products.sum(axis=call.dimension(9, products), keepdims=True)
+    return total
 
 
 @function("cross", 2)
@@ -338,7 +365,8 @@ def _cross(call: NumericArguments) -> v.Value:
     left, right = call.numbers(0), call.numbers(1)
     if left.size != 3 or right.size != 3:
         raise v.MatlabValueError("cross requires vectors of three numbers")
-    return np.cross(left.ravel(), right.ravel()).reshape(left.shape)
+    x, y = left.ravel(), right.ravel()
+    return (x[[1, 2, 0]] * y[[2, 0, 1]] - x[[2, 0, 1]] * y[[1, 2, 0]]).reshape(left.shape)
 
 
 @function("norm", 1, 2)
@@ -354,12 +382,22 @@ def _norm(call: NumericArguments) -> v.Value:
 
 @function("trapz", 1, 2)
 def _trapz(call: NumericArguments) -> v.Value:
+    values = call.numbers(len(call) - 1)
     if len(call) == 1:
-        values = call.numbers(0)
         values = values.reshape(1, 0) if values.shape == (0, 0) else values
         axis = call.dimension(9, values)
-        return v.trim_dimensions(np.expand_dims(np.trapezoid(values, axis=axis), axis))
-    return v.scalar(float(np.trapezoid(call.numbers(1).ravel(order="F"), call.numbers(0).ravel(order="F"))))
+        return v.trim_dimensions(_middles(values, axis).sum(axis=axis, keepdims=True))
+    x, y = call.numbers(0).reshape(1, -1, order="F"), values.reshape(1, -1, order="F")
+    if x.size != y.size or 1 not in values.shape:
+        raise v.MatlabValueError("the arguments must be vectors of the same size")
+    result: v.Array = (np.diff(x) * _middles(y, 1)).sum(axis=1, keepdims=True)
+    return result
+
+
+def _middles(values: Float, axis: int) -> v.Array:
+    """Return the means of neighbours along a dimension."""
+    places = np.arange(values.shape[axis])
+    return 0.5 * (np.take(values, places[1:], axis=axis) + np.take(values, places[:-1], axis=axis))
 
 
 @function("cumtrapz", 1, 2)
@@ -377,13 +415,25 @@ def _to_scalar(reduce: Callable[..., Any]) -> Callable[[NumericArguments], v.Val
 
 
 _TO_SCALAR: dict[str, Callable[..., Any]] = {
-    "nnz": np.count_nonzero,
     "det": np.linalg.det,
-    "trace": np.trace,
     "rank": np.linalg.matrix_rank,
 }
 for _name, _reduce in _TO_SCALAR.items():
     function(_name, 1)(_to_scalar(_reduce))
+
+
+@function("nnz", 1)
+def _nnz(call: NumericArguments) -> v.Value:
+    is_nonzero = call.numbers(0).reshape(-1, 1) != 0
+    result: v.Array = is_nonzero.sum(axis=0, keepdims=True).astype(np.float64)
+    return result
+
+
+@function("trace", 1)
+def _trace(call: NumericArguments) -> v.Value:
+    diagonal = v.numbers(call.matrix(0)).diagonal().reshape(-1, 1)
+    result: v.Array = diagonal.sum(axis=0, keepdims=True)
+    return result
 
 
 @function("pinv", 1)

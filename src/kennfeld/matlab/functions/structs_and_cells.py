@@ -23,7 +23,7 @@ def _struct_argument(call: NumericArguments) -> v.MatlabStruct:
 @function("struct", 0, MANY)
 def _struct(call: NumericArguments) -> v.Value:
     if len(call) % 2:
-        raise v.MatlabValueError("struct requires a value for each field name")
+        raise v.MatlabValueError("a field has no value")
     names = [call.text(at) for at in range(0, len(call), 2)]
     values = call.values[1::2]
     wrong = next((name for name in names if not name.isidentifier()), None)
@@ -41,7 +41,7 @@ def _struct(call: NumericArguments) -> v.Value:
 def _column(value: v.Value, count: int) -> list[v.Value]:
     if not isinstance(value, v.MatlabCell):
         return [value] * count
-    return [value.values.flat[0]] * count if value.values.size == 1 else list(value.values.ravel(order="F"))
+    return value.contents * (count if value.values.size == 1 else 1)
 
 
 @function("fieldnames", 1)
@@ -66,7 +66,8 @@ def _getfield(call: NumericArguments) -> v.Value:
     struct, name = _struct_argument(call), call.text(1)
     if name not in struct.names:
         raise v.MatlabValueError(f"unknown field {name}. {nearest(name, struct.names)}".strip())
-    return struct.fields[name]
+    value: v.Value = struct.fields[name]
+    return value
 
 
 @function("setfield", 3)

@@ -1,13 +1,22 @@
 """Indexing and indexed assignment; an index that depends on signals selects among all elements."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.indexing import assign_elements
-from kennfeld.matlab.values import MatlabValueError, trim_dimensions
+from kennfeld.matlab.indexing import assign_elements, fold_shape, linear_shape
+from kennfeld.matlab.values import (
+    Array,
+    MatlabCell,
+    MatlabStruct,
+    MatlabValueError,
+    object_array,
+    scalar,
+    trim_dimensions,
+)
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -18,26 +27,23 @@ from kennfeld.program import tree as m
 MASK_REMEDY = "Write it as a loop over all elements with if."
 Place = tuple[Nodes | None, list[int]]  # nodes of places that depend on signals; else fixed places, from 0
 
-Change = Callable[[s.SymbolicValue | None], s.SymbolicValue]
 
-
-def fixed_element(array: Nodes, at: Sequence[int]) -> int:
+def fixed_element(array: Array, at: Sequence[int]) -> Any:
     """Return the element at zero-based indices; raises `ProgramError` if out of range."""
     try:
         if min(at) < 0:
             raise IndexError
-        result = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
+        return array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
     except IndexError:
         places = ",".join(str(item + 1) for item in at)
         raise ProgramError(f"index ({places}) exceeds an array of size {format_sizes(array)}") from None
-    return int(result)
 
 
-def cell_indices(evaluator: SymbolicEvaluator, whole: Nodes, trees: Sequence[m.Expression]) -> list[int]:
+def cell_indices(evaluator: SymbolicEvaluator, whole: Array, trees: Sequence[m.Expression]) -> list[int]:
     """Evaluate the indices, from 0, of an element of a cell array; raises `ProgramError` unless they are constant."""
     indices = map(s.as_array, evaluator.index_values(whole, trees))
     numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
-    at = [int(number.item()) - 1 for number in numbers if number is not None and number.size == 1]
+    at = [int(number.item()) - 1 for number in numbers if number is not None and np.isfinite(number).sum() == 1]
     if len(at) < len(trees):
         raise ProgramError("the index of a cell is not a constant scalar")
     return at
@@ -47,17 +53,16 @@ def index_value(
     evaluator: SymbolicEvaluator, value: s.SymbolicValue, trees: Sequence[m.Expression], message: str
 ) -> s.SymbolicValue:
     """Evaluate `value(trees)`."""
-    if isinstance(value, s.SymbolicCell):
-        whole = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
-        chosen = _elements(evaluator, whole, evaluator.index_values(whole, trees), message, fixed=True)
-        return s.SymbolicCell(tuple(value.cells[int(at)] for at in chosen.ravel(order="F")), chosen.shape)
+    if isinstance(value, MatlabCell):
+        places = evaluator.index_values(value.values, trees)
+        return MatlabCell(_elements(evaluator, value.values, places, message, fixed=True))
     if isinstance(value, s.String) and all(is_one(evaluator, tree) for tree in trees):
         return value
     if isinstance(value, str):
         text = np.array([[ord(item) for item in value]], dtype=np.int64)
         chosen = _elements(evaluator, text, evaluator.index_values(text, trees), message, fixed=True)
         return "".join(chr(int(item)) for item in chosen.ravel(order="F"))
-    if isinstance(value, s.SymbolicStruct) and all(is_one(evaluator, tree) for tree in trees):
+    if isinstance(value, MatlabStruct) and all(is_one(evaluator, tree) for tree in trees):
         return value
     array = s.as_array(value, message)
     if not trees:
@@ -82,8 +87,8 @@ def is_one(evaluator: SymbolicEvaluator, tree: m.Expression) -> bool:
 
 
 def _elements(
-    evaluator: SymbolicEvaluator, array: Nodes, places: list[s.SymbolicValue], message: str, fixed: bool = False
-) -> Nodes:
+    evaluator: SymbolicEvaluator, array: Array, places: list[s.SymbolicValue], message: str, fixed: bool = False
+) -> Array:
     whole = np.asarray(array)
     if len(places) == 1:
         return _linear(evaluator, whole, places[0], message, fixed)
@@ -105,8 +110,7 @@ def _elements(
 
 def fold_dimensions(array: Nodes, count: int) -> Nodes:
     """Return the array reshaped to the number of its indices."""
-    shape = (*array.shape, *(1,) * (count - array.ndim))
-    return array.reshape((*shape[: count - 1], int(np.prod(shape[count - 1 :]))), order="F")
+    return array.reshape(fold_shape(array.shape, count), order="F")
 
 
 def _linear(evaluator: SymbolicEvaluator, array: Nodes, value: s.SymbolicValue, message: str, fixed: bool) -> Nodes:
@@ -116,7 +120,9 @@ def _linear(evaluator: SymbolicEvaluator, array: Nodes, value: s.SymbolicValue, 
         return flat.reshape(-1, 1)
     chosen, at = resolve_index(evaluator, value, flat.size, message)
     check_within(at, flat.size, array, message)
-    shape = _shape(array, s.as_array(value), len(at))
+    indices = s.as_array(value)
+    is_mask = isinstance(indices, s.LogicalNodes)
+    shape = linear_shape(array, np.zeros(indices.shape, dtype=bool if is_mask else float), len(at))
     if chosen is None:
         return flat[at].reshape(shape, order="F")
     if fixed:
@@ -124,20 +130,6 @@ def _linear(evaluator: SymbolicEvaluator, array: Nodes, value: s.SymbolicValue, 
     evaluator.context.room(float(flat.size) * chosen.size)
     result = np.array([_select_at(evaluator, flat, int(node)) for node in chosen.ravel(order="F")], dtype=np.int64)
     return result.reshape(shape, order="F")
-
-
-def _shape(array: Nodes, place: Nodes, count: int) -> tuple[int, ...]:
-    """Return the shape of linearly indexed elements: that of the indices; for vectors, along the array's direction."""
-    if isinstance(place, s.LogicalNodes) and place.shape != array.shape and 1 not in place.shape:
-        return (count, 1)
-    if isinstance(place, s.LogicalNodes) or (1 in place.shape and 1 in array.shape and array.ndim == 2):
-        if array.shape[0] == 1 and array.size != 1:
-            return (1, count)
-        if array.shape[1] == 1 and array.size != 1:
-            return (count, 1)
-    if isinstance(place, s.LogicalNodes):
-        return (1, count) if place.shape[0] == 1 else (count, 1)
-    return place.shape
 
 
 def resolve_index(evaluator: SymbolicEvaluator, value: s.SymbolicValue, size: int, message: str) -> Place:
@@ -182,77 +174,66 @@ def _select_at(evaluator: SymbolicEvaluator, parts: Nodes, node: int) -> Nodes:
     return result
 
 
+def field_name(evaluator: SymbolicEvaluator, step: m.Field | m.DynamicField) -> str:
+    """Return the name of a field, evaluated if it is dynamic."""
+    name = step.name if isinstance(step, m.Field) else evaluator.value(step.name)
+    if not isinstance(name, str):
+        raise ProgramError("the name of a field is not a text")
+    return name
+
+
 def assign_part(
-    evaluator: SymbolicEvaluator, old: s.SymbolicValue | None, target: m.Expression, value: s.SymbolicValue
+    evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, steps: Sequence[m.Expression], value: s.SymbolicValue
 ) -> s.SymbolicValue:
-    """Return a variable (None if new) after an assignment to a part of it."""
-    match target:
-        case m.Name():
-            return value
-        case m.Field(of, name):
-            return _change_part(evaluator, old, of, lambda current: _with_field(current, name, value))
-        case m.DynamicField(of, tree):
-            key = evaluator.value(tree)
-            if not isinstance(key, str):
-                raise ProgramError("the name of a field is not a text")
-            return _change_part(evaluator, old, of, lambda current: _with_field(current, key, value))
-        case m.Call(of, arguments) | m.CellIndex(of, arguments):
-            change = _with_cell if isinstance(target, m.CellIndex) else _with_elements
-            return _change_part(evaluator, old, of, lambda current: change(evaluator, current, arguments, value))
-    raise ProgramError("the target of an assignment is not a variable")
-
-
-def _change_part(
-    evaluator: SymbolicEvaluator, old: s.SymbolicValue | None, of: m.Expression, change: Change
-) -> s.SymbolicValue:
-    """Change a part of a variable and return the variable."""
-    if isinstance(of, m.Name):
-        return change(old)
-    return assign_part(evaluator, old, of, change(_part(evaluator, old, of)))
-
-
-def _part(evaluator: SymbolicEvaluator, old: s.SymbolicValue | None, tree: m.Expression) -> s.SymbolicValue | None:
-    """Return the part of a variable that an assignment changes; None if it is new."""
-    match tree:
-        case m.Name():
-            return old
-        case m.Field(of, name):
-            around = _part(evaluator, old, of)
-            return s.field_of(around, name) if isinstance(around, s.SymbolicStruct) and name in around.fields else None
-        case m.Call(of, arguments):
-            around = _part(evaluator, old, of)
-            return None if around is None else index_value(evaluator, around, arguments, "it")
+    """Return a value (None if new) with `value` assigned to the part that the accesses `steps` select."""
+    if not steps:
+        return value
+    step, rest = steps[0], steps[1:]
+    match step:
+        case m.Field() | m.DynamicField():
+            name = field_name(evaluator, step)
+            is_known = isinstance(current, MatlabStruct) and name in current.fields
+            inner = s.field_of(current, name) if is_known and current is not None else None
+            return _with_field(current, name, assign_part(evaluator, inner, rest, value))
+        case m.CellIndex(_, arguments) if not rest:
+            return _with_cell(evaluator, current, arguments, value)
+        case m.Call(_, arguments):
+            if rest:
+                inner = None if current is None else index_value(evaluator, current, arguments, "it")
+                value = assign_part(evaluator, inner, rest, value)
+            return _with_elements(evaluator, current, arguments, value)
     raise ProgramError("assignment to a part of a cell is not supported")
 
 
-def _with_field(current: s.SymbolicValue | None, name: str, value: s.SymbolicValue) -> s.SymbolicStruct:
+def _with_field(current: s.SymbolicValue | None, name: str, value: s.SymbolicValue) -> MatlabStruct:
     if current is None or (isinstance(current, np.ndarray) and current.size == 0):
-        return s.SymbolicStruct({name: value})
-    if not isinstance(current, s.SymbolicStruct):
+        return MatlabStruct.of({name: value})
+    if not isinstance(current, MatlabStruct):
         raise ProgramError(f"assignment to the field {name} of {s.describe(current)}")
-    return s.SymbolicStruct({**current.fields, name: value})
+    return MatlabStruct.of({**current.fields, name: value})
 
 
 def _with_cell(
     evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression], value: s.SymbolicValue
-) -> s.SymbolicCell:
-    cells = current if isinstance(current, s.SymbolicCell) else s.SymbolicCell((), (0, 0))
-    whole = np.arange(len(cells.cells), dtype=np.int64).reshape(cells.shape, order="F")
-    at = cell_indices(evaluator, whole, trees)
-    is_row = len(cells.shape) == 2 and min(cells.shape) < 2
-    if at == [len(cells.cells)] and is_row:  # one more, behind the last
-        rows, columns = cells.shape
-        shape = (rows + 1, 1) if columns == 1 and rows > 1 else (1, len(cells.cells) + 1)
-        return s.SymbolicCell((*cells.cells, value), shape)
-    result = list(cells.cells)
-    result[fixed_element(whole, at)] = value
-    return s.SymbolicCell(tuple(result), cells.shape)
+) -> MatlabCell:
+    cells = current.values if isinstance(current, MatlabCell) else np.empty((0, 0), dtype=object)
+    at = cell_indices(evaluator, cells, trees)
+    if at != [cells.size]:  # not one more, behind the last
+        fixed_element(cells, at)
+    try:
+        return MatlabCell(
+            assign_elements(
+                cells, [scalar(place + 1) for place in at], object_array([value], (1, 1)), s.EMPTY, Budget()
+            )
+        )
+    except MatlabValueError as error:
+        raise ProgramError(f"assignment to a cell array of size {format_sizes(cells)}: {error}") from None
 
 
 def _with_elements(
     evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression], value: s.SymbolicValue
 ) -> s.SymbolicValue:
-    if isinstance(current, s.SymbolicStruct) or isinstance(value, s.SymbolicStruct):
+    if isinstance(current, MatlabStruct) or isinstance(value, MatlabStruct):
         if all(is_one(evaluator, tree) for tree in trees):
             return value
         raise ProgramError("arrays of structs are not supported")

@@ -9,9 +9,10 @@ import numpy as np
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.operations import OPERATIONS
+from kennfeld.matlab.values import MatlabFunctionHandle
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers
-from kennfeld.models.imperative.symbolic_values import FunctionHandleValue, SymbolicValue
+from kennfeld.models.imperative.symbolic_values import SymbolicValue
 from kennfeld.program import tree as m
 
 MAX_STATEMENTS: Final = 20_000
@@ -160,5 +161,5 @@ class SymbolicEvaluator(Protocol):
     def operation(self, operator: str, left: Nodes, right: Nodes) -> Nodes: ...
     def call_named(self, name: str, values: Sequence[SymbolicValue], wanted: int) -> tuple[SymbolicValue, ...]: ...
     def call_handle(
-        self, handle: FunctionHandleValue, values: Sequence[SymbolicValue], wanted: int
+        self, handle: MatlabFunctionHandle, values: Sequence[SymbolicValue], wanted: int
     ) -> tuple[SymbolicValue, ...]: ...

@@ -11,8 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.matlab.simulink_objects import ENUMERATION
+from kennfeld.matlab.values import MatlabCell, MatlabFunctionHandle, MatlabStruct
 from kennfeld.models.imperative import symbolic_values as s
-from kennfeld.models.imperative.element_access import MASK_REMEDY, cell_indices, fixed_element, index_value
+from kennfeld.models.imperative.element_access import MASK_REMEDY, cell_indices, field_name, fixed_element, index_value
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.graph_operators import BINARY
 from kennfeld.models.imperative.library.elementwise_functions import ELEMENTWISE_NAMES
@@ -82,9 +84,9 @@ class ExpressionEvaluator:
             case m.CellIndex(of, arguments):
                 return self._cell(self.value(of), arguments)
             case m.AnonymousFunction():
-                return s.FunctionHandleValue(tree, dict(self.body.names))
+                return MatlabFunctionHandle("", tree.parameters, tree.body, dict(self.body.names))
             case m.FunctionHandle():
-                return s.FunctionHandleValue(tree, {})
+                return MatlabFunctionHandle(tree.name)
             case m.End():
                 return self._end()
         raise ProgramError(f"{type(tree).__name__} is not supported here")
@@ -115,10 +117,7 @@ class ExpressionEvaluator:
                 parameter = self.context.workspace(path)
                 if parameter is not None:
                     return parameter
-        name = tree.name if isinstance(tree, m.Field) else self.value(tree.name)
-        if not isinstance(name, str):
-            raise ProgramError("the name of a field is not a text")
-        return s.field_of(self.value(tree.of), name, _short(tree.of))
+        return s.field_of(self.value(tree.of), field_name(self, tree), _short(tree.of))
 
     def _end(self) -> Nodes:
         if not self.ends:
@@ -238,7 +237,7 @@ class ExpressionEvaluator:
             raise ProgramError("arrays of strings are not supported", "Use single quotes.")
         if flat and all(isinstance(element, str) for element in flat) and len(elements) == 1:
             return flat[0] if len(flat) == 1 else "".join(str(element) for element in flat)
-        if len(flat) == 1 and isinstance(flat[0], (s.SymbolicStruct, s.SymbolicCell)):
+        if len(flat) == 1 and isinstance(flat[0], MatlabStruct | MatlabCell):
             return flat[0]
         arrays = [[part for element in row if (part := s.as_array(element, "an element")).size] for row in elements]
         try:
@@ -251,19 +250,18 @@ class ExpressionEvaluator:
             return s.as_logical(whole)
         return s.integers(whole, s.word_of(*(element for row in arrays for element in row)))
 
-    def _cells(self, rows: tuple[m.Expressions, ...]) -> s.SymbolicCell:
+    def _cells(self, rows: tuple[m.Expressions, ...]) -> MatlabCell:
         result = [[self.value(element) for element in row] for row in rows if row]
         width = len(result[0]) if result else 0
         if any(len(row) != width for row in result):
             raise ProgramError("the rows of a cell array have different lengths")
         columns = (result[row][column] for column in range(width) for row in range(len(result)))
-        return s.SymbolicCell(tuple(columns), (len(result), width))
+        return MatlabCell.of(columns, (len(result), width))
 
     def _cell(self, value: s.SymbolicValue, arguments: Sequence[m.Expression]) -> s.SymbolicValue:
-        if not isinstance(value, s.SymbolicCell):
+        if not isinstance(value, MatlabCell):
             raise ProgramError(f"braces index {s.describe(value)}, not a cell array")
-        whole = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
-        return s.force(value.cells[fixed_element(whole, cell_indices(self, whole, arguments))])
+        return s.force(fixed_element(value.values, cell_indices(self, value.values, arguments)))
 
     def index_values(self, array: Nodes, trees: Sequence[m.Expression]) -> list[s.SymbolicValue]:
         """Evaluate the indices into an array, within which `end` is defined; ":" stands for all."""
@@ -288,7 +286,7 @@ class ExpressionEvaluator:
         if dotted.startswith("coder.") and "coder" not in self.body.names:
             return self._coder(dotted, tree.arguments)
         of = self.value(tree.of)
-        if isinstance(of, s.FunctionHandleValue):
+        if isinstance(of, MatlabFunctionHandle):
             return self.call_handle(of, [self.value(argument) for argument in tree.arguments], 1)[0]
         return index_value(self, of, tree.arguments, _short(tree.of))
 
@@ -303,7 +301,7 @@ class ExpressionEvaluator:
     def call(self, name: str, arguments: Sequence[m.Expression], wanted: int) -> tuple[s.SymbolicValue, ...]:
         """Call a function by name; it may return fewer results than wanted."""
         variable = self.body.names.get(name)
-        if isinstance(variable, s.FunctionHandleValue):
+        if isinstance(variable, MatlabFunctionHandle):
             return self.call_handle(variable, self.argument_values(arguments), wanted)
         result = self._query(name, arguments)
         if result is None and self.context.parameters_first:
@@ -325,7 +323,7 @@ class ExpressionEvaluator:
         parameter = self.context.workspace(name)
         if parameter is None or not arguments:
             return parameter
-        if isinstance(parameter, s.EnumerationStruct) and len(arguments) == 1:
+        if isinstance(parameter, MatlabStruct) and parameter.kind == ENUMERATION and len(arguments) == 1:
             return self.value(arguments[0])
         return index_value(self, s.force(parameter), arguments, name)
 
@@ -342,7 +340,7 @@ class ExpressionEvaluator:
             value = self.body.names.get(tree.name)
         elif isinstance(tree, m.Field) and dotted_name(tree.of) and dotted_name(tree).split(".")[0] in self.body.names:
             of = self.value(tree.of)
-            value = of.fields.get(tree.name) if isinstance(of, s.SymbolicStruct) else None
+            value = of.fields.get(tree.name) if isinstance(of, MatlabStruct) else None
         return value if isinstance(value, s.DeferredValue) and value.name else None
 
     def _function(self, name: str) -> m.FunctionDefinition | None:
@@ -367,7 +365,7 @@ class ExpressionEvaluator:
         for tree in trees:
             if isinstance(tree, m.CellIndex) and tree.arguments == (m.Colon(),):
                 cells = self.value(tree.of)
-                result += cells.cells if isinstance(cells, s.SymbolicCell) else ()
+                result += cells.contents if isinstance(cells, MatlabCell) else ()
             else:
                 result.append(":" if isinstance(tree, m.Colon) else self.value(tree))
         return result
@@ -400,14 +398,14 @@ class ExpressionEvaluator:
         return s.as_logical(np.array([[self.builder.call("not", value.defined)]], dtype=np.int64))
 
     def call_handle(
-        self, handle: s.FunctionHandleValue, values: Sequence[s.SymbolicValue], wanted: int
+        self, handle: MatlabFunctionHandle, values: Sequence[s.SymbolicValue], wanted: int
     ) -> tuple[s.SymbolicValue, ...]:
         """Call the function that a variable holds."""
-        function = handle.function
-        if isinstance(function, m.FunctionHandle):
-            return self.call_named(function.name, values, wanted)
-        names = {**handle.names, **dict(zip(function.parameters, values, strict=False))}
-        return (self.body.within(names, lambda: self.value(function.body)),)
+        body = handle.body
+        if body is None:
+            return self.call_named(handle.name, values, wanted)
+        names = {**handle.variables, **dict(zip(handle.parameters, values, strict=False))}
+        return (self.body.within(names, lambda: self.value(body)),)
 
 
 def is_masked_assignment(evaluator: ExpressionEvaluator, target: m.Expression, tree: m.Expression) -> bool:
@@ -465,7 +463,7 @@ def _is_elementwise(evaluator: ExpressionEvaluator, tree: m.Expression) -> bool:
         case m.Binary(operator, left, right):
             return operator in _OPERATORS and _is_elementwise(evaluator, left) and _is_elementwise(evaluator, right)
         case m.Call(m.Name(name), arguments) if name in evaluator.body.names:
-            return not isinstance(evaluator.body.names[name], s.FunctionHandleValue)
+            return not isinstance(evaluator.body.names[name], MatlabFunctionHandle)
         case m.Call(m.Name(name), arguments):
             alone = name in ELEMENTWISE_NAMES or (name in ("min", "max") and len(arguments) == 2)
             return alone and all(_is_elementwise(evaluator, argument) for argument in arguments)

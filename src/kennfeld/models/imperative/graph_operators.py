@@ -103,6 +103,15 @@ def _atanh(builder: GraphBuilder, x: Nodes) -> Nodes:
     return apply("mul", 0.5, apply("log", apply("div", apply("add", 1.0, x), apply("sub", 1.0, x))))
 
 
+def expm1(builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Compute exp(x) - 1 by the hyperbolic tangent, exact near 0: 2 t / (1 - t), t = tanh(x/2)."""
+    apply = Elementwise(builder)
+    t = apply("tanh", apply("mul", x, 0.5))
+    near = apply("div", apply("mul", 2.0, t), apply("sub", 1.0, t))
+    far = apply("sub", apply("exp", x), 1.0)
+    return apply("select", apply("lt", apply("abs", x), 1.0), near, far)
+
+
 def operation(op: str) -> Rule:
     """Return the rule that applies an operation of the graph."""
     return lambda builder, *args: Elementwise(builder)(op, *args)

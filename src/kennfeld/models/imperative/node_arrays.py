@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from functools import partial, reduce
+from itertools import accumulate
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -63,6 +64,21 @@ def reduce_nodes(builder: GraphBuilder, op: str, nodes: Iterable[int]) -> int:
     """Combine nodes by an operation from first to last; 0 if there are none."""
     terms = [int(node) for node in nodes]
     return reduce(partial(builder.call, op), terms) if terms else builder.const(0.0)
+
+
+def reduce_slices(
+    apply: Elementwise, op: str, array: Nodes, axis: int = 0, empty: float | None = None, cumulative: bool = False
+) -> Nodes:
+    """Combine the slices along a dimension, which then has length 1, or unchanged length if the results accumulate.
+
+    `empty` is the result of no slices.
+    """
+    parts = [np.take(np.asarray(array), [at], axis=axis) for at in range(array.shape[axis])]
+    if cumulative:
+        return np.concatenate(list(accumulate(parts, partial(apply, op))), axis=axis) if parts else array
+    if parts or empty is None:
+        return reduce(partial(apply, op), parts)
+    return np.full((*array.shape[:axis], 1, *array.shape[axis + 1 :]), apply.builder.const(empty), dtype=np.int64)
 
 
 def matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:

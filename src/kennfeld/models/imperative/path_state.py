@@ -11,6 +11,7 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.matlab.values import MatlabCell, MatlabFunctionHandle, MatlabStruct
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, format_sizes
@@ -112,19 +113,18 @@ class _StateMerge:
         match yes, no:
             case np.ndarray(), np.ndarray():
                 return self._arrays(name, yes, no)
-            case s.SymbolicStruct(), s.SymbolicStruct() if set(yes.fields) == set(no.fields):
-                return s.SymbolicStruct(
+            case MatlabStruct(), MatlabStruct() if set(yes.fields) == set(no.fields):
+                return MatlabStruct.of(
                     {key: self.held(f"{name}.{key}", yes.fields[key], no.fields[key]) for key in yes.fields}
                 )
-            case s.SymbolicCell(), s.SymbolicCell() if yes.shape == no.shape:
-                pairs = zip(yes.cells, no.cells, strict=True)
-                return s.SymbolicCell(tuple(self.held(name, *pair) for pair in pairs), yes.shape)
+            case MatlabCell(), MatlabCell() if yes.values.shape == no.values.shape:
+                pairs = zip(yes.contents, no.contents, strict=True)
+                return MatlabCell.of((self.held(name, *pair) for pair in pairs), yes.values.shape)
             case str(), str() if yes == no:
                 return yes
-            case s.FunctionHandleValue(), s.FunctionHandleValue() if yes.function == no.function and not (
-                yes.names or no.names
-            ):
-                return yes
+            case MatlabFunctionHandle(), MatlabFunctionHandle() if not (yes.variables or no.variables):
+                if (yes.name, yes.parameters, yes.body) == (no.name, no.parameters, no.body):
+                    return yes
         return s.InvalidValue(f"{name} has different types on the two sides of a condition", _SAME_TYPE_REMEDY)
 
     def _arrays(self, name: str, yes: Nodes, no: Nodes) -> s.SymbolicValue:

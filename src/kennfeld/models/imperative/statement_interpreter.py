@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from kennfeld.matlab.values import MatlabCell
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.control_flow import LoopUnroller
 from kennfeld.models.imperative.element_access import assign_part
@@ -20,7 +21,7 @@ from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 from kennfeld.models.imperative.path_facts import known_truth, logical_not, logical_or
 from kennfeld.models.imperative.path_state import CallFrame, PathState, merge_states
 from kennfeld.program import tree as m
-from kennfeld.program.traversal import assigned_name, dotted_name
+from kennfeld.program.traversal import access_chain, assigned_name, dotted_name
 
 GLOBAL = "global"  # the function that shared variables are kept under
 _SILENT = frozenset(
@@ -194,7 +195,7 @@ class StatementInterpreter:
                 raise ProgramError("the target of an assignment is not a variable")
             old = self.names.get(name)
             whole = self.read(name) if old is not None and not self._undefined(old) else None
-            self.names[name] = assign_part(self.expressions, whole, target, s.force(value))
+            self.names[name] = assign_part(self.expressions, whole, access_chain(target)[1], s.force(value))
 
     def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
         if target is not None and is_masked_assignment(self.expressions, target, tree):
@@ -270,9 +271,9 @@ class StatementInterpreter:
 
     def _matches(self, subject: s.SymbolicValue, case: s.SymbolicValue) -> int:
         """Return the condition that a case matches the subject of a switch."""
-        if isinstance(case, s.SymbolicCell):
+        if isinstance(case, MatlabCell):
             result = self.builder.const(0.0)
-            for cell in case.cells:
+            for cell in case.contents:
                 result = logical_or(self.builder, result, self._matches(subject, cell))
             return result
         if isinstance(subject, str) or isinstance(case, str):
@@ -332,8 +333,8 @@ def _bind_arguments(function: m.FunctionDefinition, arguments: Sequence[s.Symbol
     names = list(function.parameters)
     if names[-1:] == ["varargin"]:
         fixed = len(names) - 1
-        rest = tuple(arguments[fixed:])
-        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": s.SymbolicCell(rest, (1, len(rest)))}
+        rest = arguments[fixed:]
+        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": MatlabCell.of(rest, (1, len(rest)))}
     return dict(zip(names, arguments, strict=False))
 
 

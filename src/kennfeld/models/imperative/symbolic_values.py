@@ -1,20 +1,19 @@
-"""Values of variables in lowered code: arrays of nodes, texts, structs, cells, functions.
+"""Values of variables in lowered code: arrays of nodes, texts, and the structs, cells and functions of MATLAB.
 
-All are immutable: an assignment to an element creates a new value.
+All are immutable: an assignment to an element creates a new value. Structs have one element.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
-from kennfeld.matlab.values import trim_dimensions
+from kennfeld.matlab.values import MatlabCell, MatlabFunctionHandle, MatlabStruct, trim_dimensions
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.imperative.node_arrays import Nodes, format_sizes
-from kennfeld.program import tree as m
 
 EMPTY: Final[Nodes] = np.zeros((0, 0), dtype=np.int64)
 
@@ -36,34 +35,6 @@ class Integers(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
 
     def __array_finalize__(self, origin: object) -> None:
         self.word = getattr(origin, "word", None)
-
-
-@dataclass(frozen=True, eq=False)
-class SymbolicStruct:
-    """A scalar struct, with its fields in order."""
-
-    fields: "Mapping[str, SymbolicValue]"
-
-
-@dataclass(frozen=True, eq=False)
-class EnumerationStruct(SymbolicStruct):
-    """An enumeration by its members, each an integer."""
-
-
-@dataclass(frozen=True, eq=False)
-class SymbolicCell:
-    """A cell array, in column-major order."""
-
-    cells: "tuple[SymbolicValue, ...]"
-    shape: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class FunctionHandleValue:
-    """`@name`, or `@(x) expression` with the variables it captured."""
-
-    function: m.FunctionHandle | m.AnonymousFunction
-    names: "Mapping[str, SymbolicValue]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +65,7 @@ class DeferredValue:
 
 
 SymbolicValue: TypeAlias = (
-    Nodes | str | SymbolicStruct | SymbolicCell | FunctionHandleValue | ConditionalValue | InvalidValue | DeferredValue
+    Nodes | str | MatlabStruct | MatlabCell | MatlabFunctionHandle | ConditionalValue | InvalidValue | DeferredValue
 )
 
 
@@ -153,8 +124,8 @@ def describe(value: SymbolicValue) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of {format_sizes(value)}"
     kinds = {
-        str: "a text", String: "a string", SymbolicStruct: "a struct", SymbolicCell: "a cell array",
-        FunctionHandleValue: "a function",
+        str: "a text", String: "a string", MatlabStruct: "a struct", MatlabCell: "a cell array",
+        MatlabFunctionHandle: "a function",
     }  # fmt: skip
     return kinds.get(type(value), "a variable that is not assigned in every case")
 
@@ -163,7 +134,7 @@ def field_of(value: SymbolicValue, name: str, message: str = "it") -> SymbolicVa
     """Return a field of a struct; raises `ProgramError` if there is none of that name."""
     if isinstance(value, InvalidValue):
         raise ProgramError(value.why, value.remedy)
-    if not isinstance(value, SymbolicStruct):
+    if not isinstance(value, MatlabStruct):
         raise ProgramError(f"{message} is {describe(value)}, which has no field {name}")
     if name not in value.fields:
         raise ProgramError(f"{message} has no field {name}; it has {', '.join(list(value.fields)[:8]) or 'none'}")
@@ -172,11 +143,11 @@ def field_of(value: SymbolicValue, name: str, message: str = "it") -> SymbolicVa
 
 def leaf_arrays(value: SymbolicValue) -> Iterator[Nodes]:
     """Yield the arrays within a value, in order; raises `ProgramError` if it contains anything else."""
-    if isinstance(value, SymbolicStruct):
+    if isinstance(value, MatlabStruct):
         for name in value.fields:
             yield from leaf_arrays(field_of(value, name))
-    elif isinstance(value, SymbolicCell):
-        for cell in value.cells:
+    elif isinstance(value, MatlabCell):
+        for cell in value.contents:
             yield from leaf_arrays(force(cell))
     else:
         yield as_array(value)
@@ -184,9 +155,9 @@ def leaf_arrays(value: SymbolicValue) -> Iterator[Nodes]:
 
 def with_leaf_arrays(value: SymbolicValue, arrays: Iterator[Nodes]) -> SymbolicValue:
     """Return a value of the same form with other arrays, in the order of `leaf_arrays`."""
-    if isinstance(value, SymbolicStruct):
-        return SymbolicStruct({name: with_leaf_arrays(field_of(value, name), arrays) for name in value.fields})
-    if isinstance(value, SymbolicCell):
-        return SymbolicCell(tuple(with_leaf_arrays(force(cell), arrays) for cell in value.cells), value.shape)
+    if isinstance(value, MatlabStruct):
+        return MatlabStruct.of({name: with_leaf_arrays(field_of(value, name), arrays) for name in value.fields})
+    if isinstance(value, MatlabCell):
+        return MatlabCell.of((with_leaf_arrays(force(cell), arrays) for cell in value.contents), value.values.shape)
     result = next(arrays)
     return of_class(value, result) if isinstance(value, np.ndarray) else result

@@ -11,6 +11,8 @@ from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.variables.mask_scope import MaskCodeVariable, MaskVariable, Scope, Variable
 from kennfeld.matlab.parser import parse_expression
+from kennfeld.matlab.simulink_objects import ENUMERATION
+from kennfeld.matlab.values import MatlabCell, MatlabStruct
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.program.traversal import field_path
@@ -62,11 +64,11 @@ def _resolve_variable(
         for key, part in value.items():  # a calibration file may override a field by its full name
             field = scope.part([*path, key]) or Variable(part, source=variable.source, fixed=variable.fixed)
             fields[key] = _part(expressions, scope, field, [*path, key])
-        return s.EnumerationStruct(fields) if variable.fixed and len(path) == 1 else s.SymbolicStruct(fields)
+        return MatlabStruct.of(fields, ENUMERATION if variable.fixed and len(path) == 1 else "")
     if isinstance(value, tuple):
         parts = (Variable(part, source=variable.source, fixed=variable.fixed) for part in value)
         cells = [_part(expressions, scope, part, [f"{name}({at})"]) for at, part in enumerate(parts, 1)]
-        return s.SymbolicCell(tuple(cells), (1, len(cells)))
+        return MatlabCell.of(cells, (1, len(cells)))
 
     def array() -> s.SymbolicValue:
         nodes = expressions.variable(name, variable, True)

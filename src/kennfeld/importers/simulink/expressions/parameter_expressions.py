@@ -24,6 +24,8 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     nested_field,
 )
 from kennfeld.matlab.parser import parse_expression
+from kennfeld.matlab.simulink_objects import ENUMERATION
+from kennfeld.matlab.values import MatlabCell, MatlabStruct
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import Evaluate, EvaluationContext, LibraryFunction
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -188,7 +190,7 @@ class ParameterExpressions:
         if isinstance(holder, m.Call) and holder.of == m.Name("bdroot"):
             holder = holder.of
         model, key = evaluate(holder), evaluate(keys[0]) if len(keys) == 1 else ""
-        fields = model.fields if isinstance(model, s.SymbolicStruct) else {}
+        fields = model.fields if isinstance(model, MatlabStruct) else {}
         text = s.force(fields[key]) if isinstance(key, str) and key in fields else None
         if not isinstance(text, str):
             raise EvaluationError(f"get_param({str(key)[:40] or 'nothing'}) requires Simulink")
@@ -297,9 +299,9 @@ def _constant_value(builder: GraphBuilder, value: ParameterValue, is_enumeration
         return value
     if isinstance(value, Mapping):
         fields = {key: s.DeferredValue(partial(_constant_value, builder, part)) for key, part in value.items()}
-        return s.EnumerationStruct(fields) if is_enumeration else s.SymbolicStruct(fields)
+        return MatlabStruct.of(fields, ENUMERATION if is_enumeration else "")
     if isinstance(value, tuple):
-        return s.SymbolicCell(tuple(_constant_value(builder, part) for part in value), (1, len(value)))
+        return MatlabCell.of((_constant_value(builder, part) for part in value), (1, len(value)))
     return s.constants(builder, np.asarray(value, dtype=np.float64))
 
 

@@ -92,7 +92,7 @@ class ChartExpressions(ChartPart):
         """Return a variable after an assignment to elements of it."""
         names, plain = self._indices(key, indices, context, guard)
         with _reporting(context):
-            changed = as_array(assign_part(self._evaluator(names), names[key], m.Call(m.Name(key), plain), new))
+            changed = as_array(assign_part(self._evaluator(names), names[key], [m.Call(m.Name(key), plain)], new))
         if changed.shape != names[key].shape:
             raise UnsupportedError(f"{context.place}: assignment out of range of {key}")
         return np.asarray(changed)

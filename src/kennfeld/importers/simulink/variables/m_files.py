@@ -116,7 +116,7 @@ def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -
 
 
 def _get_param(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
-    value = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
+    value: MatlabValue | None = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
     if value is None:
         raise MatlabError.at("mask", m.TextPosition(), f"get_param({text(key)[:40]}) requires Simulink")
     return value

@@ -64,14 +64,6 @@ def meshgrid(args: SymbolicArguments) -> tuple[SymbolicValue, ...]:
     return tuple(np.meshgrid(x.ravel(order="F"), y.ravel(order="F")))
 
 
-@function("kron", least=2, most=2)
-def kronecker(args: SymbolicArguments) -> SymbolicValue:
-    a, b = args.matrix(0), args.matrix(1)
-    args.context.room(float(a.size) * b.size)
-    products = args.apply("mul", a[:, None, :, None], b[None, :, None, :])
-    return products.reshape(a.shape[0] * b.shape[0], a.shape[1] * b.shape[1])
-
-
 @function("blkdiag", least=1, most=50)
 def block_diagonal(args: SymbolicArguments) -> SymbolicValue:
     shape = [sum(array.shape[axis] for array in args.arrays) for axis in (0, 1)]

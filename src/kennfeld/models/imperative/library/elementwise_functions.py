@@ -11,11 +11,11 @@ from typing import Final
 
 import numpy as np
 
-from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative import symbolic_values as s
-from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, ONE_IN_C, TWO, TWO_IN_C, Rule, operation
+from kennfeld.models.imperative.graph_operators import ONE_IN_C, TWO, TWO_IN_C, Rule
 from kennfeld.models.imperative.integer_types import EXACT, IntegerType, fit_to_type, wrap_to_type
 from kennfeld.models.imperative.library.function_registry import C_FUNCTIONS, SymbolicArguments, function, matlab_word
+from kennfeld.models.imperative.library.numeric_rules import OF_ONE, OF_TWO
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 
 _BITS = 32
@@ -192,14 +192,6 @@ def to_logical(args: SymbolicArguments) -> s.SymbolicValue:
     return x if isinstance(x, s.LogicalNodes) else s.as_logical(args.apply("ne", x, 0.0))
 
 
-def _expm1(apply: Elementwise, x: Nodes) -> Nodes:
-    """Compute exp(x) - 1 by the hyperbolic tangent, exact near 0: 2 t / (1 - t), t = tanh(x/2)."""
-    t = apply("tanh", apply("mul", x, 0.5))
-    near = apply("div", apply("mul", 2.0, t), apply("sub", 1.0, t))
-    far = apply("sub", apply("exp", x), 1.0)
-    return apply("select", apply("lt", apply("abs", x), 1.0), near, far)
-
-
 def _wrap_to_turn(apply: Elementwise, x: Nodes, turn: float) -> Nodes:
     """Wrap an angle to a full turn from 0; positive multiples of a turn are kept."""
     result = apply("mod", x, turn)
@@ -215,20 +207,12 @@ def _wrap_to_half_turn(apply: Elementwise, x: Nodes, half: float) -> Nodes:
 
 # functions of one argument composed from operations of the graph
 _COMPOSED: Final[dict[str, Callable[[Elementwise, Nodes], Nodes]]] = {
-    "log2": lambda apply, x: apply("div", apply("log", x), math.log(2.0)),
-    "log1p": lambda apply, x: apply("log", apply("add", x, 1.0)),
-    "expm1": _expm1,
     "sec": lambda apply, x: apply("div", 1.0, apply("cos", x)),
     "csc": lambda apply, x: apply("div", 1.0, apply("sin", x)),
     "cot": lambda apply, x: apply("div", 1.0, apply("tan", x)),
     "sind": lambda apply, x: apply("sin", apply("mul", x, _DEGREES)),
     "cosd": lambda apply, x: apply("cos", apply("mul", x, _DEGREES)),
     "tand": lambda apply, x: apply("tan", apply("mul", x, _DEGREES)),
-    "asind": lambda apply, x: apply("div", apply("asin", x), _DEGREES),
-    "acosd": lambda apply, x: apply("div", apply("acos", x), _DEGREES),
-    "atand": lambda apply, x: apply("div", apply("atan", x), _DEGREES),
-    "deg2rad": lambda apply, x: apply("mul", x, _DEGREES),
-    "rad2deg": lambda apply, x: apply("div", x, _DEGREES),
     "wrapToPi": partial(_wrap_to_half_turn, half=math.pi),
     "wrapTo180": partial(_wrap_to_half_turn, half=180.0),
     "wrapTo2Pi": partial(_wrap_to_turn, turn=2 * math.pi),
@@ -242,51 +226,32 @@ def composed_function(args: SymbolicArguments) -> s.SymbolicValue:
     return _COMPOSED[args.name](args.apply, args.array(0))
 
 
-_ONE: Final[dict[str, Rule]] = {**ONE, **INVERSE_HYPERBOLIC}
-
-
-@function(*_ONE)
-def unary_function(args: SymbolicArguments) -> s.SymbolicValue:
-    return _ONE[args.name](args.builder, args.array(0))
-
-
 @function(*ONE_IN_C, library=C_FUNCTIONS)
 def unary_function_in_c(args: SymbolicArguments) -> s.SymbolicValue:
     return ONE_IN_C[args.name](args.builder, args.array(0))
 
 
-def _xor(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    apply = Elementwise(builder)
-    return apply("ne", apply("ne", a, 0.0), apply("ne", b, 0.0))
-
-
-_TWO: Final[dict[str, Rule]] = {
-    **TWO,
+_OWN: Final[dict[str, Rule]] = {
+    **{name: TWO[name] for name in ("mod", "rem", "power")},
     "realpow": TWO["power"],
-    "ldivide": lambda builder, a, b: Elementwise(builder)("div", b, a),
-}
-_LOGIC: Final[dict[str, Rule]] = {
-    "xor": _xor,
-    **{name: operation(name) for name in ("eq", "ne", "lt", "le", "gt", "ge")},
 }
 
 
-@function(*_TWO, least=2, most=2)
+@function("round")
+def round_half_away(args: SymbolicArguments) -> s.SymbolicValue:
+    return args.apply("round", args.array(0))
+
+
+@function(*_OWN, least=2, most=2)
 def binary_function(args: SymbolicArguments) -> s.SymbolicValue:
     """Apply a function of two arguments, element by element."""
     args.fits(*args.arrays)
-    return _TWO[args.name](args.builder, *args.arrays)
+    return _OWN[args.name](args.builder, *args.arrays)
 
 
 @function(*TWO_IN_C, least=2, most=2, library=C_FUNCTIONS)
 def binary_function_in_c(args: SymbolicArguments) -> s.SymbolicValue:
     return TWO_IN_C[args.name](args.builder, *args.arrays)
-
-
-@function(*_LOGIC, least=2, most=2)
-def comparison(args: SymbolicArguments) -> s.SymbolicValue:
-    args.fits(*args.arrays)
-    return s.as_logical(_LOGIC[args.name](args.builder, *args.arrays))
 
 
 @function("and", "or", least=2, most=20)
@@ -300,7 +265,7 @@ def negate(args: SymbolicArguments) -> s.SymbolicValue:
     return s.as_logical(args.apply("not", args.array(0)))
 
 
-ELEMENTWISE_NAMES: Final = frozenset({*_CASTS, *_COMPOSED, *_ONE, *_TWO, *_LOGIC, "not", "logical"})
+ELEMENTWISE_NAMES: Final = frozenset({*_CASTS, *_COMPOSED, *_OWN, *OF_ONE, *OF_TWO, "round", "not", "logical"})
 
 
 @function("idivide", least=2, most=3)

@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.matlab.values import is_vector
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError
@@ -34,11 +35,6 @@ def matlab_word(name: str) -> IntegerType | None:
     """Return the integer type of a MATLAB class, which rounds and saturates; None for other classes."""
     word = integer_type_named(name)
     return replace(word, rounding="Round", saturates=True) if word is not None else None
-
-
-def is_vector(array: Nodes) -> bool:
-    """Return True if an array is one row or one column; it may be empty."""
-    return array.ndim == 2 and 1 in array.shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,15 +118,6 @@ class SymbolicArguments:
         if not isinstance(value, str):
             raise ProgramError(f"argument {at + 1} of {self.name} is not a text")
         return value
-
-    def dimension(self, at: int, array: Nodes) -> int:
-        """Return the zero-based dimension to work along: as given, else the first that is longer than one."""
-        if len(self) <= at:
-            return next((axis for axis, size in enumerate(array.shape) if size != 1), 0)
-        result = self.whole(at) - 1
-        if not 0 <= result < 30:
-            raise ProgramError(f"{self.name} along dimension {result + 1} is not supported")
-        return result
 
     def refuse(self, why: str, remedy: str = "") -> ProgramError:
         """Return the error that the function is called in an unsupported way."""

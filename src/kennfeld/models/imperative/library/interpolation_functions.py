@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function
-from kennfeld.models.imperative.library.reduction_functions import combine, sum_along
+from kennfeld.models.imperative.library.reduction_functions import sum_along
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, format_sizes
 from kennfeld.models.imperative.symbolic_values import SymbolicValue, constants
 
@@ -115,28 +115,16 @@ def _vector(args: SymbolicArguments, at: int) -> Numbers:
     return np.asarray(points)
 
 
-@function("polyval", least=2, most=2)
-def evaluate_polynomial(args: SymbolicArguments) -> SymbolicValue:
-    """Evaluate a polynomial by its coefficients, the highest first."""
-    apply, x = args.apply, args.array(1)
-    coefficients = [node.reshape(1, 1) for node in args.array(0).ravel(order="F")]
-    args.context.room(float(x.size) * len(coefficients))
-    result = np.full(x.shape, args.builder.const(0.0), dtype=np.int64)
-    for coefficient in coefficients:
-        result = apply("add", apply("mul", result, x), coefficient)
-    return result
-
-
 @function("conv", least=2, most=2)
 def convolve(args: SymbolicArguments) -> SymbolicValue:
     """Multiply two polynomials; the product has the orientation of the longer one."""
     a, b = args.vector(0).ravel(), args.vector(1).ravel()
     args.context.room(float(a.size) * b.size)
-    sums: list[list[Nodes]] = [[] for _ in range(a.size + b.size - 1)]
+    sums: list[list[Nodes]] = [[np.zeros((0, 1), dtype=np.int64)] for _ in range(a.size + b.size - 1)]
     for i, left in enumerate(a):
         for j, right in enumerate(b):
             sums[i + j].append(args.apply("mul", left.reshape(1, 1), right.reshape(1, 1)))
-    result = np.concatenate([combine(args.apply, "add", 0.0, parts) for parts in sums], axis=1)
+    result = np.concatenate([sum_along(args.apply, np.concatenate(parts)) for parts in sums], axis=1)
     longer = args.array(0 if a.size > b.size else 1)
     return result.T if longer.shape[1] == 1 else result
 

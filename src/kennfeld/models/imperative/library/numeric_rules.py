@@ -1,11 +1,14 @@
-"""Library functions without arithmetic on nodes, run by the evaluator of MATLAB numbers.
+"""Library functions that are run by the evaluator of MATLAB numbers.
 
+Functions of numbers run on nodes whose operations build those of the graph (`node_elements`).
 Functions of constants, sizes and classes run on constants of the same size and class. Functions that arrange elements
-run on the numbers of the elements, counted from 1; 0 is a new element.
+run on the numbers of the elements, counted from 1; 0 is a new element. Functions of structs, cells and function handles
+run on the values themselves.
 """
 
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from kennfeld.models.imperative.evaluation_context import MAX_NODES, SymbolicEva
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function, matlab_word
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.node_elements import NodeElements
 from kennfeld.program import tree as m
 
 _FILLED: Final = ("zeros", "ones", "inf", "Inf", "nan", "NaN", "true", "false", "eye", "cell")
@@ -30,9 +34,106 @@ _QUERIES: Final = {
     **dict.fromkeys(("strcmp", "strcmpi", "strncmp", "strncmpi"), 2),
 }
 _ARRANGED: Final = (
-    "reshape", "repmat", "transpose", "ctranspose", "permute", "squeeze", "fliplr", "flipud", "flip", "circshift",
-    "diag", "tril", "triu",
+    "reshape",
+    "repmat",
+    "transpose",
+    "ctranspose",
+    "permute",
+    "squeeze",
+    "fliplr",
+    "flipud",
+    "flip",
+    "circshift",
+    "diag",
+    "tril",
+    "triu",
 )  # fmt: skip
+# functions of each element
+OF_ONE: Final = (
+    "abs", "sign", "floor", "ceil", "fix", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "asind", "acosd", "atand", "deg2rad", "rad2deg", "exp", "expm1", "log", "log2",
+    "log10", "log1p", "sqrt", "uminus", "isnan", "isinf", "isfinite",
+)  # fmt: skip
+OF_TWO: Final = (
+    "plus", "minus", "times", "rdivide", "ldivide", "eq", "ne", "lt", "le", "gt", "ge", "xor", "atan2", "hypot",
+)  # fmt: skip
+# functions of numbers by the number of leading arguments that may depend on signals
+_COMPUTED: Final = {
+    **dict.fromkeys((*OF_ONE, "bounds", "nnz", "trace"), 1),
+    **dict.fromkeys((*OF_TWO, "polyval", "kron"), 2),
+    **dict.fromkeys(("sum", "prod", "any", "all", "cumsum", "cumprod", "mean", "rms", "var", "std", "diff"), 1),
+    **dict.fromkeys(("min", "max", "dot", "cross", "trapz"), 2),
+}
+_OF_SEVERAL_RESULTS: Final = ("min", "max", "bounds")
+# functions that put values into structs and cells, take them out, or pass them to functions
+_PASSED: Final = (
+    "struct", "getfield", "setfield", "rmfield", "orderfields", "struct2cell", "cell2struct", "num2cell", "deal",
+    "feval", "arrayfun", "cellfun", "structfun",
+)  # fmt: skip
+_OF_STRUCTS: Final = ("getfield", "setfield", "rmfield", "orderfields", "struct2cell")
+
+
+class _SymbolicCalls(NumericEvaluator):
+    """Evaluator of functions whose arguments, and those of the function handles that they call, are symbolic values."""
+
+    def __init__(self, evaluator: SymbolicEvaluator) -> None:
+        super().__init__({}, {}, Budget(elements=MAX_NODES), "")
+        self.evaluator = evaluator
+
+    def apply(self, function: v.Value, arguments: Sequence[v.Value], outputs: int) -> list[v.Value]:
+        """Call a function handle, or a function by its name."""
+        self.evaluator.context.step()
+        if not v.is_text(function) and not isinstance(function, v.MatlabFunctionHandle):
+            raise v.MatlabValueError("its first argument is not a function")
+        values = list(map(_with_texts, arguments))
+        if isinstance(function, v.MatlabFunctionHandle):
+            return list(self.evaluator.call_handle(function, values, outputs))  # type: ignore[arg-type]
+        return list(self.evaluator.call_named(v.text(function), values, outputs))  # type: ignore[arg-type]
+
+
+def compute(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
+    """Run a function of numbers on nodes."""
+    if any(isinstance(value, str) and value == "omitnan" for value in args.values):
+        raise args.refuse("'omitnan' is not supported", "Leave elements out by a loop with if.")
+    count = min(_COMPUTED[args.name], len(args))
+    operands = [NodeElements.of(args.builder, args.array(at)) for at in range(count)]
+    wanted = args.wanted if args.name in _OF_SEVERAL_RESULTS else 1
+    results = call_numerically(replace(args, wanted=wanted), [*operands, *_constants(args, count)])
+    return tuple(value.nodes() if isinstance(value, NodeElements) else _symbolic(args, value) for value in results)
+
+
+def pass_values(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
+    """Run a function that does not depend on the elements of arrays."""
+    if args.name in _OF_STRUCTS and args.values and not isinstance(args.values[0], v.MatlabStruct):
+        raise args.refuse(f"its first argument is {s.describe(args.values[0])}, not a struct")
+    values = list(map(_with_characters, args.values))
+    results = call_numerically(args, values, _SymbolicCalls(args.evaluator))
+    if any(isinstance(value, v.MatlabStruct) and value.elements.size != 1 for value in results):
+        raise args.refuse("arrays of structs are not supported")
+    return tuple(s.force(_with_texts(value)) for value in results)
+
+
+for _rule, _names in ((compute, _COMPUTED), (pass_values, _PASSED)):
+    for _name in _names:
+        function(_name, least=NUMERIC_FUNCTIONS[_name].least, most=NUMERIC_FUNCTIONS[_name].most)(_rule)
+
+
+def _with_characters(value: Any) -> Any:
+    """Return a value with its texts as characters, as functions of numbers take them."""
+    if isinstance(value, v.MatlabCell):
+        return v.MatlabCell.of((_with_characters(s.force(part)) for part in value.contents), value.values.shape)
+    return _same_class(value) if isinstance(value, str) else value
+
+
+def _with_texts(value: Any) -> s.SymbolicValue:
+    """Return a value with its characters as texts."""
+    if isinstance(value, v.MatlabCell):
+        return v.MatlabCell.of(map(_with_texts, value.contents), value.values.shape)
+    if isinstance(value, v.MatlabStruct) and value.elements.size == 1:
+        return v.MatlabStruct.of({name: _with_texts(part) for name, part in value.fields.items()}, value.kind)
+    if v.is_text(value):
+        return s.String(v.text(value)) if value.dtype.kind == "O" else v.text(value)
+    return s.EMPTY if value is v.EMPTY else value
 
 
 @function(*_QUERIES, least=0, most=MANY)
@@ -105,18 +206,16 @@ def _typed(nodes: s.SymbolicValue, numbers: v.Array) -> v.Array:
 
 
 def _same_class(value: s.SymbolicValue) -> v.Value:
-    """Return a constant of the size and class of a value; texts stay."""
+    """Return a constant of the size and class of a value; texts and structs stay."""
     match value:
         case s.String():
             return v.strings([str(value)])
         case str():
             return v.characters(value)
-        case s.SymbolicStruct():
-            return v.MatlabStruct.of(dict.fromkeys(value.fields, v.EMPTY))
-        case s.SymbolicCell():
-            return v.MatlabCell(v.object_array([_same_class(s.force(cell)) for cell in value.cells], value.shape))
-        case s.FunctionHandleValue():
-            return v.MatlabFunctionHandle()
+        case v.MatlabStruct() | v.MatlabFunctionHandle():
+            return value
+        case v.MatlabCell():
+            return v.MatlabCell.of((_same_class(s.force(cell)) for cell in value.contents), value.values.shape)
     nodes = s.as_array(value)
     return np.zeros(nodes.shape, dtype=bool if isinstance(nodes, s.LogicalNodes) else np.float64)
 
@@ -136,9 +235,11 @@ def evaluate_constant_call(
     return (_symbolic(args, results[0]),) if is_number else ()
 
 
-def call_numerically(args: SymbolicArguments, values: Sequence[v.Value]) -> list[v.Value]:
+def call_numerically(
+    args: SymbolicArguments, values: Sequence[v.Value], evaluator: NumericEvaluator | None = None
+) -> list[v.Value]:
     """Return the results of the function of numbers; raises `EvaluationError` if it has none."""
-    evaluator = NumericEvaluator({}, {}, Budget(elements=MAX_NODES), "")
+    evaluator = evaluator or NumericEvaluator({}, {}, Budget(elements=MAX_NODES), "")
     try:
         with np.errstate(all="ignore"):
             return evaluator.call(args.name, values, args.wanted, m.TextPosition())
@@ -155,9 +256,7 @@ def _results(args: SymbolicArguments, values: Sequence[v.Value]) -> s.SymbolicVa
 def _symbolic(args: SymbolicArguments, value: v.Value) -> s.SymbolicValue:
     """Return a constant value of the evaluator of numbers as nodes."""
     if isinstance(value, v.MatlabCell):
-        return s.SymbolicCell(
-            tuple(_symbolic(args, cell) for cell in value.values.ravel(order="F")), value.values.shape
-        )
+        return v.MatlabCell.of((_symbolic(args, cell) for cell in value.contents), value.values.shape)
     array = v.array_value(value)
     if array.dtype.kind == "U":
         return v.text(array)
