@@ -1,6 +1,7 @@
 // The question whether code of the project may run, and its addresses be used: nothing happens before the user allows it.
 
-import { request, state, type Finding } from "./store";
+import type { FindingRow } from "./replies";
+import { request, state } from "./store";
 
 /** What the project asks for, with a button that allows it. */
 export function CodeConsent() {
@@ -18,4 +19,4 @@ export function CodeConsent() {
 }
 
 /** True if a message says what `CodeConsent` asks. */
-export const isAsked = (finding: Finding): boolean => finding.severity === "error" && state.value.code.some((each) => finding.message.startsWith(`${each.text}, and has not been allowed to`));
+export const isAsked = (finding: FindingRow): boolean => finding.severity === "error" && state.value.code.some((each) => finding.message.startsWith(`${each.text}, and has not been allowed to`));

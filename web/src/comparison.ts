@@ -2,25 +2,18 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import type { Change as KeyChange } from "./settings";
-import { request, screen, settled, state, type Axis } from "./store";
+import type { AskedChoice, ComparedScore, TableChange, TrustReply } from "./replies";
+import { request, screen, settled, state } from "./store";
 
-export interface Change { name: string; kind: string; unit: string; description: string; largest: number; mean: number; relative: number; atBound: number; axes: Axis[]; first: number[]; second: number[]; biggest: number[]; bound: number[] }
-export interface ComparedScore { use: string; unit: string; criterion: string; first: number | null; second: number | null; largest: number | null }
-export interface Remedy { kind: string; title: string; changes: KeyChange[]; applied: boolean }
-export interface PinnedRow { name: string; unit: string; before: number | null; after: number | null }
-export interface Direction { sentence: string; remedy: string; remedies: Remedy[]; exact: boolean; deviation: number | null; parameters: string[] }
-export interface Trust { directions: Direction[]; coupled: string[]; sentence: string; advice: string; remark: string; remedies: Remedy[]; holdings: string[]; noise: { criterion: string; value: number | null }[]; freedom: number | null; values: number }
-
-const NOTHING: Trust = { directions: [], coupled: [], sentence: "", advice: "", remark: "", remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
+const NOTHING: Required<TrustReply> = { directions: [], coupled: [], sentence: "", advice: "", remark: "", dimension: 0, remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
 
 export const first = signal("start");
 export const second = signal("now");
-export const changes = signal<Change[]>([]);
+export const changes = signal<TableChange[]>([]);
 export const scores = signal<ComparedScore[]>([]);
 /** The remedy whose effect is shown, by its title. */
 export const tried = signal("");
-export const trust = signal<Trust>(NOTHING);
+export const trust = signal<Required<TrustReply>>(NOTHING);
 export const chosen = signal("");
 export const rejected = signal<Record<string, Set<number>>>({}); // cells that keep their start, by parameter
 
@@ -29,10 +22,10 @@ export const shown = computed(() => changes.value.find((each) => each.name === c
 const load = newest(async (_: string) => {
   const [compared, known] = await Promise.all([request("compare", { first: first.value, second: second.value }), request("trust")]);
   if (compared !== null) {
-    changes.value = compared.head.changes as Change[];
-    scores.value = compared.head.scores as ComparedScore[];
+    changes.value = compared.head.changes;
+    scores.value = compared.head.scores;
   }
-  if (known !== null) trust.value = { ...NOTHING, ...(known.head as unknown as Trust) };
+  if (known !== null) trust.value = { ...NOTHING, ...known.head };
 });
 
 effect(() => {
@@ -57,10 +50,10 @@ export function keepAll(keep: boolean): void {
 /** RMSE on training data if the choice were accepted; null if all is accepted. */
 export const choiceScore = signal<{ rmse: number | null; unit: string } | null>(null);
 
-const loadChoice = newest(async (given: Record<string, unknown>) => {
+const loadChoice = newest(async (given: AskedChoice) => {
   const reply = await request("choice", given);
-  const own = (reply?.head.scores as { use: string; rmse: number | null }[] | undefined)?.find((each) => each.use === "training");
-  choiceScore.value = own === undefined ? null : { rmse: own.rmse, unit: String(reply?.head.unit ?? "") };
+  const own = reply?.head.scores.find((each) => each.use === "training");
+  choiceScore.value = own === undefined ? null : { rmse: own.rmse, unit: reply?.head.unit ?? "" };
 });
 
 effect(() => {

@@ -2,13 +2,14 @@
 
 import { useSignal } from "@preact/signals";
 import { ChoiceInput, LineInput, NumberInput, PairInput } from "./inputs";
-import { keyAt, settingName, type Key } from "./schema";
-import { describePath, messagesWithin, setKeys, valueAt, type Path, type Toml } from "./settings";
+import type { KeyRow, Path, Toml } from "./replies";
+import { keyAt, settingName } from "./schema";
+import { describePath, messagesWithin, setKeys, valueAt } from "./settings";
 
 interface FieldProps { path: Path; label: string; help?: string; width?: number; placeholder?: string; unit?: string }
 
 /** What a key means, as a tooltip says it. */
-export function tooltip(path: Path, key: Key | undefined, help = key?.help ?? ""): string {
+export function tooltip(path: Path, key: KeyRow | undefined, help = key?.help ?? ""): string {
   const facts = key === undefined ? "" : [key.type, key.unit, key.default && `default: ${key.default}`].filter(Boolean).join(", ");
   return [help, facts, describePath(path), ...messagesWithin(path, key).map((f) => f.text)].filter(Boolean).join("\n");
 }

@@ -5,10 +5,11 @@ import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
 import { MISSING, count, significant, signed } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
+import type { ScoreRow } from "./replies";
 import { run } from "./runs";
 import { save } from "./saving";
 import { valueAt } from "./settings";
-import { connected, failure, isRunning, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
+import { connected, failure, isRunning, message, move, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export function Header() {
   const { project, unsaved, undo, redo, job, runs } = state.value;
@@ -60,7 +61,7 @@ const criterion = signal("");
 
 function Rmse({ use }: { use: "training" | "test" }) {
   const scores = state.value.scores.filter((s) => s.use === use && s.samples > 0);
-  const score: Score | undefined = scores.find((s) => s.criterion === criterion.value) ?? scores[0];
+  const score: ScoreRow | undefined = scores.find((s) => s.criterion === criterion.value) ?? scores[0];
   const all = scores.map((s) => `${s.criterion}: ${s.rmse === null ? MISSING : significant(s.rmse)} ${s.unit}`).join("\n");
   const { rmse = null, before = null, last = null, unit = "" } = score ?? {};
   const share = rmse !== null && before ? (rmse / before - 1) * 100 : null;

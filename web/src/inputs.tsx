@@ -3,8 +3,8 @@
 
 import { useSignal } from "@preact/signals";
 import { parseNumber } from "./drawing/numbers";
+import type { Toml } from "./replies";
 import { names } from "./schema";
-import type { Toml } from "./settings";
 import { move } from "./store";
 
 export interface InputProps { label: string; placeholder?: string; mono?: boolean; numeric?: boolean; holds?: string; words?: string[]; id?: string }

@@ -1,11 +1,10 @@
 // What the plots look at: dataset, criterion, stretch of time, cursor, and the samples that are brushed or shown alone.
 
 import { batch, computed, signal } from "@preact/signals";
+import type { SignalName, SignalRange } from "./replies";
 import { settled } from "./store";
 
-export interface SignalName { kind: "channel" | "target" | "node" | "start" | "error" | "start error"; name: string; unit?: string } // the unit of a channel that the project does not use
 export interface Stretch { begin: number; end: number }
-export interface SignalRange { signal: SignalName; least: number; greatest: number }
 
 /** Samples that are selected: a stretch of time, those within ranges of signals, or those that inform a grid point. */
 export type Brush = Stretch | { ranges: SignalRange[] } | { point: { parameter: string; value: number } };

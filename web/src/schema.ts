@@ -2,40 +2,11 @@
 
 import { effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { textRevision, type Path, type Toml } from "./settings";
-import { request, settled, type Screen } from "./store";
+import type { KeyForm, KeyRow, Path, SectionRow, Toml } from "./replies";
+import { textRevision } from "./settings";
+import { request, settled } from "./store";
 
-/** The kind of a value, and what its field needs. */
-export interface Form {
-  kind: "text" | "number" | "integer" | "flag" | "choice" | "texts" | "numbers" | "pair" | "table" | "entry" | "entries" | "named" | "either" | "list" | "toml";
-  title?: string;
-  words?: string[]; // in place of a number
-  options?: string[];
-  numbers?: boolean; // whole numbers among texts
-  names?: string[]; // the only ones of a table
-  values?: Form; // of a table
-  keys?: Key[];
-  word?: string; // what messages call an entry
-  single?: boolean; // one table may stand for a list of one
-  forms?: Form[]; // alternatives
-  item?: Form; // of a list
-}
-
-export interface Key {
-  name: string;
-  help: string;
-  type: string;
-  default: string;
-  required: boolean;
-  unit: string;
-  holds: string; // what texts are: "channel", "condition" ...
-  by: string; // what the names of a table are
-  form: Form;
-}
-
-export interface Section extends Key { heading: string; screen: Screen }
-
-export const sections = signal<Section[]>([]);
+export const sections = signal<SectionRow[]>([]);
 export const names = signal<Record<string, string[]>>({});
 
 let asked = false;
@@ -43,12 +14,12 @@ let asked = false;
 effect(() => {
   if (settled.value.project === null || asked) return;
   asked = true;
-  void request("schema").then((reply) => { if (reply === null) asked = false; else sections.value = reply.head.sections as Section[]; });
+  void request("schema").then((reply) => { if (reply === null) asked = false; else sections.value = reply.head.sections; });
 });
 
 const loadNames = newest(async (_: number) => {
   const reply = await request("names");
-  if (reply !== null) names.value = reply.head.names as Record<string, string[]>;
+  if (reply !== null) names.value = reply.head.names;
 });
 
 /** Number of forms on the screen; names are asked for while there is one. */
@@ -58,19 +29,19 @@ effect(() => {
   if (shownForms.value > 0 && textRevision.value > 0) loadNames(textRevision.value);
 });
 
-export const sectionOf = (name: string): Section | undefined => sections.value.find((each) => each.name === name);
+export const sectionOf = (name: string): SectionRow | undefined => sections.value.find((each) => each.name === name);
 
 /** The keys of an entry of a section, or of the section itself. */
-export const keysOf = (name: string): Key[] => sectionOf(name)?.form.keys ?? [];
+export const keysOf = (name: string): KeyRow[] => sectionOf(name)?.form.keys ?? [];
 
 /** The key that a path names, or the one around it: that of `gradient` for `["parameters", "MapX", "gradient", "x"]`. */
-export function keyAt(path: Path): Key | undefined {
+export function keyAt(path: Path): KeyRow | undefined {
   const section = sectionOf(String(path[0]));
   if (section === undefined || section.form.kind === "table") return section;
   return keysOf(section.name).find((key) => key.name === path[isSingle(section) ? 1 : 2]);
 }
 
-const isSingle = (section: Section): boolean => section.form.kind === "entry";
+const isSingle = (section: SectionRow): boolean => section.form.kind === "entry";
 
 /** Name of a key without that of its entry: `parameters.bounds`. */
 export function settingName(path: Path): string {
@@ -86,7 +57,7 @@ export function directionsOf(name: string): string[] | undefined {
 }
 
 /** True if a field of this form can show the value. */
-export function shows(form: Form, value: Toml): boolean {
+export function shows(form: KeyForm, value: Toml): boolean {
   const isTable = typeof value === "object" && !Array.isArray(value);
   const isScalar = typeof value !== "object";
   switch (form.kind) {

@@ -2,12 +2,12 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { withUnit } from "./drawing/numbers";
-import { criterionNumber, dataset, datasetNumber, keyOf, type SignalName } from "./plots";
+import { criterionNumber, dataset, datasetNumber, keyOf } from "./plots";
+import type { SignalName, SignalRow } from "./replies";
 import { request, screen, settled, state } from "./store";
 
 export interface Line { signal: SignalName; label: string; colour: string }
 export interface Row { title: string; unit: string; weight: number; lines: Line[] }
-export interface Listed extends SignalName { unit: string; label: string; group: string }
 interface Spec { weight: number; lines: SignalName[] }
 
 const COLOURS: Record<SignalName["kind"], string> = { channel: "measured", target: "measured", node: "model", start: "before", error: "error", "start error": "before" };
@@ -17,7 +17,7 @@ const chosen = signal<Spec[] | null>(null); // null: those of the project as it 
 const matrix = signal<SignalName[] | null>(null);
 export const SIGNAL = "application/x-kennfeld-signal"; // what is dragged from the list of signals
 export const active = signal(0); // the strip that Shift+Enter adds to
-export const listed = signal<Listed[]>([]);
+export const listed = signal<SignalRow[]>([]);
 export const searching = signal(false); // the list of signals is open
 
 const project = computed(() => state.value.project?.path ?? "");
@@ -178,7 +178,7 @@ effect(() => {
 
 async function load(number: number): Promise<void> {
   const reply = await request("signals", { dataset: number });
-  if (reply !== null) listed.value = reply.head.signals as Listed[];
+  if (reply !== null) listed.value = reply.head.signals;
 }
 
 effect(() => {

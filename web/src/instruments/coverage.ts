@@ -5,7 +5,8 @@ import { newest } from "../connection";
 import { css, diverging, isDark, type Rgb } from "../drawing/colours";
 import { fixed, significant } from "../drawing/numbers";
 import { criterion, criterionNumber } from "../plots";
-import { request, revision, screen, table, theme, type Table } from "../store";
+import type { EditedTable } from "../replies";
+import { request, revision, screen, table, theme } from "../store";
 
 export const overlay = signal<"" | "samples" | "error">(""); // colours cells and surface
 export const pointsShown = signal(false); // dots on surface and slices
@@ -37,7 +38,7 @@ const cover = computed<Cover | null>(() => {
   return coverage.value?.name === own.name ? coverByError(coverage.value.error) : null;
 });
 
-export const coverOf = (own: Table): Cover | null => (own.name === table.value?.name ? cover.value : null);
+export const coverOf = (own: EditedTable): Cover | null => (own.name === table.value?.name ? cover.value : null);
 
 /** Return the colours of cells; null where there is none. */
 export const cellTints = (own: Cover): (string | null)[] => own.tints.map((each) => each && css(each));
@@ -69,7 +70,7 @@ function coverByError(errors: Float32Array): Cover {
 }
 
 /** What the tooltip of a value says about the data. */
-export function coverTitle(own: Table, cell: number): string {
+export function coverTitle(own: EditedTable, cell: number): string {
   const error = coverage.value?.name === own.name && overlay.value === "error" ? coverage.value.error[cell] : undefined;
   return error === undefined || !Number.isFinite(error) ? "" : `mean error ${significant(error, 3)} ${criterion.value?.unit ?? ""}, model minus measurement`;
 }
@@ -85,10 +86,10 @@ const places = computed<Places | null>(() => {
   return { x: data.x, y: data.y, value };
 });
 
-export const placesOf = (own: Table): Places | null => (own.name === table.value?.name ? places.value : null);
+export const placesOf = (own: EditedTable): Places | null => (own.name === table.value?.name ? places.value : null);
 
 /** The value of a curve or map between its points. */
-function heightAt(own: Table, x: number, y: number): number {
+function heightAt(own: EditedTable, x: number, y: number): number {
   const [i, s] = located(own.axes[0]!.points, x);
   const ys = own.axes[1]?.points ?? [0];
   const [j, t] = located(ys, y);

@@ -4,8 +4,9 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { tooltip } from "../fields";
 import { wanted } from "../navigation";
-import { asToml, keysOf, sectionOf, settingName, shownForms, type Key } from "../schema";
-import { messagesOf, messagesWithin, setKeys, settings, valueAt, type Path, type Toml } from "../settings";
+import type { KeyRow, Path, Toml } from "../replies";
+import { asToml, keysOf, sectionOf, settingName, shownForms } from "../schema";
+import { messagesOf, messagesWithin, setKeys, settings, valueAt } from "../settings";
 import { Remove, ValueField } from "./value-field";
 
 type Table = { [key: string]: Toml };
@@ -36,11 +37,11 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
     if (!isOpen && rest.some((each) => each.name === key)) whole.value = true;
     else if (focusSetting(host.current, wanted.value)) wanted.value = "";
   });
-  const change = (key: Key, value: Toml | null) => {
+  const change = (key: KeyRow, value: Toml | null) => {
     if (draft === undefined) void setKeys([[[...path, key.name], value]], `${settingName([...path, key.name])}: ${value === null ? "default" : typeof value === "string" ? value : asToml(value).slice(0, 60)}`);
     else { const next = { ...own }; if (value === null) delete next[key.name]; else next[key.name] = value; draft.change(next); }
   };
-  const row = (key: Key) => <Setting key={key.name} path={[...path, key.name]} of={key} own={own[key.name]} directions={directions} help={focused.value === key.name ? part.value || key.help : ""} change={(value) => change(key, value)} />;
+  const row = (key: KeyRow) => <Setting key={key.name} path={[...path, key.name]} of={key} own={own[key.name]} directions={directions} help={focused.value === key.name ? part.value || key.help : ""} change={(value) => change(key, value)} />;
   const general = messagesOf(path);
   return (
     <div class="settings" ref={host} role="group" aria-label={path.join(" ")} onFocusIn={(event) => { const at = event.target as HTMLElement; focused.value = at.closest<HTMLElement>("[data-key]")?.dataset.key ?? ""; part.value = at.closest<HTMLElement>("[data-part]")?.dataset.part ?? ""; }}>
@@ -53,7 +54,7 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
 }
 
 /** A key that the schema does not have, which may be removed or corrected. */
-const unknownKey = (name: string): Key => ({ name, help: "not a key of this section", type: "", default: "", required: false, unit: "", holds: "", by: "", form: { kind: "toml" } });
+const unknownKey = (name: string): KeyRow => ({ name, help: "not a key of this section", type: "", default: "", required: false, unit: "", holds: "", by: "", form: { kind: "toml" } });
 
 /** Put the cursor into the field of a key; false if it is not on the page yet. */
 export function focusSetting(host: Element | null, name: string): boolean {
@@ -65,7 +66,7 @@ export function focusSetting(host: Element | null, name: string): boolean {
   return true;
 }
 
-function Setting({ path, of, own, directions, help, change }: { path: Path; of: Key; own: Toml | undefined; directions?: string[]; help: string; change: (value: Toml | null) => void }) {
+function Setting({ path, of, own, directions, help, change }: { path: Path; of: KeyRow; own: Toml | undefined; directions?: string[]; help: string; change: (value: Toml | null) => void }) {
   const messages = messagesWithin(path, of);
   const facts = [of.type, of.default && `default: ${of.default}`].filter(Boolean).join(" · ");
   return (

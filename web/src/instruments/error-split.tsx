@@ -6,26 +6,16 @@ import { useEffect } from "preact/hooks";
 import { newest } from "../connection";
 import { MISSING, plain, significant, signed } from "../drawing/numbers";
 import { chooseCriterion, criterionNumber, cursor, datasetNumber } from "../plots";
+import type { CorrectionRow, SplitError, NodeValue } from "../replies";
 import { open, request, screen, selection, settled } from "../store";
 import "./error-split.css";
 
-export interface NodeValue { name: string; unit: string; start: number | null; now: number | null }
-export interface Correction {
-  parameter: string; nodes: string[]; unit: string; slope: number | null; change: number | null; allowed: number | null;
-  obstacle: "" | "does not act" | "locked" | "bounds"; share: number | null; value: number | null; cell: number; free: boolean;
-}
-export interface Split {
-  dataset: number; criterion: number; sample: number; position: number; node: string; unit: string; measured: number | null;
-  difference: { start: number | null; now: number | null }; nodes: NodeValue[];
-  inputs: { name: string; channel: string; unit: string; value: number | null }[]; corrections: Correction[];
-}
-
-export const split = signal<Split | null>(null);
+export const split = signal<SplitError | null>(null);
 const mounted = signal(0); // panes that show it
 
 const load = newest(async (given: { dataset: number; position: number; criterion: number }) => {
   const reply = await request("split", given);
-  if (reply !== null) split.value = reply.head as unknown as Split;
+  if (reply !== null) split.value = reply.head;
 });
 
 /** The position of the cursor; the middle of the dataset until it is set. */
@@ -42,7 +32,7 @@ effect(() => {
 });
 
 /** Ask for the split while a component is shown. */
-export function useSplit(): Split | null {
+export function useSplit(): SplitError | null {
   useEffect(() => {
     mounted.value += 1;
     return () => { mounted.value -= 1; };
@@ -53,7 +43,7 @@ export function useSplit(): Split | null {
 export const shown = (value: number | null | undefined): string => (value === null || value === undefined ? MISSING : significant(value));
 
 /** Where the cursor is, in words: `bench, point 479`. */
-export function placeText(own: Split): string {
+export function placeText(own: SplitError): string {
   const data = settled.value.datasets[own.dataset];
   return data === undefined ? "" : `${data.name}, ${data.timed ? `${plain(own.position, 7)} s` : `point ${own.sample + 1} of ${data.samples}`}`;
 }
@@ -72,21 +62,21 @@ export function ErrorSplit({ nodes = false }: { nodes?: boolean }) {
   );
 }
 
-export function ErrorFacts({ own }: { own: Split }) {
+export function ErrorFacts({ own }: { own: SplitError }) {
   const { criteria } = settled.value;
   return (
     <dl class="facts pad">
       {criteria.length > 1 && <><dt>criterion</dt><dd><select class="field small" aria-label="Criterion" value={own.criterion} onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}>{criteria.map((each, k) => <option value={k}>{each.node}</option>)}</select></dd></>}
       <dt>measured</dt><dd>{shown(own.measured)} <u>{own.unit}</u></dd>
-      <dt>{own.node}, start → now</dt><dd><span class="q">{shown(valueOf(own)?.start)}</span> → {shown(valueOf(own)?.now)} <u>{own.unit}</u></dd>
+      <dt>{own.node}, start → now</dt><dd><span class="q">{shown(valueAt(own)?.start)}</span> → {shown(valueAt(own)?.now)} <u>{own.unit}</u></dd>
       <dt>error, start → now</dt><dd>{own.difference.now === null ? <span class="q" title="This sample is not scored: warm-up, a gap, or no measurement">not scored</span> : <><span class="q">{own.difference.start === null ? MISSING : signed(own.difference.start, 4)}</span> → <b class="bad" data-split="error">{signed(own.difference.now, 4)}</b> <u>{own.unit}</u></>}</dd>
     </dl>
   );
 }
 
-const valueOf = (own: Split): NodeValue | undefined => own.nodes.find((node) => node.name === own.node);
+const valueAt = (own: SplitError): NodeValue | undefined => own.nodes.find((node) => node.name === own.node);
 
-export function NodeTable({ own }: { own: Split }) {
+export function NodeTable({ own }: { own: SplitError }) {
   return (
     <table class="list">
       <thead><tr><th>node</th><th>unit</th><th class="num">start</th><th class="num">now</th><th class="num">change</th></tr></thead>
@@ -95,7 +85,7 @@ export function NodeTable({ own }: { own: Split }) {
   );
 }
 
-export function Corrections({ own, chosen = "", choose }: { own: Split; chosen?: string; choose?: (node: string) => void }) {
+export function Corrections({ own, chosen = "", choose }: { own: SplitError; chosen?: string; choose?: (node: string) => void }) {
   if (own.difference.now === null) return <p class="pad q">This sample is not scored. Move the cursor to one that is.</p>;
   return (
     <table class="list fix" data-split="corrections">
@@ -113,9 +103,9 @@ export function Corrections({ own, chosen = "", choose }: { own: Split; chosen?:
   );
 }
 
-const short = (each: Correction): string => (each.obstacle === "bounds" ? `bounds: ${signed(each.allowed ?? 0)}` : each.obstacle);
+const short = (each: CorrectionRow): string => (each.obstacle === "bounds" ? `bounds: ${signed(each.allowed ?? 0)}` : each.obstacle);
 
-function reason(each: Correction): string {
+function reason(each: CorrectionRow): string {
   switch (each.obstacle) {
     case "": return `${signed(each.change!, 5)} ${each.unit} on the values that act here`;
     case "bounds": return `${signed(each.change!, 5)} ${each.unit} would be needed; the bounds allow ${signed(each.allowed ?? 0, 4)} ${each.unit}`;
@@ -125,7 +115,7 @@ function reason(each: Correction): string {
 }
 
 /** Open a parameter with the value selected that acts most at the cursor. */
-function openAt(each: Correction): void {
+function openAt(each: CorrectionRow): void {
   open(each.parameter);
   screen.value = "parameters";
   const columns = settled.value.parameters.find((p) => p.name === each.parameter)?.shape[1] ?? 1;

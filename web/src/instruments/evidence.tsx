@@ -7,12 +7,12 @@ import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
 import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
 import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
-import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, table, type Table } from "../store";
-import { cellAt } from "./map-table";
+import type { EditedTable, InformingRow } from "../replies";
+import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, table } from "../store";
+import { cellAt } from "./table-cells";
 import { Picture } from "./picture";
 
-interface Part { number: number; dataset: string; samples: number; count: number; stretches: [number, number][]; meanBefore: number | null; meanNow: number | null }
-interface Evidence { name: string; cell: number; parts: Part[]; most: number; x: Float32Array; y: Float32Array; weight: Float32Array }
+interface Evidence { name: string; cell: number; parts: InformingRow[]; most: number; x: Float32Array; y: Float32Array; weight: Float32Array }
 interface Strip { begin: number; x: Float32Array; measured: Float32Array; now: Float32Array }
 
 const evidence = signal<Evidence | null>(null);
@@ -22,12 +22,12 @@ const strip = signal<Strip | null>(null);
 const load = newest(async (given: { name: string; cell: number; criterion: number }) => {
   const reply = await request("informing", given);
   if (reply === null) return;
-  const array = (key: string) => reply.arrays[key] ?? new Float32Array();
-  const samples = { x: array("x"), y: array("y"), weight: array("weight") };
+  const none = new Float32Array();
+  const samples = { x: none, y: none, weight: none, ...reply.arrays };
   const before = evidence.value;
   const same = before !== null && (["x", "y", "weight"] as const).every((key) => equal(before[key], samples[key]));
   const { x, y, weight } = same ? before : samples; // the same arrays are not drawn again
-  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x, y, weight };
+  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets, most: reply.head.most ?? 0, x, y, weight };
   batch(() => {
     if (next.name !== evidence.value?.name || next.cell !== evidence.value.cell) shownStretch.value = 0;
     evidence.value = next;
@@ -42,7 +42,7 @@ const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) =
   const [begin, end] = [from - pause, to + pause];
   const node = criterion.value?.node ?? "";
   const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: number }, { kind: "node", name: node }] });
-  if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
+  if (reply !== null) strip.value = { begin: reply.head.begin, x: reply.arrays.x, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
 });
 
 const name = computed(() => table.value?.name ?? "");
@@ -70,7 +70,7 @@ effect(() => {
   else if (screen.value === "parameters") loadStrip(place.value.split(" ").map(Number) as [number, number, number]);
 });
 
-export function EvidencePane({ own }: { own: Table }) {
+export function EvidencePane({ own }: { own: EditedTable }) {
   return (
     <section class="pane evid" aria-label="Evidence">
       <Facts own={own} />
@@ -84,17 +84,17 @@ export function EvidencePane({ own }: { own: Table }) {
 }
 
 /** How the value is known. */
-function origin(own: Table, cell: number): string {
+function origin(own: EditedTable, cell: number): string {
   if (own.locked.includes(cell)) return "locked";
   if (own.values[cell] !== own.reference[cell]) return "by hand";
   return own.samples?.[cell] === 0 ? "no data" : "data";
 }
 
-function Facts({ own }: { own: Table }) {
+function Facts({ own }: { own: EditedTable }) {
   const cell = cellAt(own, ...selection.value.active);
   const part = shownPart.value;
   const parts = evidence.value?.parts ?? [];
-  const sum = (value: (part: Part) => number) => parts.reduce((total, each) => total + value(each), 0);
+  const sum = (value: (part: InformingRow) => number) => parts.reduce((total, each) => total + value(each), 0);
   const deviation = own.deviation?.[cell];
   const how = origin(own, cell);
   const worse = part !== undefined && Math.abs(part.meanNow ?? 0) > Math.abs(part.meanBefore ?? 0);
@@ -123,7 +123,7 @@ function CriterionChoice() {
 }
 
 /** Where in the dataset its samples are. */
-function Timeline({ part }: { part: Part | undefined }) {
+function Timeline({ part }: { part: InformingRow | undefined }) {
   const dataset = part && settled.value.datasets[part.number];
   if (part === undefined || dataset === undefined) return null;
   const draw = (pen: Pen, width: number, height: number) => {
@@ -163,7 +163,7 @@ function StretchPicture() {
   return <Picture label="The stretch over time" kind="near n2" draw={drawStretch} of={[strip.value, place.value]} />;
 }
 
-function Actions({ own }: { own: Table }) {
+function Actions({ own }: { own: EditedTable }) {
   const cell = cellAt(own, ...selection.value.active);
   const part = shownPart.value;
   const reset = () => {
@@ -178,7 +178,7 @@ function Actions({ own }: { own: Table }) {
   );
 }
 
-function showInPlots(part: Part): void {
+function showInPlots(part: InformingRow): void {
   const [begin, end] = part.stretches[shownStretch.value]!;
   const pause = Math.max((end - begin) * 2, 10);
   showDataset(part.number);

@@ -6,27 +6,17 @@ import { useEffect, useRef } from "preact/hooks";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
 import { fixed, parseNumber, significant, tableDecimals, tableFormat } from "../drawing/numbers";
-import { selection, setValues, theme, type Selection, type Table } from "../store";
+import type { EditedTable } from "../replies";
+import { selection, setValues, theme, type Selection } from "../store";
 import { cellTints, coverOf, coverTitle } from "./coverage";
+import { cellAt, cellsOf, size } from "./table-cells";
 import { describeCells, editCells, readEdit, type Edit } from "./table-edits";
 
 export type Mode = "value" | "difference" | "percent";
 
 export interface Shown { mode: Mode; empty: boolean; deviation: boolean }
 
-/** Number of columns and rows: x runs to the right, y downwards; a curve is one row. */
-export const size = (own: Table): [number, number] => [own.axes[0]?.points.length ?? 1, own.axes[1]?.points.length ?? 1];
-
-/** Number of the value at x index i and y index j, in C order. */
-export const cellAt = (own: Table, i: number, j: number): number => i * size(own)[1] + j;
-
-export function cellsOf(own: Table, chosen: Selection): number[] {
-  const cells: number[] = [];
-  for (let i = chosen.x[0]; i <= chosen.x[1]; i++) for (let j = chosen.y[0]; j <= chosen.y[1]; j++) cells.push(cellAt(own, i, j));
-  return cells;
-}
-
-function shownValues(own: Table, mode: Mode): number[] {
+function shownValues(own: EditedTable, mode: Mode): number[] {
   if (mode === "value") return own.values;
   return own.values.map((value, k) => {
     const difference = value - own.reference[k]!;
@@ -35,7 +25,7 @@ function shownValues(own: Table, mode: Mode): number[] {
 }
 
 /** Length of the bar that shows a standard deviation, 0 to 1, logarithmic from 0.1 % of the span of the values to all. */
-function bars(own: Table): (number | null)[] {
+function bars(own: EditedTable): (number | null)[] {
   if (own.deviation === null) return own.values.map(() => null);
   const [low, high] = extent(own.values);
   const span = high - low || Math.abs(high) || 1;
@@ -43,13 +33,13 @@ function bars(own: Table): (number | null)[] {
 }
 
 /** Edit the selected values that are not locked. */
-export function applyEdit(own: Table, edit: Edit): void {
+export function applyEdit(own: EditedTable, edit: Edit): void {
   const cells = cellsOf(own, selection.value).filter((cell) => !own.locked.includes(cell));
   const next = editCells(own, selection.value, cells, edit);
   if (next !== null && cells.length) setValues(cells, next, `${describeCells(own, selection.value)}: ${edit.title}`);
 }
 
-export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
+export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
   const [nx, ny] = size(own);
   const chosen = selection.value;
   const locked = new Set(own.locked);
@@ -142,7 +132,7 @@ class Row extends Component<RowProps> {
 }
 
 /** Return a function that says how a cell looks: what is the same for all cells is computed once. */
-function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<number>, typed: string | null): (i: number, j: number) => Look {
+function cellLooks(own: EditedTable, shown: Shown, chosen: Selection, locked: Set<number>, typed: string | null): (i: number, j: number) => Look {
   const values = shownValues(own, shown.mode);
   const format = tableFormat(values, { signed: shown.mode !== "value", decimals: shown.mode === "percent" ? 1 : undefined });
   void theme.value;
@@ -169,15 +159,15 @@ function labels(points: number[]): string[] {
   return points.map((point) => fixed(point, decimals));
 }
 
-function corner(own: Table): string {
+function corner(own: EditedTable): string {
   const [x, y] = own.axes;
   if (!y) return x?.unit ?? "";
   return `${y.unit || y.input} \\ ${x?.unit || x?.input}`;
 }
 
-const cornerTitle = (own: Table): string => (own.axes[1] ? `${own.axes[1].input} over ${own.axes[0]?.input}` : (own.axes[0]?.input ?? ""));
+const cornerTitle = (own: EditedTable): string => (own.axes[1] ? `${own.axes[1].input} over ${own.axes[0]?.input}` : (own.axes[0]?.input ?? ""));
 
-function cellClass(own: Table, shown: Shown, chosen: Selection, locked: Set<number>, i: number, j: number, at: number): string {
+function cellClass(own: EditedTable, shown: Shown, chosen: Selection, locked: Set<number>, i: number, j: number, at: number): string {
   const inside = i >= chosen.x[0] && i <= chosen.x[1] && j >= chosen.y[0] && j <= chosen.y[1];
   const single = chosen.x[0] === chosen.x[1] && chosen.y[0] === chosen.y[1];
   return [
@@ -193,7 +183,7 @@ function cellClass(own: Table, shown: Shown, chosen: Selection, locked: Set<numb
   ].filter(Boolean).join(" ");
 }
 
-function cellTitle(own: Table, at: number): string {
+function cellTitle(own: EditedTable, at: number): string {
   const deviation = own.deviation?.[at];
   return [
     `${significant(own.values[at]!, 6)} ${own.unit}`,
@@ -204,7 +194,7 @@ function cellTitle(own: Table, at: number): string {
   ].filter(Boolean).join("\n");
 }
 
-function step(own: Table, [dx, dy]: [number, number], extend: boolean): void {
+function step(own: EditedTable, [dx, dy]: [number, number], extend: boolean): void {
   const [nx, ny] = size(own);
   const { x, y, active } = selection.value;
   const clamp = (value: number, count: number) => Math.max(0, Math.min(count - 1, value));
@@ -220,7 +210,7 @@ function step(own: Table, [dx, dy]: [number, number], extend: boolean): void {
   selection.value = { x: far(x, active[0], dx, nx), y: far(y, active[1], dy, ny), active };
 }
 
-function copy(event: ClipboardEvent, own: Table): void {
+function copy(event: ClipboardEvent, own: EditedTable): void {
   const { x, y } = selection.value;
   const rows: string[] = [];
   for (let j = y[0]; j <= y[1]; j++) {
@@ -232,7 +222,7 @@ function copy(event: ClipboardEvent, own: Table): void {
   event.preventDefault();
 }
 
-function paste(event: ClipboardEvent, own: Table): void {
+function paste(event: ClipboardEvent, own: EditedTable): void {
   const text = event.clipboardData?.getData("text/plain") ?? "";
   const rows = text.replace(/\r/g, "").replace(/\n$/, "").split("\n").map((row) => row.split("\t").map(parseNumber));
   const { x, y } = selection.value;

@@ -2,13 +2,13 @@
 
 import { extent, type Pen } from "../drawing/canvas";
 import { MISSING, significant, signed } from "../drawing/numbers";
-import type { Axis } from "../store";
 import { drawGrid } from "../drawing/grid";
 import { drawCurves } from "../drawing/slices";
+import type { AxisPoints } from "../replies";
 import { Picture } from "./picture";
 
 interface PicturesProps {
-  axes: Axis[];
+  axes: AxisPoints[];
   first: number[];
   second: number[];
   unit: string;
@@ -28,7 +28,7 @@ export function Pictures({ axes, first, second, unit, titles, bound = [], hatche
   );
 }
 
-interface ColumnProps { title: string; axes: Axis[]; unit: string; values: number[]; before?: number[]; range?: readonly [number, number]; framed?: number[]; hatched?: Set<number> | undefined; difference?: boolean }
+interface ColumnProps { title: string; axes: AxisPoints[]; unit: string; values: number[]; before?: number[]; range?: readonly [number, number]; framed?: number[]; hatched?: Set<number> | undefined; difference?: boolean }
 
 export function Column({ title, axes, unit, values, before, range, framed = [], hatched, difference = false }: ColumnProps) {
   const [low, high] = extent(values);
@@ -47,9 +47,9 @@ export function Column({ title, axes, unit, values, before, range, framed = [], 
   );
 }
 
-const ends = (axis: Axis): [number, number] => [axis.points[0]!, axis.points[axis.points.length - 1]!];
+const ends = (axis: AxisPoints): [number, number] => [axis.points[0]!, axis.points[axis.points.length - 1]!];
 
-function rowsOf(axes: Axis[], values: number[]): number[][] {
+function rowsOf(axes: AxisPoints[], values: number[]): number[][] {
   const ny = axes[1]!.points.length;
   return axes[0]!.points.map((_, i) => values.slice(i * ny, (i + 1) * ny));
 }

@@ -3,16 +3,16 @@
 import { effect, signal } from "@preact/signals";
 import { newest } from "../connection";
 import { Icon } from "../icons";
-import { setKeys, type Change, type Path } from "../settings";
+import type { ProposalRow } from "../replies";
+import { setKeys, type Change } from "../settings";
 import { request, settled } from "../store";
 
-interface Proposal { title: string; changes: Change[]; choice: { path: Path; options: string[] } | null }
-const proposals = signal<Proposal[]>([]);
+const proposals = signal<ProposalRow[]>([]);
 const choices = signal<Record<string, string>>({}); // by title
 
 const load = newest(async (_: number) => {
   const reply = await request("proposals");
-  if (reply !== null) proposals.value = reply.head.proposals as Proposal[];
+  if (reply !== null) proposals.value = reply.head.proposals;
 });
 
 effect(() => {
@@ -21,9 +21,9 @@ effect(() => {
   else proposals.value = [];
 });
 
-const complete = (own: Proposal): boolean => own.choice === null || own.choice.options.includes(choices.value[own.title] ?? "");
+const complete = (own: ProposalRow): boolean => own.choice === null || own.choice.options.includes(choices.value[own.title] ?? "");
 
-function add(chosen: Proposal[]): void {
+function add(chosen: ProposalRow[]): void {
   const changes = chosen.flatMap<Change>((each) => (each.choice === null ? each.changes : [...each.changes, [each.choice.path, choices.value[each.title]!]]));
   void setKeys(changes, chosen.length === 1 ? `Added: ${chosen[0]!.title} ${choices.value[chosen[0]!.title] ?? ""}` : `Added ${chosen.length} proposals`);
 }
@@ -40,7 +40,7 @@ export function Proposals() {
   );
 }
 
-function ChoiceOf({ own }: { own: Proposal }) {
+function ChoiceOf({ own }: { own: ProposalRow }) {
   const value = choices.value[own.title] ?? "";
   return (
     <select class="field small" aria-label={own.title} value={value} onChange={(event) => { choices.value = { ...choices.value, [own.title]: event.currentTarget.value }; }}>

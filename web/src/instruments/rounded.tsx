@@ -1,10 +1,9 @@
 // Values that an image cannot store exactly: what was asked for, and what the raw value stands for.
 
 import { significant } from "../drawing/numbers";
+import type { RoundedRow } from "../replies";
 
-export interface Rounded { name: string; differ: number; total: number; largest: number | null; place: string; asked: string; stored: string }
-
-export function RoundedTable({ rows }: { rows: Rounded[] }) {
+export function RoundedTable({ rows }: { rows: RoundedRow[] }) {
   if (rows.length === 0) return null;
   return (
     <>

@@ -4,8 +4,9 @@ import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { area, canvasIn, extent, line, widened, type Area, type Pen, type Range } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
-import { brush, cursor, keyOf, part, type Brush, type SignalName, type SignalRange } from "../plots";
+import { brush, cursor, keyOf, part, type Brush } from "../plots";
 import { sample } from "../plot-data";
+import type { SignalName, SignalRange } from "../replies";
 import { theme } from "../store";
 
 export interface Cloud { y: Float32Array; colour: string }

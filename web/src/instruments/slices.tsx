@@ -4,18 +4,19 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Area, type Range } from "../drawing/canvas";
 import { plain, withUnit } from "../drawing/numbers";
 import { drawSlice, type SliceData } from "../drawing/slices";
-import { endDrag, selection, setValues, theme, type Table } from "../store";
-import { cellAt } from "./map-table";
+import type { EditedTable } from "../replies";
+import { endDrag, selection, setValues, theme } from "../store";
+import { cellAt } from "./table-cells";
 import { placesOf } from "./coverage";
 import { describeCells } from "./table-edits";
 
 /** The cells along one axis through the active point. */
-function along(own: Table, axis: 0 | 1): number[] {
+function along(own: EditedTable, axis: 0 | 1): number[] {
   const [i, j] = selection.value.active;
   return (own.axes[axis]?.points ?? []).map((_, k) => (axis === 0 ? cellAt(own, k, j) : cellAt(own, i, k)));
 }
 
-function sliceOf(own: Table, axis: 0 | 1): SliceData {
+function sliceOf(own: EditedTable, axis: 0 | 1): SliceData {
   const cells = along(own, axis);
   const { input, unit, points } = own.axes[axis]!;
   const other = own.axes[1 - axis];
@@ -28,7 +29,7 @@ function sliceOf(own: Table, axis: 0 | 1): SliceData {
 }
 
 /** The data points nearer to the slice than to those beside it. */
-function placesNear(own: Table, axis: 0 | 1): { x: number[]; value: number[] } | null {
+function placesNear(own: EditedTable, axis: 0 | 1): { x: number[]; value: number[] } | null {
   const places = placesOf(own);
   if (places === null) return null;
   const [along, across] = axis === 0 ? [places.x, places.y] : [places.y, places.x];
@@ -45,7 +46,7 @@ function placesNear(own: Table, axis: 0 | 1): { x: number[]; value: number[] } |
   return near;
 }
 
-export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
+export function Slice({ own, axis }: { own: EditedTable; axis: 0 | 1 }) {
   const host = useRef<HTMLDivElement>(null);
   const latest = useRef(own);
   const redraw = useRef<() => void>(() => {});
@@ -86,7 +87,7 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
 }
 
 /** The number of the point under the pointer. */
-function nearest(plot: Area | null, own: Table, axis: 0 | 1, event: PointerEvent): number | null {
+function nearest(plot: Area | null, own: EditedTable, axis: 0 | 1, event: PointerEvent): number | null {
   if (plot === null) return null;
   let [best, index]: [number, number | null] = [16, null];
   along(own, axis).forEach((cell, k) => {
@@ -96,7 +97,7 @@ function nearest(plot: Area | null, own: Table, axis: 0 | 1, event: PointerEvent
   return index;
 }
 
-function dragTo(own: Table, target: number, drag: string): void {
+function dragTo(own: EditedTable, target: number, drag: string): void {
   const cell = cellAt(own, ...selection.value.active);
   if (own.locked.includes(cell)) return;
   const value = Number(target.toPrecision(5));

@@ -5,12 +5,13 @@ import { canvasIn, type Range } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { plain, signed, significant } from "../drawing/numbers";
 import { Surface as Drawing, type SurfaceMap } from "../drawing/surface";
+import type { EditedTable } from "../replies";
 import { coverOf, placesOf } from "./coverage";
-import { endDrag, referenceName, selection, setValues, theme, type Table } from "../store";
-import { cellAt, size } from "./map-table";
+import { endDrag, referenceName, selection, setValues, theme } from "../store";
+import { cellAt, size } from "./table-cells";
 import { describeCells } from "./table-edits";
 
-function mapOf(own: Table): SurfaceMap {
+function mapOf(own: EditedTable): SurfaceMap {
   const axis = (k: number) => ({ title: own.axes[k]!.input, unit: own.axes[k]!.unit, points: own.axes[k]!.points });
   const empty = own.samples === null ? null : (cell: number) => own.samples![cell] === 0;
   return { x: axis(0), y: axis(1), unit: own.unit, now: own.values, reference: own.reference, empty, tints: coverOf(own)?.tints };
@@ -18,7 +19,7 @@ function mapOf(own: Table): SurfaceMap {
 
 interface Grip { cell: number; value: number; y: number; perPixel: number; drag: string }
 
-export function Surface({ own }: { own: Table }) {
+export function Surface({ own }: { own: EditedTable }) {
   const host = useRef<HTMLDivElement>(null);
   const redraw = useRef<() => void>(() => {});
   const latest = useRef(own);
@@ -75,7 +76,7 @@ export function Surface({ own }: { own: Table }) {
 }
 
 /** Make a grid point the active one; a selection that it is in stays. */
-function select(own: Table, cell: number): void {
+function select(own: EditedTable, cell: number): void {
   const ny = size(own)[1];
   const [i, j] = [Math.floor(cell / ny), cell % ny];
   const { x, y } = selection.value;
@@ -83,7 +84,7 @@ function select(own: Table, cell: number): void {
   selection.value = inside ? { x, y, active: [i, j] } : { x: [i, i], y: [j, j], active: [i, j] };
 }
 
-function drag(own: Table, { cell, value, y, perPixel, drag }: Grip, to: number): void {
+function drag(own: EditedTable, { cell, value, y, perPixel, drag }: Grip, to: number): void {
   if (own.locked.includes(cell)) return;
   const moved = Number((value + (y - to) * perPixel).toPrecision(5));
   const bounded = Math.max(own.lower[cell] ?? -Infinity, Math.min(own.upper[cell] ?? Infinity, moved));
@@ -91,7 +92,7 @@ function drag(own: Table, { cell, value, y, perPixel, drag }: Grip, to: number):
   setValues([cell], [bounded], `Dragged ${describeCells(own, { x: [i, i], y: [j, j], active: [i, j] })}`, drag);
 }
 
-function Readout({ own }: { own: Table }) {
+function Readout({ own }: { own: EditedTable }) {
   const [i, j] = selection.value.active;
   const cell = cellAt(own, i, j);
   const [now, before] = [own.values[cell], own.reference[cell]];

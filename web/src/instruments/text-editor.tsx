@@ -7,8 +7,9 @@ import { EditorView, highlightActiveLine, keymap, lineNumbers } from "@codemirro
 import { useEffect, useRef } from "preact/hooks";
 import { newest } from "../connection";
 import { jump } from "../jump";
+import type { FindingRow } from "../replies";
 import { settings } from "../settings";
-import { request, state, type Finding } from "../store";
+import { request, state } from "../store";
 import { completions } from "./completions";
 import { split } from "./error-split";
 import { formulaHighlighting } from "./formula-highlighting";
@@ -70,7 +71,7 @@ const nameOf = (file: string): string | undefined => file || state.value.project
 const textOf = (file: string): string => (file ? settings.value.function : settings.value.text.replace(/\r\n/g, "\n"));
 
 /** The known name that can replace a misspelt one. */
-function actions(finding: Finding): Action[] {
+function actions(finding: FindingRow): Action[] {
   return spellings.value.filter((each) => each.line === finding.line && each.column === finding.column)
     .map((each) => ({ name: `Use ${each.similar}`, apply: (view, from, to) => view.dispatch({ changes: { from, to, insert: each.similar }, userEvent: "input" }) }));
 }

@@ -4,17 +4,17 @@ import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { ask } from "../connection";
 import { ChoiceInput, LineInput, LinesInput, NumberInput, NumbersInput, PairInput } from "../inputs";
-import { asToml, brief, directionsOf, names, shows, type Form, type Key } from "../schema";
-import type { Path, Toml } from "../settings";
+import type { KeyForm, KeyRow, Path, Toml } from "../replies";
+import { asToml, brief, directionsOf, names, shows } from "../schema";
 
 type Table = { [key: string]: Toml };
 
 export interface ValueProps {
-  form: Form;
+  form: KeyForm;
   own: Toml | undefined;
   label: string;
   path: Path;
-  known: Pick<Key, "default" | "required" | "unit" | "holds" | "by">;
+  known: Pick<KeyRow, "default" | "required" | "unit" | "holds" | "by">;
   bad: boolean;
   directions?: string[]; // the axes that the table has
   change: (value: Toml | null) => void; // null removes it
@@ -29,7 +29,7 @@ export function ValueField(props: ValueProps): JSX.Element {
   return FIELDS[form.kind](props);
 }
 
-const FIELDS: Record<Form["kind"], (props: ValueProps) => JSX.Element> = {
+const FIELDS: Record<KeyForm["kind"], (props: ValueProps) => JSX.Element> = {
   text: TextValue, number: NumberValue, integer: NumberValue, flag: ChoiceValue, choice: ChoiceValue, texts: TextsValue, numbers: NumbersValue, pair: PairValue,
   table: TableValue, entry: EntryValue, entries: EntriesValue, named: TomlField, either: EitherValue, list: ListValue, toml: TomlField,
 };
@@ -142,7 +142,7 @@ function EntryValue(props: ValueProps) {
   );
 }
 
-function KeyValue({ props, of, table, put }: { props: ValueProps; of: Key; table: Table; put: (name: string, value: Toml | null) => void }) {
+function KeyValue({ props, of, table, put }: { props: ValueProps; of: KeyRow; table: Table; put: (name: string, value: Toml | null) => void }) {
   return <ValueField form={of.form} own={table[of.name]} label={`${props.label} ${of.name}`} path={[...props.path, of.name]} known={of} bad={props.bad} directions={props.directions} change={(value) => put(of.name, value)} />;
 }
 

@@ -52,7 +52,10 @@ let tip: HTMLElement | null = null;
 
 /** Show lines beside the pointer. */
 export function showTip(event: PointerEvent, lines: TipLine[]): void {
-  if (tip === null) document.body.append((tip = make("div", { class: "tooltip" })));
+  if (tip === null) {
+    tip = make("div", { class: "tooltip" });
+    document.body.append(tip);
+  }
   tip.replaceChildren(...lines.map(([text, colour]) => {
     const line = make("div", {}, text);
     if (colour) line.style.color = paint(colour);

@@ -23,7 +23,10 @@ const decoded = new Map<CodedNumbers, Promise<Float64Array>>();
 /** Decode a column once. */
 function column(coded: CodedNumbers): Promise<Float64Array> {
   let values = decoded.get(coded);
-  if (values === undefined) decoded.set(coded, (values = decodeNumbers(coded)));
+  if (values === undefined) {
+    values = decodeNumbers(coded);
+    decoded.set(coded, values);
+  }
   return values;
 }
 

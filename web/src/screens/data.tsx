@@ -9,26 +9,22 @@ import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
 import { SettingsButton } from "../instruments/settings-panel";
 import { openEntry, panel, showFinding } from "../navigation";
+import type { ChannelRow, DatasetFiles, MappedInput, RecordingFile } from "../replies";
 import { setKeys } from "../settings";
 import { message, request, screen, settled, state } from "../store";
 import { droppedFiles, upload } from "../uploads";
 import { DataSettings } from "./data/settings";
 
-interface Channel { name: string; group: string; unit: string; least: number | null; greatest: number | null }
-interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; sparsest?: string; error?: string; note?: string; channels: Channel[] }
-interface Entry { number: number; name: string; use: string; files: File[] }
-interface Input { name: string; role: "input" | "target"; number?: number; unit: string; channel: string }
-
-const entries = signal<Entry[]>([]);
-const inputs = signal<Input[]>([]);
+const entries = signal<DatasetFiles[]>([]);
+const inputs = signal<MappedInput[]>([]);
 const search = signal("");
 const closed = signal(new Set<string>());
 
 const load = newest(async (_: number) => {
   const reply = await request("files");
   if (reply === null) return;
-  entries.value = reply.head.datasets as Entry[];
-  inputs.value = reply.head.inputs as Input[];
+  entries.value = reply.head.datasets;
+  inputs.value = reply.head.inputs;
 });
 
 effect(() => {
@@ -77,7 +73,7 @@ function FileList() {
   );
 }
 
-function FileRow({ entry, file, first }: { entry: Entry; file: File; first: boolean }) {
+function FileRow({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile; first: boolean }) {
   const at = entry.number;
   const own = state.value.datasets[at - 1];
   return (
@@ -128,8 +124,8 @@ function Channels() {
 }
 
 /** The channels by name, each with its range over all files. */
-function ranges(files: File[]): Map<string, Channel> {
-  const channels = new Map<string, Channel>();
+function ranges(files: RecordingFile[]): Map<string, ChannelRow> {
+  const channels = new Map<string, ChannelRow>();
   for (const own of files.flatMap((file) => file.channels)) {
     const known = channels.get(own.name);
     if (known === undefined || known.least === null) channels.set(own.name, own);
@@ -172,7 +168,7 @@ function Mapping() {
   );
 }
 
-function map(own: Input, channel: string): void {
+function map(own: MappedInput, channel: string): void {
   const title = `${own.name} is read from ${channel}`;
   if (own.role === "target") void setKeys([[["criterion", own.number!, "target"], { channel }]], title);
   else void setKeys([[["channels", own.name], channel === own.name ? null : channel]], title);

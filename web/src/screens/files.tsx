@@ -1,11 +1,12 @@
 // Calibration files: compare two sets of values, take labels from one into the other, and write them in any format.
 
-import { addFiles, chosen, comparison, descriptions, folder, pair, search, shown, sides, ticked, tolerance, type Row, type Side } from "../calibrations";
+import { addFiles, chosen, comparison, descriptions, folder, pair, search, shown, sides, ticked, tolerance } from "../calibrations";
 import { MISSING, parseNumber, plain, significant } from "../drawing/numbers";
 import { Segment } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Column, Pictures } from "../instruments/pictures";
+import type { LabelDifference, LabelValues } from "../replies";
 import { state } from "../store";
 import { Actions } from "./files/actions";
 import { ContentTable } from "./files/contents";
@@ -78,7 +79,7 @@ function FileList() {
   );
 }
 
-const matching = (row: Row): boolean => search.value.toLowerCase().split(/\s+/).filter(Boolean).every((word) => `${row.name} ${row.kind} ${row.function}`.toLowerCase().includes(word));
+const matching = (row: LabelDifference): boolean => search.value.toLowerCase().split(/\s+/).filter(Boolean).every((word) => `${row.name} ${row.kind} ${row.function}`.toLowerCase().includes(word));
 
 function Differences() {
   const result = comparison.value;
@@ -114,7 +115,7 @@ function toggle(label: string): void {
   ticked.value = next;
 }
 
-function DifferenceRow({ row, labels }: { row: Row; labels: [string, string] }) {
+function DifferenceRow({ row, labels }: { row: LabelDifference; labels: [string, string] }) {
   const on = ticked.value.has(row.label);
   const others = row.aspects.filter((each) => each.aspect !== "values" && each.aspect !== "presence");
   const details = row.aspects.map((each) => `${each.aspect}: ${each.first || MISSING} → ${each.second || MISSING}${each.place ? ` at ${each.place}` : ""}`).join("\n");
@@ -136,7 +137,7 @@ function PairPane() {
   const { first, second } = own;
   const side = first?.axes.some((axis) => axis.input) ? first : (second ?? first);
   const same = first !== null && second !== null && first.values.length === second.values.length && first.axes.length === second.axes.length && !first.text;
-  const numbers = (each: Side): number[] => each.values.map((value) => value ?? NaN);
+  const numbers = (each: LabelValues): number[] => each.values.map((value) => value ?? NaN);
   return (
     <section class="pane pc">
       <div class="head"><h2>{own.name}</h2><span class="sub">{side ? [side.description, side.unit, side.axes.map((axis) => (axis.unit ? `${axis.input} [${axis.unit}]` : axis.input)).filter(Boolean).join(", ")].filter(Boolean).join(" · ") : ""}</span></div>

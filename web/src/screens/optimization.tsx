@@ -11,22 +11,21 @@ import { drawGrid } from "../drawing/grid";
 import { drawCurves } from "../drawing/slices";
 import { Picture } from "../instruments/picture";
 import { showFinding } from "../navigation";
+import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
 import { isRunning, open, request, screen, settled, state } from "../store";
-import { OutcomeBody, OutcomeHead, type StepRow } from "./optimization/outcome";
+import { OutcomeBody, OutcomeHead } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 import { OptimizationSettings } from "./optimization/settings";
 
-interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
-interface Small { name: string; unit: string; ends: [number, number][]; values: number[][]; start: number[][] }
-interface Progress { starts: Start[]; tables: Small[]; steps: StepRow[]; lines: Record<string, Float32Array> }
+interface Progress { starts: StartRow[]; tables: CoarseTable[]; steps: StepRow[]; lines: Record<string, Float32Array> }
 
 const progress = signal<Progress>({ starts: [], tables: [], steps: [], lines: {} });
 const quantity = signal<"rmse" | "cost">("rmse");
 
 const load = newest(async (_: number) => {
   const reply = await request("progress");
-  if (reply !== null) progress.value = { starts: reply.head.starts as Start[], tables: reply.head.tables as Small[], steps: reply.head.steps as StepRow[], lines: reply.arrays };
+  if (reply !== null) progress.value = { starts: reply.head.starts, tables: reply.head.tables, steps: reply.head.steps, lines: reply.arrays };
 });
 
 const iterations = computed(() => state.value.job.iterations);
@@ -155,7 +154,7 @@ function drawCourse(pen: Pen, width: number, height: number): void {
   });
 }
 
-function SmallTable({ own }: { own: Small }) {
+function SmallTable({ own }: { own: CoarseTable }) {
   const draw = (pen: Pen, width: number, height: number) => {
     if (own.ends.length === 2) drawGrid(pen, width, height, { x: own.ends[0]!, y: own.ends[1]!, values: own.values });
     else if (own.ends.length === 1) drawCurves(pen, width, height, own.ends[0]!, own.start.flat(), own.values.flat());

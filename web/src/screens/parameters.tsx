@@ -9,16 +9,18 @@ import { Footer, Key } from "../frame";
 import { EvidencePane } from "../instruments/evidence";
 import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
-import { MapTable, applyEdit, cellAt, cellsOf, type Shown } from "../instruments/map-table";
+import { MapTable, applyEdit, type Shown } from "../instruments/map-table";
+import { cellAt, cellsOf } from "../instruments/table-cells";
 import { describeCells, readEdit } from "../instruments/table-edits";
 import { Slice } from "../instruments/slices";
 import { Surface } from "../instruments/surface";
 import { panel } from "../navigation";
 import { SettingsButton } from "../instruments/settings-panel";
+import type { EditedTable, ParameterRow } from "../replies";
 import { ParameterSettings } from "./parameters/settings";
 import { CoverageChips } from "./parameters/coverage-chips";
 import { Properties } from "./properties";
-import { open, openName, referenceName, screen, selection, state, table, type Parameter, type Table } from "../store";
+import { open, openName, referenceName, screen, selection, state, table } from "../store";
 
 const search = signal("");
 const filter = signal<"all" | "changed" | "at bound" | "no data">("all");
@@ -26,9 +28,9 @@ const shown = signal<Shown>({ mode: "value", empty: true, deviation: true });
 
 const FILTERS = {
   all: () => true,
-  changed: (p: Parameter) => p.changed > 0,
-  "at bound": (p: Parameter) => p.atBound > 0,
-  "no data": (p: Parameter) => p.withoutData > 0,
+  changed: (p: ParameterRow) => p.changed > 0,
+  "at bound": (p: ParameterRow) => p.atBound > 0,
+  "no data": (p: ParameterRow) => p.withoutData > 0,
 } as const;
 
 export function Parameters() {
@@ -80,7 +82,7 @@ function OpenProperties() {
   return table.value === null ? null : <Properties own={table.value} />;
 }
 
-function Item({ own }: { own: Parameter }) {
+function Item({ own }: { own: ParameterRow }) {
   const on = own.name === openName.value;
   return (
     <div class={`item ${on ? "on" : ""}`} data-parameter={own.name} tabIndex={0} role="button" aria-pressed={on} title={own.description}
@@ -92,7 +94,7 @@ function Item({ own }: { own: Parameter }) {
   );
 }
 
-function Thumbnail({ own }: { own: Parameter }) {
+function Thumbnail({ own }: { own: ParameterRow }) {
   const [rows, canvas] = [own.thumbnail, useRef<HTMLCanvasElement>(null)];
   const [nx, ny] = [rows.length, rows[0]?.length ?? 0];
   const values = rows.flat();
@@ -117,7 +119,7 @@ function paintThumbnail(canvas: HTMLCanvasElement | null, rows: number[][]): voi
   pen.putImageData(image, 0, 0);
 }
 
-function Bar({ own }: { own: Table | null }) {
+function Bar({ own }: { own: EditedTable | null }) {
   const set = (part: Partial<Shown>) => { shown.value = { ...shown.value, ...part }; };
   return (
     <section class="pane bar1">
@@ -141,7 +143,7 @@ function Bar({ own }: { own: Table | null }) {
   );
 }
 
-function Editor({ own }: { own: Table }) {
+function Editor({ own }: { own: EditedTable }) {
   if (own.kind === "rbf") return <section class="pane tbl"><p class="pad q">A data-driven model with {count(own.values.length)} values, which are trained, not edited. <button class="btn small" onClick={() => { screen.value = "function"; }}>Training and errors</button></p></section>;
   return (
     <>
@@ -166,7 +168,7 @@ function Editor({ own }: { own: Table }) {
   );
 }
 
-function SelectionBar({ own }: { own: Table }) {
+function SelectionBar({ own }: { own: EditedTable }) {
   const chosen = selection.value;
   const values = cellsOf(own, chosen).map((cell) => own.values[cell]!);
   const [least, greatest] = extent(values);
@@ -188,7 +190,7 @@ function SelectionBar({ own }: { own: Table }) {
 }
 
 /** Sets the selected values, as typing into the table does. */
-function ValueField({ own }: { own: Table }) {
+function ValueField({ own }: { own: EditedTable }) {
   const value = own.values[cellAt(own, ...selection.value.active)]!;
   const enter = (event: KeyboardEvent & { currentTarget: HTMLInputElement }) => {
     const input = event.currentTarget;

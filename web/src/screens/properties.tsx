@@ -2,12 +2,13 @@
 
 import { LogSlider, PairField, Segment } from "../fields";
 import { plain } from "../drawing/numbers";
+import type { EditedTable } from "../replies";
 import { setKeys, settings, valueAt } from "../settings";
-import { state, type Table } from "../store";
+import { state } from "../store";
 
 const DIRECTIONS = ["x", "y", "z", "w"];
 
-export function Properties({ own }: { own: Table }) {
+export function Properties({ own }: { own: EditedTable }) {
   const path = (...keys: (string | number)[]) => ["parameters", own.name, ...keys];
   const parameter = state.value.parameters.find((p) => p.name === own.name);
   const lock = valueAt(path("lock"));

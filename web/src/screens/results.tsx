@@ -1,11 +1,12 @@
 // The results: two sets of values side by side, what to accept, and what the data cannot determine.
 
-import { accept, changes, choiceScore, chosen, first, keepAll, keptCount, ranked, ranking, rejected, scores, second, shown, valueCount, type Change } from "../comparison";
+import { accept, changes, choiceScore, chosen, first, keepAll, keptCount, ranked, ranking, rejected, scores, second, shown, valueCount } from "../comparison";
 import { MISSING, plain, signed, significant } from "../drawing/numbers";
 import { Segment } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Pictures } from "../instruments/pictures";
+import type { TableChange } from "../replies";
 import { open, screen, state } from "../store";
 import { ByFilePane } from "./results/by-file";
 import { ExportPane } from "./results/export";
@@ -48,12 +49,12 @@ function Choice({ label, value, options }: { label: string; value: { value: stri
   return <select class="field small" aria-label={label} value={value.value} onChange={(event) => { value.value = event.currentTarget.value; }}>{options.map((each) => <option value={each}>{/^\d+$/.test(each) ? `run ${each}` : each}</option>)}</select>;
 }
 
-function describe(own: Change): string {
+function describe(own: TableChange): string {
   const axes = own.axes.map((axis) => (axis.unit ? `${axis.input} [${axis.unit}]` : axis.input)).filter(Boolean);
   return [own.description, [own.unit, axes.length ? `over ${axes.join(" and ")}` : ""].filter(Boolean).join(" ")].filter(Boolean).join(" · ");
 }
 
-function ChangeItem({ own }: { own: Change }) {
+function ChangeItem({ own }: { own: TableChange }) {
   const widest = Math.max(...changes.value.map((each) => each.relative), 1e-12);
   const kept = rejected.value[own.name]?.size ?? 0;
   return (
@@ -72,18 +73,18 @@ function Tick({ on, half = false, label, toggle }: { on: boolean; half?: boolean
   return <button class={`tick ${on ? "on" : half ? "half" : ""}`} role="checkbox" aria-checked={half ? "mixed" : on} aria-label={label} onClick={(event) => { event.stopPropagation(); toggle(); }}>{on && <Icon name="done" />}</button>;
 }
 
-function toggleAll(own: Change): void {
+function toggleAll(own: TableChange): void {
   const kept = rejected.value[own.name]?.size ?? 0;
   rejected.value = { ...rejected.value, [own.name]: kept ? new Set() : new Set(own.first.map((_, k) => k)) };
 }
 
-function toggle(own: Change, cell: number): void {
+function toggle(own: TableChange, cell: number): void {
   const kept = new Set(rejected.value[own.name]);
   if (!kept.delete(cell)) kept.add(cell);
   rejected.value = { ...rejected.value, [own.name]: kept };
 }
 
-function CellList({ own }: { own: Change }) {
+function CellList({ own }: { own: TableChange }) {
   const kept = rejected.value[own.name] ?? new Set<number>();
   const place = (cell: number): string[] => {
     let rest = cell;

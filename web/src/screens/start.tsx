@@ -3,7 +3,8 @@
 import { count, significant } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
-import { chosen, filter, known, loadProjects, openProject, projectFrom, selected, shownProjects, spoken, type Recent } from "../projects";
+import { chosen, filter, known, loadProjects, openProject, projectFrom, selected, shownProjects, spoken } from "../projects";
+import type { RecentRow } from "../replies";
 import { request, screen, state, type Screen } from "../store";
 import { droppedFiles } from "../uploads";
 import { NewProject } from "./start/new-project";
@@ -23,7 +24,7 @@ export function Start() {
   );
 }
 
-const openRecent = (each: Recent): void => {
+const openRecent = (each: RecentRow): void => {
   if (each.open) screen.value = "parameters";
   else void openProject("open", { path: each.path });
 };
@@ -53,7 +54,7 @@ function RecentProjects() {
   );
 }
 
-function ProjectRow({ own }: { own: Recent }) {
+function ProjectRow({ own }: { own: RecentRow }) {
   const rmse = (value: number | undefined) => (value === undefined ? "–" : significant(value));
   const shown = own.open && state.value.unsaved.length ? "unsaved" : own.unsaved ? "unsaved" : own.state ?? "";
   return (

@@ -1,10 +1,9 @@
 """Files that are dropped onto the page: what they are decides what becomes of them in the project."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import confined
 from kennfeld.app.questions.program_files import main_program, place_by_package
 from kennfeld.app.session.esdl_source import EsdlSource
@@ -12,21 +11,36 @@ from kennfeld.app.session.function_source import completed_reference, has_no_fun
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role
 from kennfeld.files.identification import identify
 from kennfeld.project.schema import is_esdl_file
 
 
-def add_files(session: Session, given: Given) -> Answer:
-    """Add `files` of the folder to the project, as one change: recordings, a function, or initial values.
+@dataclass(frozen=True)
+class AddedFiles:
+    """Files of the folder."""
+
+    files: Sequence[str]
+
+
+@dataclass(frozen=True)
+class FileKinds:
+    """What each file is for."""
+
+    kinds: Mapping[str, str]
+
+
+def add_files(session: Session, asked: AddedFiles) -> FileKinds:
+    """Add files of the folder to the project, as one change: recordings, a function, or initial values.
 
     CAN databases decode the recordings that come with them; alone, those of all datasets.
     Files of an ASCET project are moved into the folders of their packages; if the function is such a project already,
     they only add to it.
     """
     folder = session.path.parent
-    names = [confined(folder, str(name)).relative_to(folder.resolve()).as_posix() for name in given["files"]]
+    names = [confined(folder, name).relative_to(folder.resolve()).as_posix() for name in asked.files]
     if not names:
         raise ArgumentError("no file is chosen")
     present = EsdlSource.of(session.settings, folder)
@@ -41,7 +55,7 @@ def add_files(session: Session, given: Given) -> Answer:
         session.do(SetKeys(f"Added {', '.join([*kinds][:3])}", session.path.name, changes))
     if placed or Role.COMPANION.value in kinds.values():
         session.refresh()  # packages or included files that were missing
-    return Answer({"kinds": kinds})
+    return FileKinds(kinds)
 
 
 def kinds_of(folder: Path, names: Iterable[str]) -> dict[str, str]:

@@ -5,7 +5,8 @@ import { comparison, descriptions, existing, folder, shown, sides, take, ticked,
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { RoundedTable } from "../../instruments/rounded";
-import { setKeys, type Toml } from "../../settings";
+import type { Toml } from "../../replies";
+import { setKeys } from "../../settings";
 import { address } from "../../uploads";
 
 const kind = signal<"merged" | "converted">("merged");

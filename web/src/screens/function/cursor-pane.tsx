@@ -5,14 +5,13 @@ import { newest } from "../../connection";
 import { MISSING, plain, significant, signed } from "../../drawing/numbers";
 import { ErrorFacts, placeText, shown, split, useSplit } from "../../instruments/error-split";
 import { criterionNumber, cursor, datasetNumber } from "../../plots";
+import type { WorstSample } from "../../replies";
 import { request, revision, screen, settled, state } from "../../store";
 
-interface Worst { sample: number; position: number; inputs: (number | null)[]; measured: number | null; error: number; start: number | null }
-
-const worst = signal<{ samples: Worst[]; rmse: number | null }>({ samples: [], rmse: null });
+const worst = signal<{ samples: WorstSample[]; rmse: number | null }>({ samples: [], rmse: null });
 const load = newest(async (given: { dataset: number; criterion: number }) => {
   const reply = await request("worst", given);
-  if (reply !== null) worst.value = reply.head as unknown as { samples: Worst[]; rmse: number | null };
+  if (reply !== null) worst.value = reply.head;
 });
 const asked = computed(() => `${datasetNumber.value} ${settled.value.criteria.length ? criterionNumber.value : -1}`);
 
@@ -27,7 +26,7 @@ export async function step(samples: number): Promise<void> {
   const own = split.peek();
   if (own === null) return;
   const reply = await request("split", { dataset: own.dataset, criterion: own.criterion, position: own.position, step: samples });
-  if (reply !== null) cursor.value = reply.head.position as number;
+  if (reply !== null) cursor.value = reply.head.position;
 }
 
 export function CursorPane() {
@@ -49,12 +48,12 @@ export function CursorPane() {
           <ErrorFacts own={own} />
         </div>
       )}
-      <div class="head mid"><h2>Worst {timed ? "samples" : "points"}</h2><span class="sub">{first && worst.value.rmse ? `the first has ${significant(Math.abs(first.error) / worst.value.rmse, 2)} times the RMSE; choose one and everything here shows it` : "choose one and everything here shows it"}</span></div>
+      <div class="head mid"><h2>Worst {timed ? "samples" : "points"}</h2><span class="sub">{first?.error && worst.value.rmse ? `the first has ${significant(Math.abs(first.error) / worst.value.rmse, 2)} times the RMSE; choose one and everything here shows it` : "choose one and everything here shows it"}</span></div>
       <table class="list worst" data-worst>
         <thead><tr><th class="num">{timed ? "time" : "point"}</th>{own?.inputs.slice(0, 4).map((each) => <th class="num">{each.name}</th>)}<th class="num">measured</th><th class="num">calculated</th><th class="num">error</th></tr></thead>
         <tbody>{worst.value.samples.map((row) => (
           <tr key={row.sample} class={row.sample === own?.sample ? "on" : ""} tabIndex={0} onClick={() => { cursor.value = row.position; }} onKeyDown={(event) => { if (event.key === "Enter") cursor.value = row.position; }}>
-            <td class="num">{timed ? plain(row.position, 7) : row.sample + 1}</td>{row.inputs.slice(0, 4).map((value) => <td class="num">{shown(value)}</td>)}<td class="num ink">{shown(row.measured)}</td><td class="num ink">{row.measured === null ? MISSING : significant(row.measured + row.error)}</td><td class="num ink">{signed(row.error, 4)}</td>
+            <td class="num">{timed ? plain(row.position, 7) : row.sample + 1}</td>{row.inputs.slice(0, 4).map((value) => <td class="num">{shown(value)}</td>)}<td class="num ink">{shown(row.measured)}</td><td class="num ink">{row.measured === null || row.error === null ? MISSING : significant(row.measured + row.error)}</td><td class="num ink">{row.error === null ? MISSING : signed(row.error, 4)}</td>
           </tr>
         ))}</tbody>
       </table>

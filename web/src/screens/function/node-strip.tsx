@@ -7,6 +7,7 @@ import { token } from "../../drawing/colours";
 import { split } from "../../instruments/error-split";
 import { Picture } from "../../instruments/picture";
 import { criterion, cursor, datasetNumber } from "../../plots";
+import type { SignalName } from "../../replies";
 import { request, revision, screen, settled } from "../../store";
 import { chosen, simulink } from "./source";
 
@@ -16,9 +17,9 @@ interface Strip { begin: number; x: Float32Array; start: Float32Array; now: Floa
 const strip = signal<Strip | null>(null);
 
 const load = newest(async ([dataset, begin, end, node, criterion]: [number, number, number, string, number]) => {
-  const signals = [{ kind: "start", name: node }, { kind: "node", name: node }, { kind: "error", name: String(criterion) }];
+  const signals: SignalName[] = [{ kind: "start", name: node }, { kind: "node", name: node }, { kind: "error", name: String(criterion) }];
   const reply = await request("strip", { dataset, begin, end, pixels: 460, signals });
-  if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, start: reply.arrays["0"]!, now: reply.arrays["1"]!, error: reply.arrays["2"]! };
+  if (reply !== null) strip.value = { begin: reply.head.begin, x: reply.arrays.x, start: reply.arrays["0"]!, now: reply.arrays["1"]!, error: reply.arrays["2"]! };
 });
 
 /** The node that is drawn: the chosen one, else that of the criterion. */

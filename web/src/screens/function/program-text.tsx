@@ -3,7 +3,8 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../../icons";
-import { shown, split, useSplit, type NodeValue } from "../../instruments/error-split";
+import { shown, split, useSplit } from "../../instruments/error-split";
+import type { NodeValue } from "../../replies";
 import { open, screen, state } from "../../store";
 import { chosen, program } from "./source";
 

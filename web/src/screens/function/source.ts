@@ -3,7 +3,8 @@
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { holdsFunctions, isHeader } from "../../function-files";
-import { setKeys, valueAt, type Path, type Toml } from "../../settings";
+import type { Path, Toml } from "../../replies";
+import { setKeys, valueAt } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
 

@@ -5,19 +5,13 @@ import { newest } from "../../connection";
 import { MISSING, count, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
+import type { SurrogateRow, ValidityRow } from "../../replies";
 import { setKeys } from "../../settings";
 import { request, screen, state } from "../../store";
 import { Fold, isOpen } from "./fold";
 
-interface Quality { dataset: string; use: string; mode: string; samples: number; rmse: number | null; r2: number | null; max_abs: number | null }
-interface Surrogate {
-  name: string; file: string; state: "trained" | "not trained" | "unreadable"; problem?: string; training: string; trainingProblem: string;
-  inputs?: string[]; output?: string; unit?: string; centres?: number; step?: number | null; stability?: string; deviation?: string; quality?: Quality[]; bounded?: boolean;
-}
-interface Use { name: string; dataset: string; samples: number; outside: number | null; share: number; text: string }
-
-const all = signal<Surrogate[]>([]);
-const uses = signal<{ revision: number; rows: Use[] } | null>(null);
+const all = signal<SurrogateRow[]>([]);
+const uses = signal<{ revision: number; rows: ValidityRow[] } | null>(null);
 const beginning = signal(false);
 
 const textRevision = computed(() => state.value.textRevision);
@@ -25,11 +19,11 @@ const trainingState = computed(() => state.value.training.state);
 
 const load = newest(async (_: number) => {
   const reply = await request("surrogates");
-  if (reply !== null) all.value = reply.head.surrogates as Surrogate[];
+  if (reply !== null) all.value = reply.head.surrogates;
 });
 const loadUses = newest(async (revision: number) => {
   const reply = await request("validity");
-  if (reply !== null) uses.value = { revision, rows: reply.head.rows as Use[] };
+  if (reply !== null) uses.value = { revision, rows: reply.head.rows };
 });
 
 effect(() => {
@@ -52,7 +46,7 @@ export function Surrogates() {
   );
 }
 
-function Model({ own }: { own: Surrogate }) {
+function Model({ own }: { own: SurrogateRow }) {
   const { training } = state.value;
   const ours = training.file === own.training && own.training !== "";
   const running = training.state === "running";
@@ -79,7 +73,7 @@ function Model({ own }: { own: Surrogate }) {
   );
 }
 
-function QualityTable({ own }: { own: Surrogate }) {
+function QualityTable({ own }: { own: SurrogateRow }) {
   const number = (value: number | null) => (value === null ? MISSING : significant(value));
   return (
     <table class="list">
@@ -90,7 +84,7 @@ function QualityTable({ own }: { own: Surrogate }) {
 }
 
 /** Where it is used outside of its training data. */
-function Range({ own }: { own: Surrogate }) {
+function Range({ own }: { own: SurrogateRow }) {
   const rows = (uses.value?.rows ?? []).filter((row) => row.name === own.name);
   if (rows.length === 0) return null;
   const outside = rows.filter((row) => row.share > 0);

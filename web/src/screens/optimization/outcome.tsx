@@ -3,10 +3,9 @@
 import { signal } from "@preact/signals";
 import { parseNumber, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
-import { outcome, running, validate, view, type Result } from "../../runs";
+import type { RunResult, StepRow } from "../../replies";
+import { outcome, running, validate, view } from "../../runs";
 import { state } from "../../store";
-
-export interface StepRow { name: string; state: string; iterations: number; cost: number | null; rmse: number | null }
 
 const folds = signal(5);
 const parts = signal("auto");
@@ -36,7 +35,7 @@ export function Cells({ rows, id }: { rows: string[][]; id: string }) {
   );
 }
 
-function ResultTables({ own }: { own: Result }) {
+function ResultTables({ own }: { own: RunResult }) {
   const { seconds } = own;
   return (
     <div class="items" id="result">

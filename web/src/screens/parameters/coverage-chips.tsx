@@ -1,9 +1,9 @@
 // What can be laid over the values of a table: samples, mean error, data points.
 
 import { overlay, pointsShown } from "../../instruments/coverage";
-import type { Table } from "../../store";
+import type { EditedTable } from "../../replies";
 
-export function CoverageChips({ own }: { own: Table | null }) {
+export function CoverageChips({ own }: { own: EditedTable | null }) {
   const without = own === null || own.samples === null;
   const why = without ? "No criterion depends on this table.\n" : "";
   const toggle = (kind: "samples" | "error") => { overlay.value = overlay.value === kind ? "" : kind; };

@@ -3,9 +3,10 @@
 import { useSignal } from "@preact/signals";
 import { count, fixed, parseNumber, plain, signed, significant } from "../../drawing/numbers";
 import { brush, criterion, criterionNumber, datasetNumber, isStretch, only, unitOfTime, type Brush } from "../../plots";
-import { brushed, type Conditions } from "../../plot-data";
+import { brushed } from "../../plot-data";
+import type { BrushedConditions, Toml } from "../../replies";
 import { nameOf } from "../../strip-rows";
-import { setKeys, valueAt, type Toml } from "../../settings";
+import { setKeys, valueAt } from "../../settings";
 import { settled, table } from "../../store";
 
 /** A selection of samples in words. */
@@ -44,7 +45,7 @@ export function BrushBar() {
 }
 
 /** The buttons that write the brush to the project file. */
-function Become({ conditions, weigh }: { conditions: Conditions; weigh: () => void }) {
+function Become({ conditions, weigh }: { conditions: BrushedConditions; weigh: () => void }) {
   return (
     <>
       <button class="btn small" title={`Score only these samples\n[[dataset]] where = "${conditions.where}"`} onClick={() => limit(conditions.where, "Only the brushed samples are scored")}>As where</button>
@@ -57,7 +58,7 @@ function Become({ conditions, weigh }: { conditions: Conditions; weigh: () => vo
 const limit = (condition: string, title: string): void => void setKeys([[["dataset", datasetNumber.value + 1, "where"], condition]], title);
 
 /** Asks for the weight of the brushed samples, in place. */
-function Weight({ conditions, close }: { conditions: Conditions; close: () => void }) {
+function Weight({ conditions, close }: { conditions: BrushedConditions; close: () => void }) {
   const text = useSignal("2");
   const weight = parseNumber(text.value);
   const valid = weight !== null && weight >= 0 && Number.isFinite(weight);

@@ -3,8 +3,10 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { area, canvasIn, line, type Area, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { brush, criterion, criterionNumber, part, type SignalName } from "../../plots";
-import { both, scatter, type Scatter } from "../../plot-data";
+import { brush, criterion, criterionNumber, part } from "../../plots";
+import type { SignalName } from "../../replies";
+import { both, scatter } from "../../plot-data";
+import type { ScatterArrays } from "../../replies";
 import { drawRectangle, rangeOf } from "../../instruments/scatter";
 import { theme } from "../../store";
 
@@ -51,7 +53,7 @@ function listen(canvas: HTMLCanvasElement, area: () => Area | null): void {
   canvas.onpointerup = () => { from = null; };
 }
 
-function draw(pen: Pen, width: number, height: number, data: Scatter): Area {
+function draw(pen: Pen, width: number, height: number, data: ScatterArrays): Area {
   const box = { left: 44, right: width - 14, top: 8, bottom: height - 34 };
   const shown = both.value ? ([[data.before, "before"], [data.after, "model"]] as const) : ([[data.after, "model"]] as const);
   const most = Math.max(1, ...shown.flatMap(([values]) => [...values]));
@@ -72,7 +74,7 @@ function draw(pen: Pen, width: number, height: number, data: Scatter): Area {
 }
 
 /** The outline of the brushed samples, scaled to two thirds of the height. */
-function drawBrushed(pen: Pen, plot: Area, data: Scatter, most: number): void {
+function drawBrushed(pen: Pen, plot: Area, data: ScatterArrays, most: number): void {
   const greatest = Math.max(0, ...data.brushed);
   if (greatest === 0) return;
   const scaled = greatest < most / 3;

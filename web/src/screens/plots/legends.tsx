@@ -5,7 +5,8 @@ import { MISSING, significant, signed } from "../../drawing/numbers";
 import { valueAt } from "../../instruments/strips";
 import { hover, keyOf, cursor } from "../../plots";
 import { brushed, drawn, sample } from "../../plot-data";
-import { SIGNAL, active, addLine, moveStrip, removeLine, removeStrip, resizeStrip, rows, type Line, type Listed, type Row } from "../../strip-rows";
+import type { SignalRow } from "../../replies";
+import { SIGNAL, active, addLine, moveStrip, removeLine, removeStrip, resizeStrip, rows, type Line, type Row } from "../../strip-rows";
 
 const STRIP = "application/x-kennfeld-strip";
 
@@ -20,7 +21,7 @@ function Legend({ row, r }: { row: Row; r: number }) {
     over.value = false;
     const [strip, own] = [event.dataTransfer?.getData(STRIP), event.dataTransfer?.getData(SIGNAL)];
     if (strip) moveStrip(Number(strip), r);
-    else if (own) addLine(r, JSON.parse(own) as Listed);
+    else if (own) addLine(r, JSON.parse(own) as SignalRow);
   };
   const key = (event: KeyboardEvent) => {
     const moves: Record<string, () => void> = {

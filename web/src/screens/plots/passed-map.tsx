@@ -6,7 +6,8 @@ import { css, height as heightColour, token } from "../../drawing/colours";
 import { hatch } from "../../drawing/marks";
 import { significant, withUnit } from "../../drawing/numbers";
 import { brush } from "../../plots";
-import { selection, table, theme, type Table } from "../../store";
+import type { EditedTable } from "../../replies";
+import { selection, table, theme } from "../../store";
 
 interface Passed { weights: Float32Array | undefined }
 
@@ -32,7 +33,7 @@ function PassedPicture({ weights }: Passed) {
 }
 
 const boxOf = (width: number, height: number): Box => ({ left: 44, right: width - 14, top: 8, bottom: height - 34 });
-const counts = (own: Table): [number, number] => [own.axes[0]?.points.length ?? 1, own.axes[1]?.points.length ?? 1];
+const counts = (own: EditedTable): [number, number] => [own.axes[0]?.points.length ?? 1, own.axes[1]?.points.length ?? 1];
 
 function pick(canvas: HTMLCanvasElement, event: MouseEvent): void {
   const own = table.value;
@@ -46,7 +47,7 @@ function pick(canvas: HTMLCanvasElement, event: MouseEvent): void {
   selection.value = { x: [i, i], y: [j, j], active: [i, j] };
 }
 
-function draw(pen: Pen, width: number, height: number, own: Table, weights: Float32Array | undefined): void {
+function draw(pen: Pen, width: number, height: number, own: EditedTable, weights: Float32Array | undefined): void {
   const box = boxOf(width, height);
   const [nx, ny] = counts(own);
   const [w, h] = [(box.right - box.left) / nx, (box.bottom - box.top) / ny];
@@ -76,7 +77,7 @@ function draw(pen: Pen, width: number, height: number, own: Table, weights: Floa
   labels(pen, own, weights, box, w, h);
 }
 
-function labels(pen: Pen, own: Table, weights: Float32Array | undefined, box: Box, w: number, h: number): void {
+function labels(pen: Pen, own: EditedTable, weights: Float32Array | undefined, box: Box, w: number, h: number): void {
   const [xs, ys] = [own.axes[0]?.points ?? [], own.axes[1]?.points ?? []];
   pen.fillStyle = token("quiet");
   pen.textBaseline = "alphabetic";

@@ -1,7 +1,8 @@
 // Calculated over measured values, or any signal over any other.
 
 import { ScatterPlot } from "../../instruments/scatter";
-import { criterion, criterionNumber, dataset, keyOf, only, type SignalName } from "../../plots";
+import { criterion, criterionNumber, dataset, keyOf, only } from "../../plots";
+import type { SignalName } from "../../replies";
 import { pair, points, scatter } from "../../plot-data";
 import { inputs, nameOf, rows, titleOf, unitOf } from "../../strip-rows";
 import { settled } from "../../store";

@@ -6,7 +6,8 @@ import { count } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { dataset, keyOf } from "../../plots";
 import { matrixOpen } from "../../plot-data";
-import { SIGNAL, active, addLine, addStrip, listed, matrixSignals, resetStrips, rows, searching, setMatrix, type Listed } from "../../strip-rows";
+import type { SignalRow } from "../../replies";
+import { SIGNAL, active, addLine, addStrip, listed, matrixSignals, resetStrips, rows, searching, setMatrix } from "../../strip-rows";
 
 const ROW = 24; // pixels
 
@@ -60,7 +61,7 @@ export function SignalSearch() {
   );
 }
 
-function add(own: Listed | undefined, onto: boolean): void {
+function add(own: SignalRow | undefined, onto: boolean): void {
   if (own === undefined) return;
   if (!matrixOpen.value) {
     if (onto) addLine(active.value, own);
@@ -71,7 +72,7 @@ function add(own: Listed | undefined, onto: boolean): void {
   setMatrix(others.length < matrixSignals.value.length ? others : [...others, own]);
 }
 
-function Entry({ own, number, on, drawn }: { own: Listed; number: number; on: boolean; drawn: boolean }) {
+function Entry({ own, number, on, drawn }: { own: SignalRow; number: number; on: boolean; drawn: boolean }) {
   return (
     <div class={`entry ${on ? "on" : ""}`} id={`signal-${number}`} role="option" aria-selected={on} data-signal={keyOf(own)} draggable title={`${own.label}${own.unit ? ` [${own.unit}]` : ""}, ${own.group}\nClick: a strip of its own. Shift+click or drag: onto a strip`}
       style={{ top: `${number * ROW}px` }} onClick={(event) => add(own, event.shiftKey)} onDragStart={(event) => event.dataTransfer?.setData(SIGNAL, JSON.stringify({ kind: own.kind, name: own.name, unit: own.unit }))}>

@@ -1,24 +1,22 @@
 // Export of the present values: calibration files, report, simulation, script, all files of a run, and the folder.
 
 import { effect, signal } from "@preact/signals";
-import { RoundedTable, type Rounded } from "../../instruments/rounded";
+import { RoundedTable } from "../../instruments/rounded";
+import type { ExportFormats, ExportedFiles } from "../../replies";
 import { request, screen, settled, state } from "../../store";
 import { address } from "../../uploads";
 import { Further } from "../optimization/settings";
 
-interface Formats { formats: string[]; own: string[]; folder: string; stored: boolean }
-interface Exported { files: string[]; findings: string[]; rounded: Rounded[] }
-
-const formats = signal<Formats>({ formats: [], own: [], folder: "", stored: false });
+const formats = signal<ExportFormats>({ formats: [], own: [], folder: "", stored: false });
 const picked = signal<Set<string> | null>(null);
 const extras = signal({ report: true, stored: false, script: false, whole: false });
 const simulation = signal("");
 const existing = signal(""); // name of the script that would be replaced
-const exported = signal<Exported>({ files: [], findings: [], rounded: [] });
+const exported = signal<ExportedFiles>({ files: [], findings: [], rounded: [] });
 
 effect(() => { // what was exported may be the results of a run
   void [settled.value.textRevision, exported.value];
-  if (screen.value === "results" && settled.value.project !== null) void request("formats").then((reply) => { if (reply !== null) formats.value = reply.head as unknown as Formats; });
+  if (screen.value === "results" && settled.value.project !== null) void request("formats").then((reply) => { if (reply !== null) formats.value = reply.head; });
 });
 
 const EXTRAS = [
@@ -39,8 +37,8 @@ export function ExportPane() {
   };
   const run = async (force: boolean) => {
     const reply = await request("export", { formats: [...chosen], ...extras.value, simulation: simulation.value, force });
-    existing.value = String(reply?.head.exists ?? "");
-    if (reply !== null && !existing.value) exported.value = reply.head as unknown as Exported;
+    existing.value = reply !== null && "exists" in reply.head ? reply.head.exists : "";
+    if (reply !== null && !("exists" in reply.head)) exported.value = reply.head;
   };
   const total = chosen.size + Object.values(extras.value).filter(Boolean).length + Number(Boolean(simulation.value));
   return (

@@ -1,21 +1,22 @@
 // What a pin would do to the uncertainty of every table, before it is applied.
 
 import { computed, effect, signal } from "@preact/signals";
-import { trust, tried, type PinnedRow, type Remedy } from "../../comparison";
+import { trust, tried } from "../../comparison";
 import { newest } from "../../connection";
 import { MISSING, significant } from "../../drawing/numbers";
+import type { PinnedRow, RemedyRow } from "../../replies";
 import { request, screen } from "../../store";
 
 const rows = signal<PinnedRow[]>([]);
 
 const pins = computed(() => [...trust.value.remedies, ...trust.value.directions.flatMap((each) => each.remedies)].filter((each) => each.kind === "pin" && !each.applied));
-const shown = computed<Remedy | undefined>(() => pins.value.find((each) => each.title === tried.value) ?? pins.value[0]);
+const shown = computed<RemedyRow | undefined>(() => pins.value.find((each) => each.title === tried.value) ?? pins.value[0]);
 
-const load = newest(async (own: Remedy) => {
+const load = newest(async (own: RemedyRow) => {
   const [path, list] = own.changes.at(-1)!;
   const pin = (list as { at: number[] }[]).at(-1)!;
-  const reply = await request("pinned", { parameter: path[1], at: pin.at });
-  rows.value = reply === null ? [] : (reply.head.rows as PinnedRow[]);
+  const reply = await request("pinned", { parameter: String(path[1]), at: pin.at });
+  rows.value = reply === null ? [] : reply.head.rows;
 });
 
 effect(() => {

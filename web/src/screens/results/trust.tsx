@@ -1,8 +1,9 @@
 // What the data of the last run cannot determine: each row with its remedies, which change the project file.
 
-import { tried, trust, type Direction, type Remedy } from "../../comparison";
+import { tried, trust } from "../../comparison";
 import { significant } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { RemedyRow, UndeterminedDirection } from "../../replies";
 import { describePath, setKeys } from "../../settings";
 import { state } from "../../store";
 
@@ -27,7 +28,7 @@ export function TrustPane() {
   );
 }
 
-function Row({ own }: { own: Direction }) {
+function Row({ own }: { own: UndeterminedDirection }) {
   const size = own.deviation;
   return (
     <div class={`di ${own.remedies.some((each) => each.title === tried.value) ? "on" : ""}`} onClick={() => { tried.value = own.remedies.find((each) => each.kind === "pin")?.title ?? ""; }}>
@@ -38,7 +39,7 @@ function Row({ own }: { own: Direction }) {
 }
 
 /** A button for each remedy; one that the project file has already says so. */
-function Remedies({ own, first = false }: { own: Remedy[]; first?: boolean }) {
+function Remedies({ own, first = false }: { own: RemedyRow[]; first?: boolean }) {
   if (own.length === 0) return null;
   return (
     <p class="remedies">

@@ -3,11 +3,11 @@
 import { area, extent, line, widened, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { Picture } from "../../instruments/picture";
-import type { Picture as Data } from "../../projects";
+import type { PictureLines } from "../../replies";
 
 const numbers = (values: (number | null)[]): number[] => values.map((value) => value ?? NaN);
 
-export function Preview({ own, title }: { own: Data; title: string }) {
+export function Preview({ own, title }: { own: PictureLines; title: string }) {
   const [x, measured, now, start] = [own.x, own.measured, own.now, own.start].map(numbers) as [number[], number[], number[], number[]];
   const draw = (pen: Pen, width: number, height: number) => {
     const box = { left: 52, right: width - 14, top: 10, bottom: height - 34 };
