@@ -181,12 +181,12 @@ def _read(path: Path) -> bool:
     """Read a file as the commands do. Whatever is no finding is raised."""
     from kennfeld import calfiles, measurement
     from kennfeld.base.errors import InputError
-    from kennfeld.terminal.file_info import describe_file
+    from kennfeld.terminal.file_info import describe_file, text_lines
 
     good = False
     databases = sorted(path.parent.glob("*.dbc"))
     for work in (
-        lambda: describe_file(path, dbc=[str(database) for database in databases]).lines(),
+        lambda: text_lines(describe_file(path, dbc=[str(database) for database in databases])),
         *([lambda: _import_model(path)] if path.suffix in (".slx", ".mdl") else []),
         *([lambda: _import_classes(path)] if path.suffix in (".esdl", ".axl", ".amd") else []),
         *([lambda: _import_tasks(path)] if path.suffix == ".app" else []),

@@ -9,7 +9,7 @@ from kennfeld.app.folders import plain_name
 from kennfeld.base.errors import Findings
 from kennfeld.domain import file_spans
 from kennfeld.importers.c.preprocessing import preprocess
-from kennfeld.models import function_files
+from kennfeld.models import function_files, importer_registry
 from kennfeld.preprocessing import recording_sources, recordings
 
 
@@ -18,6 +18,7 @@ def windows(monkeypatch):
     """Paths are split as on Windows."""
     monkeypatch.setattr(file_spans, "PurePath", PureWindowsPath)
     monkeypatch.setattr(function_files, "Path", PureWindowsPath)
+    monkeypatch.setattr(importer_registry, "Path", PureWindowsPath)
     monkeypatch.setattr(recording_sources, "PurePath", PureWindowsPath)
     monkeypatch.setattr(recordings, "Path", PureWindowsPath)
 
@@ -38,8 +39,8 @@ def test_the_colon_of_a_drive_does_not_separate_a_function(reference, parts):
 
 
 def test_the_kind_of_a_function_file_does_not_depend_on_its_drive():
-    assert function_files.kind_of(r"D:\a\KNOCK.ONNX").suffixes == (".onnx",)
-    assert function_files.kind_of(r"D:\a.onnx\engine") is None
+    assert function_files.importer_of_function(r"D:\a\KNOCK.ONNX").endings == (".onnx",)
+    assert function_files.importer_of_function(r"D:\a.onnx\engine") is None
 
 
 def test_files_are_told_apart_by_the_ends_of_their_paths():

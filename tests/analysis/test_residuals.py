@@ -10,7 +10,9 @@ from kennfeld import Criterion, Cube, Curve, Dataset, Map, ParameterSet, Scalar,
 from kennfeld.analysis.cell_errors import tally
 from kennfeld.analysis.evaluation import Evaluator
 from kennfeld.analysis.leverage import sample_leverage
+from kennfeld.analysis.residual_statistics import ErrorCounts, ErrorRange
 from kennfeld.analysis.residuals import analyse, residuals
+from kennfeld.base.sample_statistics import Moments, Ranks
 from kennfeld.optimize import Problem
 from kennfeld.optimize.quality.lookup_coverage import Lookups, coordinates
 
@@ -279,3 +281,17 @@ def test_neighbours_in_time_with_errors_of_one_sign_are_one_event():
     curve = Curve("C", [0, 1], [0.0, 0.0])
     (found,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))
     assert [(w.sample, w.error) for w in found.worst] == [(11, 7), (7, 5), (5, -4), (2, 3), (12, 1), (0, 0)]
+
+
+@pytest.mark.parametrize("first", [(np.nan,) * 3, (0.1, 0.1, 0.1)])
+def test_the_step_is_that_of_the_parts_that_have_one(first):
+    none = np.zeros(0)
+    parts = [
+        ErrorCounts(
+            Moments.of(none), Moments.of(none), ErrorRange.of(none), ErrorRange.of(none), Ranks.of(none), steps, ""
+        )
+        for steps in (first, (0.1, 0.1, 0.1), (np.nan,) * 3)
+    ]
+    for part in parts[1:]:
+        parts[0].merge(part)
+    assert parts[0].step == 0.1

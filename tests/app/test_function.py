@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.session.function_source import ImportSource
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import SetKeys, SetText
 from kennfeld.base.errors import ArgumentError, InputError
 from tests.importers.simulink.simulink_files import Model
@@ -154,9 +154,9 @@ def test_an_unknown_block_is_named_and_the_blocks_are_still_shown(sensor: Sessio
 
 def test_settings_of_another_kind_are_no_reason_to_fail(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), 3), (("model", "parameters"), 4), (("calibration", "initial"), 5))
-    source = SimulinkSource.of(sensor.settings, sensor.path.parent)
+    source = ImportSource.of(sensor.settings, sensor.path)
     assert source is not None
-    assert (source.bind, source.parameters) == ((), ())
+    assert (source.request.options.bind, source.request.options.parameters) == ((), ())
 
 
 def test_formula_text_that_a_model_is_converted_to_gives_the_same_errors(sensor: Session) -> None:
@@ -236,5 +236,5 @@ def test_a_misspelt_name_is_found_at_its_character(torque: Path) -> None:
 
 
 def test_formula_text_has_no_diagram(torque: Path) -> None:
-    with pytest.raises(ArgumentError, match="not a Simulink model"):
+    with pytest.raises(ArgumentError, match="not in a file of another tool"):
         QUESTIONS["diagram"](Session(torque), {})

@@ -176,7 +176,7 @@ def test_a_class_becomes_formula_text_with_the_same_scores(accu: Session) -> Non
     COMMANDS["convert-function"](accu, {})
     assert accu.settings["model"] == {"file": "Accu.kf"}
     assert accu.require_view().now.scores[0].rmse == pytest.approx(before, rel=1e-12)
-    with pytest.raises(ArgumentError, match="is not an ASCET model"):
+    with pytest.raises(ArgumentError, match="not in a file of another tool"):
         program(accu)
 
 

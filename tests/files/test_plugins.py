@@ -15,6 +15,7 @@ from kennfeld.base.errors import InputWarning
 from kennfeld.files import identify
 from kennfeld.files.plugins import formats_of_plugins
 from kennfeld.terminal.file_info import describe_file
+from tests.files.packages import forget_packages, install
 
 PAGE = Path(__file__).parents[2] / "docs" / "adding-a-format.md"
 LOG = "ACME1\ntime x/V y/Nm\n0 1 2.1\n0.1 2 3.9\n0.2 3 6\n0.3 4 8.2\n"
@@ -34,23 +35,14 @@ initial = 1.0
 """
 
 
-def install(folder, module, code, entry):
-    """Put a package with one entry point into a folder, as an installer does."""
-    (folder / f"{module}.py").write_text(code, encoding="utf-8")
-    facts = folder / f"{module}-1.0.dist-info"
-    facts.mkdir()
-    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n", encoding="utf-8")
-    (facts / "entry_points.txt").write_text(f"[kennfeld.formats]\n{entry}\n", encoding="utf-8")
-
-
 @pytest.fixture
 def packages(tmp_path, monkeypatch):
     folder = tmp_path / "packages"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
-    formats_of_plugins.cache_clear()
+    forget_packages()
     yield folder
-    formats_of_plugins.cache_clear()
+    forget_packages()
 
 
 @pytest.fixture
@@ -135,8 +127,8 @@ def test_a_package_in_the_present_folder_is_not_loaded(tmp_path, monkeypatch, pl
     install(tmp_path, "stranger", "raise SystemExit('code of a stranger')", "stranger = stranger:FORMAT")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [place and str(tmp_path), *sys.path])
-    formats_of_plugins.cache_clear()
+    forget_packages()
     try:
         assert formats_of_plugins() == ()
     finally:
-        formats_of_plugins.cache_clear()
+        forget_packages()

@@ -49,6 +49,17 @@ def test_neurons_are_equal_if_those_that_use_them_do_so_by_equal_weights():
     assert equal_neurons(network(), weights(first, LAST[[0, 1, 1, 2, 3]])) == {"first": (2, 4)}
 
 
+def test_a_layer_that_uses_one_of_two_equal_neurons_tells_them_apart():
+    b = GraphBuilder()
+    hidden = b.dense(DenseLayer("hidden", 1, 2, "tanh"), b.input("x"))
+    (short,) = b.dense(DenseLayer("short", 1, 1), hidden[0])
+    (both,) = b.dense(DenseLayer("both", 2, 1), *hidden)
+    graph = b.finish({"y": b.call("add", short, both)}, {}, ("y",))
+    equal = [Block("hidden", np.array([[0.5, 0.5], [0.1, 0.1]])), Block("both", np.ones((3, 1)))]
+    assert equal_neurons(graph, ParameterSet([*equal, Block("short", np.array([[2.0], [0.0]]))])) == {}
+    assert equal_neurons(graph, ParameterSet([*equal, Block("short", np.zeros((2, 1)))])) == {"hidden": (2, 2)}
+
+
 @pytest.mark.parametrize(("activation", "counts"), [("tanh", {"first": (4, 4)}), ("relu", {})])
 def test_mirrored_neurons_are_equal_if_the_activation_is_odd(activation, counts):
     first = np.hstack([FIRST[:, :2], -FIRST[:, :2]])

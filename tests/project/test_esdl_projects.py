@@ -131,8 +131,8 @@ def test_a_list_of_tasks_is_a_key(folder):
     [
         ('file = "Battery/Cell/Accu.esdl"\nclass = "Akku"', "unknown class Akku"),
         ('file = "Battery/Cell/Accu.esdl"\nfolders = ["Nowhere"]', "folder Nowhere does not exist"),
-        ('file = "model.kf"\nclass = "Accu"', "class, methods and startup require a class of ASCET"),
-        ('file = "Battery/Cell/Accu.esdl"\nsubsystem = "A"', "require a Simulink model"),
+        ('file = "model.kf"\nclass = "Accu"', "class requires an ASCET project, got model.kf"),
+        ('file = "Battery/Cell/Accu.esdl"\nsubsystem = "A"', "subsystem requires a Simulink model"),
         ('file = "Battery/Cell/None.esdl"', "does not exist"),
     ],
 )

@@ -14,10 +14,12 @@ from kennfeld.domain import parameter_set
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.importers.simulink.formula_export import write_formula
+from kennfeld.importers.simulink.importer import IMPORTER
 from kennfeld.importers.simulink.importing import simulink
 from kennfeld.models import merge_start_values
 from kennfeld.models.formula import read as read_formula
+from kennfeld.models.importer import ImportOptions, ImportRequest
+from kennfeld.models.model_export import write_formula
 from kennfeld.optimize.api import calibrate, simulate
 from kennfeld.project import Project
 from kennfeld.project.demo import write
@@ -152,7 +154,7 @@ def test_a_variable_without_a_value_is_named_with_its_block(drawn):
 
 def test_keys_of_drawn_models_are_refused_for_formula_text(shop):
     shop.change("[model]", "[model]\nsubsystem = 'A'")
-    assert any("require a Simulink model" in str(finding) for finding in shop.findings())
+    assert any("subsystem requires a Simulink model" in str(finding) for finding in shop.findings())
 
 
 def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
@@ -174,8 +176,8 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
 def test_python_writes_formula_text_though_no_calibration_file_was_read_before(drawn, monkeypatch):
     monkeypatch.setattr(parameter_set, "_writer", None)
     (drawn.folder / "init.m").write_text("Slope = 3;")
-    folder = str(drawn.folder)
-    written = write_formula(f"{folder}/line.slx", f"{folder}/line.kf", parameters=[f"{folder}/init.m"])
+    request = ImportRequest(drawn.folder / "line.slx", ImportOptions(parameters=(drawn.folder / "init.m",)))
+    written = write_formula(IMPORTER, request, drawn.folder / "line.kf")
     assert [path.name for path in written] == ["line.kf", "line.json"]
     assert read(written[1])["Slope"].value == 3
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import ArgumentError, InputError
-from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, dynamic_training
 from kennfeld.surrogate.model_selection import _lowest, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings
@@ -425,3 +425,14 @@ def test_a_model_that_runs_away_is_limited_beyond_its_training_data(monkeypatch)
     assert "free runs left the training data far behind" in model.remarks[0]
     assert np.isfinite(model.simulate(np.full((10_000, 1), 9.0))).all()
     assert train_surrogate(data, tank_settings(limits=(-np.inf, np.inf))).limits == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize("sampling", [0.01, 0.1, 1.0])
+def test_a_mask_applies_to_the_raster_by_the_nearest_sample(sampling):
+    time = np.arange(0.0, 12.0, sampling)
+    channels = [Channel("u", np.sin(time)), Channel("y", np.cos(time))]
+    dataset = Dataset("drive", channels, time, scored=time >= 5.0 - 1e-9)
+    [recording] = split_recordings(dataset, ["u"], "y", 0.1)
+    raster = 0.1 * np.arange(recording.scored.size)
+    begin = 5.0 if sampling < 0.5 else 4.5
+    assert raster[recording.scored][0] == pytest.approx(begin, abs=1e-6)

@@ -12,7 +12,7 @@ import kennfeld as kf
 from kennfeld.base.errors import InputError
 from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
-from kennfeld.terminal.file_info import describe_file
+from kennfeld.terminal.file_info import describe_file, text_lines
 from tests.measurement.bus_files import DBC, drive, write_mf4
 
 
@@ -28,7 +28,7 @@ def written(tmp_path):
 
 def test_a_recording_tells_its_time_and_what_is_left_out(written):
     found = describe_file(written("drive.csv", "time,Speed,note\ns,rpm,\n0.0,1000,cold\n0.1,,warm\n0.2,1200,warm\n"))
-    text = "\n".join(found.lines())
+    text = "\n".join(text_lines(found))
     assert found.summary.startswith("drive.csv: measurement (CSV)")
     assert "time from 0 s to 0.2 s, a sample every 0.1 s" in text
     assert "columns without numbers: note" in text
@@ -65,7 +65,7 @@ def test_a_recording_of_several_rasters_tells_each(tmp_path):
                 states = Signal((time > 0).astype(np.uint8), time, name="on", conversion={"val_0": 0, "text_0": "off"})
                 file.append([Signal(time, time, name=f"Speed{label}", unit="rpm"), states], comment=label)
             file.save(tmp_path / "drive.mf4")
-    text = "\n".join(describe_file(tmp_path / "drive.mf4").lines())
+    text = "\n".join(text_lines(describe_file(tmp_path / "drive.mf4")))
     assert "channel in 10ms" in text
     assert "100 Hz" in text
     assert "1 Hz" in text
@@ -121,7 +121,7 @@ TEXTSTRING Version
   TEXT "V1.2"
 END
 """
-    shown = "\n".join(describe_file(written("set.dcm", text)).lines())
+    shown = "\n".join(text_lines(describe_file(written("set.dcm", text))))
     assert "AxisSpeed" in shown
     assert "V1.2" in shown
 
@@ -245,7 +245,7 @@ def test_a_simulink_model_is_told_by_its_content(written):
         found = describe_file(written(name, DIAGRAM))
         assert found.summary.startswith(f"{name}: Simulink model (version 8.5), 2 blocks")
         assert found.as_json["inputs"] == [{"name": "n", "unit": "rpm"}]
-    assert "rpm" in "\n".join(found.lines())
+    assert "rpm" in "\n".join(text_lines(found))
 
 
 def test_a_zipped_simulink_model_and_a_data_dictionary_are_told(tmp_path):
@@ -334,7 +334,7 @@ def test_files_of_other_packers_are_to_be_unpacked(tmp_path, start):
 def test_an_hdf5_file_that_matlab_did_not_write_is_a_measurement(tmp_path):
     with h5py.File(tmp_path / "bench.h5", "w") as file:
         file["Speed"], file["group/Torque"] = np.arange(3.0), np.arange(3.0)
-    assert "measurement (HDF5)" in "\n".join(describe_file(tmp_path / "bench.h5").lines())
+    assert "measurement (HDF5)" in "\n".join(text_lines(describe_file(tmp_path / "bench.h5")))
 
 
 def test_a_bus_log_is_described_by_its_databases(tmp_path):
@@ -344,7 +344,7 @@ def test_a_bus_log_is_described_by_its_databases(tmp_path):
         describe_file(path)
     description = describe_file(path, dbc=[str(database)])
     assert description.summary.startswith("drive.mf4: measurement (MDF), 4 channels over 20 samples and 3 channels")
-    assert "Engine.Speed" in "\n".join(description.lines())
+    assert "Engine.Speed" in "\n".join(text_lines(description))
 
 
 def test_a_function_of_a_file_is_described_without_running_it(tmp_path):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from kennfeld.base.errors import InputError
-from kennfeld.terminal.file_info import describe_file
+from kennfeld.terminal.file_info import describe_file, text_lines
 from kennfeld.terminal.label_search import find_entries
 
 DRIVE = "time [s],EngineSpeed [rpm],WheelSpeed [rpm],Torque [Nm],rad[3],note\n" + "".join(
@@ -50,7 +50,7 @@ def test_how_many_were_found_is_told(drive):
 def test_a_column_without_numbers_is_found_as_such(drive):
     found = find_entries(drive, "note")
     assert channels(found) == []
-    assert found.lines()[-1] == "columns without numbers: note"
+    assert text_lines(found)[-1] == "columns without numbers: note"
     assert found.as_json["tables"][0]["left_out"] == ("note",) or found.as_json["tables"][0]["left_out"] == ["note"]
 
 

@@ -55,18 +55,23 @@ def autocorrelation(
 
 
 def count_lags(starts: Sequence[int] | Int, samples: int, most: int = MAX_LAGS) -> int:
-    """Return the greatest lag that is used, in samples."""
+    """Choose the greatest lag, in samples."""
     edges = [*(int(start) for start in starts), samples]
     return min(most, max((b - a for a, b in pairwise(edges)), default=0) // 4)
 
 
 def of_products(products: LaggedProducts, count: int, step: float | None) -> Autocorrelation | None:
-    """Return the autocorrelation from sums of products of `count` known errors; None if there are too few."""
+    """Divide sums of products of `count` known errors by those at lag 0; None if there are too few errors.
+
+    `step` is the time between samples in s; None counts lags in samples.
+    """
     sums, pairs = products.sums, products.pairs
     if count < MIN_SAMPLES or not (np.isfinite(sums).all() and sums[0] > 0):
         return None
+    # divided by the pairs of each lag: gaps and ends of pieces leave fewer of them
     covariance = np.divide(sums, pairs, out=np.zeros(sums.size), where=pairs > 0)
     values = covariance / covariance[0]
     unit = "samples" if step is None else "s"
     steps = np.arange(sums.size, dtype=np.float64) * (step or 1.0)
+    # r(k) of white noise is about normal with the deviation 1 / sqrt(n) (M. S. Bartlett, 1946)
     return Autocorrelation(steps, values, 1.96 / np.sqrt(count), count / inflation(sums, pairs), unit)

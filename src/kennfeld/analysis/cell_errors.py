@@ -40,7 +40,11 @@ class Tally:
 
 
 def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[CriterionSeries]) -> Tally:
-    """Sum errors by criterion, cell and use, and count samples at grid points, in one pass over all lookups."""
+    """Sum errors by criterion, cell and use, and count samples at grid points, in one pass over all lookups.
+
+    `series` are the criteria on all datasets; the errors are in the unit of their target.
+    """
+    # the lookups of a dataset are located once for all its criteria
     by_dataset: dict[tuple[str, Use], list[CriterionSeries]] = {}
     for entry in series:
         by_dataset.setdefault((entry.bound.dataset.name, entry.bound.dataset.use), []).append(entry)
@@ -113,6 +117,7 @@ def _count_corners(lookup: Lookup, counts: Bool) -> Int:
     """Return how many of the samples that count give each grid point a weight."""
     touching = np.zeros(lookup.table.size, dtype=np.int64)
     for at, weight in lookup.corners:
+        # a sample on a breakpoint gives the corners beyond it the weight 0: it does not touch them
         touching += np.bincount(at[counts & (weight != 0)], minlength=touching.size)
     return touching
 

@@ -128,6 +128,7 @@ def _hold_out_pieces(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, sl
     """Assign whole pieces, the longest first, each to the smallest fold."""
     held_out = [_masks(datasets) for _ in range(count)]
     sizes, members = [0] * count, [dict[int, list[int]]() for _ in range(count)]
+    # R. L. Graham: Bounds on Multiprocessing Timing Anomalies, 1969: short pieces even out what long ones leave
     for i, piece in sorted(pieces, key=lambda entry: (entry[1].start - entry[1].stop, entry[0], entry[1].start)):
         at = int(np.argmin(sizes))
         held_out[at][i][piece] = True
@@ -154,6 +155,7 @@ def _hold_out_blocks(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, sl
         for i, piece in pieces:
             edges = np.linspace(piece.start, piece.stop, count + 1).round().astype(int)
             first, last = int(edges[number]), int(edges[number + 1])
+            # steady-state points are independent of their neighbours
             gap = int(GAP * (last - first)) if datasets[i].time is not None else 0
             excluded[i][max(first - gap, piece.start) : min(last + gap, piece.stop)] = True
             held_out[i][first:last] = True
@@ -246,6 +248,7 @@ def _folds_on_cluster(
     """Yield the rows of all folds, which run as tasks of a cluster."""
 
     def receive(message: bytes) -> bool:
+        # `Stop` is raised in this process; the answer passes it on to the workers
         line: TraceLine = pickle.loads(message)
         try:
             if progress is not None:
@@ -254,6 +257,7 @@ def _folds_on_cluster(
             return True
         return False
 
+    # a copy, without what the problem has cached; a worker runs its fold alone
     shared = pickle_content((replace(problem), replace(options, cluster=None, workers=1)))
     items = [pickle_content((number, fold)) for number, fold in enumerate(folds, 1)]
     for rows in runner.map_with_messages(run_fold, shared, items, receive):
@@ -287,6 +291,7 @@ def _fold_problem(problem: Problem, fold: Fold | PartitionFold) -> Problem:
     for data, held_out, excluded in zip(training, fold.held, fold.excluded, strict=True):
         scored = np.ones(data.samples, dtype=bool) if data.scored is None else data.scored
         parts = [
+            # all samples remain in both: states run through held-out samples, too
             replace(data, scored=scored & ~held_out & ~excluded),
             replace(data, name=data.name + HELD_OUT, use="test", scored=scored & held_out),
         ]
@@ -303,6 +308,7 @@ def _without_partitions(problem: Problem, fold: PartitionFold) -> Problem:
     recipes, count = whole.recordings.recipes, len(whole.recordings.recipes)
     copies = tuple(replace(r, entry=replace(r.entry, name=r.entry.name + HELD_OUT, use="test")) for r in recipes)
     held = tuple(
+        # the copies of the datasets follow the originals, in the same order
         Partition(tuple(replace(part, dataset=part.dataset + count) for part in partition.parts))
         for partition in fold.held
     )
@@ -337,5 +343,6 @@ def _pool(quality: Sequence[Quality], criterion: str, use: str) -> tuple[int, fl
     """Return the number of samples and the RMSE over all datasets of one use."""
     rows = [row for row in quality if row.criterion == criterion and row.use == use and row.samples]
     samples = sum(row.samples for row in rows)
+    # RMSEs are pooled by their squares
     total = sum(row.samples * row.rmse_after**2 for row in rows)
     return samples, float(np.sqrt(total / samples)) if samples else float("nan")

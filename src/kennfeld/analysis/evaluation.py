@@ -26,23 +26,23 @@ class CriterionSeries:
 
     @cached_property
     def error(self) -> Float:
-        """Model minus measurement, NaN if not scored."""
+        """Model minus measurement, in `unit`, NaN if not scored; Float[kept samples]."""
         return self.model - self.measured
 
     @cached_property
     def scored(self) -> Bool:
-        """The scored samples."""
+        """The scored samples, Bool[kept samples]."""
         return np.isfinite(self.measured)
 
     @property
     def time(self) -> Float | None:
-        """Time of the kept samples in s; None for steady-state points."""
+        """Time of the kept samples in s, Float[kept samples]; None for steady-state points."""
         time, picked = self.bound.dataset.time, self.bound.picked
         return time if time is None or picked is None else time[picked]
 
     @property
     def piece(self) -> Int:
-        """Piece of each kept sample, counted from 0."""
+        """Piece of each kept sample, counted from 0; Int[kept samples]."""
         begins = np.zeros(self.bound.count, dtype=np.int64)
         begins[self.bound.starts] = 1
         return np.cumsum(begins) - 1
@@ -60,6 +60,7 @@ class Evaluator:
         self._graph = with_names(problem.graph, self._extra)
         self._against_node = [problem.target_node(criterion) is not None for criterion in problem.criteria]
         self._names = [difference(i) for i in range(len(problem.criteria))]
+        # the nodes behind the differences, in the order in which `_series` takes them
         self._names += [c.node for c, node in zip(problem.criteria, self._against_node, strict=True) if node]
         self._names += self._extra.values()
         self._nodes: list[tuple[ParameterSet, NodeSimulator]] = []
@@ -72,6 +73,7 @@ class Evaluator:
 
     def prepare(self, parameters: ParameterSet) -> NodeSimulator:
         """Return the compiled nodes for the axes of these parameters."""
+        # compiled code holds the breakpoints, so that other values on the same axes share it
         for known, nodes in self._nodes:
             if _same_axes(known, parameters):
                 return nodes

@@ -169,6 +169,7 @@ class _Uses:
 
     def merge(self, later: "_Uses") -> None:
         """Take in the uses over the following samples."""
+        # of equal scores the first stays, whatever the parts
         if later.worst is not None and (self.worst is None or later.score > self.score):
             number, piece = self.size + later.worst.sample, self.pieces + later.worst.piece
             self.worst, self.score = replace(later.worst, sample=number, piece=piece), later.score
@@ -198,6 +199,7 @@ class _Calls:
     def _farthest(self, bound: BoundDataset, search: "_FarthestPoint") -> Farthest | None:
         if not search.outside:
             return None
+        # `at` numbers kept samples, the row numbers all
         sample, time = int(bound.kept[search.at]), bound.dataset.time
         piece = int(np.searchsorted(bound.starts, search.at, "right")) if bound.hold is None else 1
         stamp = None if time is None else float(time[sample])
@@ -232,6 +234,7 @@ class _FarthestPoint:
 
     def _keep(self, at: Int, points: Float, distance: Float) -> None:
         excess = _beyond(self.validity, points).max(axis=-1)
+        # sorted by excess, then distance; of equal ones the earliest sample
         i = int(np.lexsort((-at, distance, excess))[-1])
         score = float(excess[i]), float(distance[i])
         if score > self.score:
@@ -242,6 +245,7 @@ def _beyond(validity: "Validity", points: Float) -> Float:
     """Return the distance of each coordinate beyond the training data, in lengths: Float[..., inputs]."""
     with np.errstate(invalid="ignore", over="ignore"):
         past = np.maximum(validity.least - points, points - validity.most) / validity.lengths
+    # a missing input is the worst of all
     return np.where(np.isnan(past), np.inf, np.maximum(past, 0.0))
 
 

@@ -34,6 +34,7 @@ def sample_leverage(
     Returns:
         Float[samples] by number of the series.
     """
+    # two passes: the total at each grid point must be known before it can be shared out
     located = {i: lookups.blocks(entry.bound) for i, entry in enumerate(series) if _fits(entry)}
     totals = LookupWeights()
     for i, own in located.items():
@@ -68,6 +69,7 @@ class LookupWeights:
                 total = result.totals.setdefault(lookup.table.name, np.zeros(lookup.table.size))
                 first, here = lookup.first_corner, own[lookup.samples]
                 for distance, weight in _positive_weights(lookup):
+                    # a corner is at the same distance behind the first one for all samples: one count, shifted
                     corner = np.bincount(first, weight * here, minlength=total.size)
                     total[distance:] += corner[: total.size - distance]
         return result
@@ -85,18 +87,20 @@ class LookupWeights:
         series: CriterionSeries,
         leverage: Mapping[str, Float],
     ) -> Float:
-        """Return the leverage of each sample of a series, once the weights of all samples are in."""
+        """Share out the leverage of grid points to samples of a series, Float[samples], after all weights are in."""
         pulls = np.zeros(series.bound.count)
         if not _fits(series):
             return pulls
         own = _weight(problem, series)
         for lookup in _reaching(lookups, located, series, leverage):
             total, table = self.totals[lookup.table.name], leverage[lookup.table.name].ravel()
+            # leverage per unit of weight
             each = np.divide(table, total, out=np.zeros(total.size), where=total > 0)
             first, pull = lookup.first_corner, np.zeros(lookup.known.size)
             for distance, weight in _positive_weights(lookup):
                 pull += each[distance:].take(first) * weight
             pulls[lookup.samples] += pull * own[lookup.samples]
+        # fmax also turns NaN into 0
         return np.fmin(np.fmax(pulls, 0.0), MAX_LEVERAGE)
 
 

@@ -33,7 +33,7 @@ class ActiveConstraint:
 
 
 def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[ActiveConstraint, ...]:
-    """Return for each shape and equality of a problem its active rows.
+    """Find the active rows of each shape and equality of a problem.
 
     Args:
         problem: with the constraints.
@@ -45,6 +45,7 @@ def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[Acti
     fixed = with_fixed_axes(parameters, free_axes(parameters))  # at the current breakpoints
     constraints = []
     for constraint in problem.constraints:
+        # one at a time, so that its rows are known as its own
         alone = replace(problem, parameters=fixed, pins=(), constraints=(constraint,), limits=())
         rows = linear_limits(alone, values).rows
         product, size = rows.times(flat), rows.size(flat)
@@ -55,6 +56,7 @@ def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[Acti
 
 def _near(product: Float, side: Float, size: Float) -> Bool:
     with np.errstate(invalid="ignore"):
+        # relative to the terms of the sum, whose rounding the product has; of infinite sides inf - inf is NaN
         return np.isfinite(side) & (np.abs(product - side) <= ACTIVE * (size + np.abs(side)))
 
 
@@ -70,13 +72,14 @@ class OutputRange:
 
 
 def output_ranges(problem: Problem, parameters: ParameterSet) -> tuple[OutputRange, ...]:
-    """Return the range of each limited output at given values.
+    """Compute the range of each limited output at given values, in its unit.
 
     Empty without limits, or if the data are on a cluster that is gone.
     """
     if not problem.limits:
         return ()
     try:
+        # two passes: what counts as beyond a limit of 0 depends on the range of the output
         spans = _merged(problem.each(_spans, parameters))
         slack = [_slack(limit, span) for limit, span in zip(problem.limits, spans, strict=True)]
         counts = np.sum([*problem.each(_count_beyond, parameters, slack)], axis=0).tolist()
@@ -102,6 +105,7 @@ def _limited_outputs(problem: Problem, parameters: ParameterSet) -> Iterator[tup
     texts = {f"\0output {i}": limit.node for i, limit in enumerate(problem.limits)}
     wheres = {f"\0where {i}": limit.where for i, limit in enumerate(problem.limits) if limit.where}
     model = extend(problem.model, texts | wheres, Location("limit"))
+    # the training data are bound again with the inputs that only the limits read
     grown = replace(problem, model=model, limits=(), parameters=parameters, partitions=None)
     nodes = problem.once("limited outputs", lambda _: NodeSimulator(model.graph, parameters, [*texts, *wheres]))
     for bound in grown.training:
@@ -132,6 +136,7 @@ def _merged(parts: Iterator[list[_Span]]) -> list[_Span]:
 def _slack(limit: Limit, span: _Span) -> Float:
     """Return by how much each side may be exceeded without counting, by rounding and the tolerance of a fit."""
     scale = 1e-6 * np.array([abs(limit.lower), abs(limit.upper)])
+    # a limit of 0 has no size of its own: that of the output counts
     typical = 1e-6 * max(abs(span.least), abs(span.greatest)) if span.known else 0.0
     return np.where(np.isfinite(scale) & (scale > 0), scale, typical)
 
@@ -141,6 +146,7 @@ def _count_beyond(problem: Problem, parameters: ParameterSet, slack: list[Float]
     counts = [0] * len(problem.limits)
     for i, values in _limited_outputs(problem, parameters):
         limit = problem.limits[i]
+        # so that NaN is not within
         within = (values >= limit.lower - slack[i][0]) & (values <= limit.upper + slack[i][1])
         counts[i] += int(np.count_nonzero(~within))
     return counts

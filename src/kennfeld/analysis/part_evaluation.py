@@ -155,13 +155,15 @@ class PartEvaluator:
         """Yield named nodes of the function over a part after the calibration, Float[kept samples]; a few at a time."""
         for at in range(0, len(names), NODES_AT_ONCE):
             group = tuple(names[at : at + NODES_AT_ONCE])
+            # threads evaluate parts: one of them compiles, the others wait for it
             with self._compiling:
                 if group not in self._nodes:
                     self._nodes[group] = NodeSimulator(self.problem.model.graph, self.parameters, group)
             yield from zip(group, self._nodes[group].values(evaluated.bound, self.parameters), strict=True)
 
     def over(self, part: BoundPart) -> EvaluatedPart:
-        """Return the criteria over a part."""
+        """Evaluate the criteria over a part; a dataset that is one part is evaluated once."""
+        # parts of a large dataset are evaluated anew in each pass, so that memory does not grow with the data
         if part.last - part.first < part.whole.count or part.whole.count > SAMPLES_PER_BLOCK:
             return self.evaluate(part)
         if id(part.whole) not in self._kept:
@@ -169,7 +171,7 @@ class PartEvaluator:
         return self._kept[id(part.whole)]
 
     def evaluate(self, part: BoundPart) -> EvaluatedPart:
-        """Return the criteria over a part, which is not kept."""
+        """Evaluate the criteria over a part, which is not kept."""
         start, end = self.sets
         after = self.criteria.over(part.bound, end)
         before = after.series if start is end else self.criteria.over(part.bound, start).series
@@ -236,12 +238,14 @@ class PartPasses:
         assert partitions is not None
         own = partitions_of(self.problem, dataset)
         remaining = iter(places or ())
+        # in the first pass the numbers of parts are not known yet, nor are the places
         counts = self._counts.get(dataset, [0] * len(own))
         items = [
             pickle_content((partition, [next(remaining) for _ in range(count)] if places else None))
             for partition, count in zip(own, counts, strict=True)
         ]
         results = partitions.runner.map(run_part_task, self._shared, items, pickle_content((task, *arguments)))
+        # filled while results come in, in the order of the partitions
         known = self._counts[dataset] = []
 
         def statistics() -> Iterator[_Statistic]:

@@ -33,7 +33,7 @@ class ErrorRange:
 
     @classmethod
     def of(cls, error: Float) -> "ErrorRange":
-        """Return the range of errors, Float[samples]."""
+        """Measure the range of errors, Float[samples]."""
         known = error[~np.isnan(error)]
         finite = _finite(known)
         low, high = finite.min(initial=np.inf), finite.max(initial=-np.inf)
@@ -76,12 +76,15 @@ class ErrorCounts:
         for name in ("target", "finite", "before", "after", "relative"):
             getattr(self, name).merge(getattr(later, name))
         first, low, high = self.steps
+        # a part whose pieces have one sample each has no step
+        first = later.steps[0] if np.isnan(first) else first
         self.steps = first, float(np.fmin(low, later.steps[1])), float(np.fmax(high, later.steps[2]))
 
     @property
     def step(self) -> float | None:
         """The time step in s if it is even."""
         step, low, high = self.steps
+        # NaN, of data without time, fails the comparison
         return step if max(high - step, step - low) <= EVEN * step else None
 
     def searches(self) -> "ErrorSearches":
@@ -106,15 +109,16 @@ def _finite(values: Float) -> Float:
 
 
 def relative_errors(series: CriterionSeries) -> Float:
-    """Return the errors over the size of the measurement, NaN if that is 0; Float[samples]."""
+    """Divide the errors by the size of the measurement, NaN if that is 0; Float[samples]."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         size = np.abs(series.measured)
         return np.where(size > 0, series.error / size, np.nan)
 
 
 def scaled_errors(error: Float, deviation: float, leverage: Float) -> Float:
-    """Return the errors over their standard deviation at samples of some leverage; Float[samples]."""
+    """Divide errors Float[samples] by their standard deviation, in their unit, at samples of some leverage."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        # var r_i = s^2 (1 - h_i)
         each = deviation * np.sqrt(1.0 - leverage)
         return np.where(each > 0, error / each, np.nan)
 
@@ -156,8 +160,9 @@ class RareErrors:
     possible: list[tuple[Float, Float]] = field(default_factory=list)  # other errors, and their leverages
 
     def part(self, error: Float, leverage: Float) -> "RareErrors":
-        """Return the same count over a part of a dataset: Float[samples], NaN if not scored."""
+        """Count over a part of a dataset: Float[samples], NaN if not scored."""
         size, root = np.abs(error), np.sqrt(1.0 - leverage)
+        # beyond 3 for every s up to the upper bound, or for some s from the lower one on
         low, high = BEYOND * np.array(self.bounds) * (1 - ROUNDING, 1 + ROUNDING)
         known = np.isfinite(size)
         certain = known & (size > high * root)
@@ -233,17 +238,19 @@ class ErrorDetails:
 
 
 def largest_places(series: CriterionSeries, count: int) -> tuple[Int, Float]:
-    """Return the samples with the largest errors of a part, and the size of all errors; -1 if not scored.
+    """Find the samples with the largest errors of a part, Int[count], and the size of all errors; -1 if not scored.
 
     Of samples in a row whose errors have one sign, only the one with the largest error counts.
     """
     size = np.abs(series.error)
     if not np.isfinite(size).all():
+        # a simulation that is not a number is the largest error
         size = np.where(series.scored, np.nan_to_num(size, nan=np.inf), -1.0)
     firsts = np.arange(size.size) if series.time is None else _begin_runs(series)
     peaks = np.maximum.reduceat(size, firsts) if size.size else size
     runs = np.arange(peaks.size)
     if peaks.size > count:
+        # a selection instead of a sort of all runs
         runs = np.argpartition(peaks, -count)[-count:]
     ends = np.append(firsts[1:], size.size)
     places = [firsts[run] + np.argmax(size[firsts[run] : ends[run]]) for run in runs[peaks[runs] >= 0]]
@@ -256,5 +263,6 @@ def _begin_runs(series: CriterionSeries) -> Int:
     kinds[~series.scored] = 2
     fresh = np.ones(kinds.size, dtype=bool)
     np.not_equal(kinds[1:], kinds[:-1], out=fresh[1:])
+    # an event ends with its piece
     fresh[series.bound.starts] = True
     return np.flatnonzero(fresh)

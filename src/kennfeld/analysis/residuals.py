@@ -212,6 +212,7 @@ class _ResidualScan:
                 continue
             counts.append((self._passes.extent(number, first.extents), first.counts.rows))
             self._weights.merge(first.weights)
+            # with states, all samples of a dataset would count, though it scores none
             if any(count.target.count for count in first.counts.rows):
                 cells.merge(first.cells)
         fits = []
@@ -234,8 +235,10 @@ class _ResidualScan:
         bounds = []
         for own in zip(*(rows for _, rows in counts), strict=True):
             pairs = [(extent.dataset.is_fitted, count) for (extent, _), count in zip(counts, own, strict=True)]
+            # the same choice as in `_deviation`
             used = [count for fitted, count in pairs if fitted and count.target.count] or list(own)
             total, samples = sum(c.after.sums.squares for c in used), sum(c.target.count for c in used)
+            # s^2 = sum r^2 / (n - sum h) with 0 <= sum h <= sum over grid points
             bounds.append((_root_of_share(total, samples), _root_of_share(total, samples - determined)))
         return bounds
 
@@ -312,6 +315,7 @@ class _DetailPlan:
     def of(
         cls, counts: Sequence[ErrorCounts], extent: DatasetExtent, rare: Sequence[RareErrors], worst: int, *, keep: bool
     ) -> "_DetailPlan":
+        # by the whole dataset, so that the sums of all parts have the same length
         lags = count_lags([0], extent.longest) if extent.is_timed else 0
         means, searches = [count.finite.mean for count in counts], [count.searches() for count in counts]
         return cls(means, searches, rare, lags, worst, keep)
@@ -363,6 +367,7 @@ def _largest(problem: Problem, place: PartPlace, series: CriterionSeries, levera
         )
         for at in places.tolist()
     ]
+    # merged into an empty one, which sorts and cuts
     largest = LargeErrors(worst)
     largest.merge(LargeErrors(worst, errors))
     return largest
@@ -392,7 +397,9 @@ def _summary(fit: Fit, deviation: float) -> Summary:
     counts, searches = fit.counts, fit.details.searches
     finite, variation = counts.finite, counts.target.squares
     with np.errstate(over="ignore"):
+        # sum e^2 = sum (e - mean)^2 + n mean^2
         squares = float(finite.squares + finite.count * np.float64(finite.mean) ** 2)
+    # R2 of a part of the samples would compare with the variation of all
     determined = variation > 0 and finite.count == fit.samples
     memory = None
     if fit.details.products is not None:

@@ -28,5 +28,5 @@ def finite(value: float) -> float | None:
 
 
 def finite_list(values: Float) -> list[float | None]:
-    """Return numbers for JSON in C order: None for those that are not finite."""
+    """Return numbers of any shape for JSON in C order: None for those that are not finite."""
     return [finite(value) for value in values.ravel().tolist()]

@@ -35,6 +35,7 @@ def write_archive(folder: Path, target: IO[bytes]) -> int:
 def archived_files(folder: Path) -> Iterator[Path]:
     """Yield the files of an archive, in the order of their paths."""
     for root, folders, files in os.walk(folder, followlinks=False):
+        # in place, which is how os.walk learns what to enter, and in which order
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             path = Path(root) / name

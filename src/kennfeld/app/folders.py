@@ -22,6 +22,7 @@ def confined(folder: Path, name: str) -> Path:
         exists = path.is_file()
     except (OSError, ValueError, RuntimeError) as error:
         raise ArgumentError(f"{name[:MAX_NAME]!r} is not a path: {error}") from None
+    # checked before existence, so that nobody can ask which files exist elsewhere
     if not path.is_relative_to(root):
         raise ArgumentError(f"{name[:MAX_NAME]!r} is outside of {root.name}")
     if not exists:

@@ -35,6 +35,7 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
     Raises:
         InputError: the project file does not exist, or the port is taken.
     """
+    # what the user has not allowed is refused here; the page asks
     with allowed_only():
         _launch(AppWorkspace(path), path, port, browser)
 

@@ -45,6 +45,7 @@ def recent_projects() -> list[RecentProject]:
 
 
 def _read(entry: object) -> RecentProject | None:
+    # earlier versions kept paths alone
     if isinstance(entry, str):
         return RecentProject(Path(entry))
     if not isinstance(entry, dict) or not isinstance(entry.get("path"), str):

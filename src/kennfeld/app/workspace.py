@@ -63,6 +63,7 @@ class AppWorkspace:
         if not path.is_file():
             raise InputError.of(Location(str(path)), "the project file does not exist", "Name a kennfeld.toml.")
         _remove_parts(path.parent)
+        # before the present one is closed, which stays open if this fails
         session = Session(path.resolve(), lambda: self._wake())
         self.close()
         self.session = session
@@ -72,6 +73,7 @@ class AppWorkspace:
         """Answer one question of a page. Raises `KennfeldError` if it cannot be answered."""
         if ask in _OWN:
             answer = _OWN[ask](self, given)
+            # these do not change the open project
             if ask not in ("projects", "forget"):
                 self._push("state", self.snapshot())
             return answer

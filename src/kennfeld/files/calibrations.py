@@ -121,7 +121,7 @@ ESDL = FileFormat(
     matches(_ESDL_PACKAGE),
     calibration=_convert_by("esdl.reader:read_esdl", "esdl.update:write_esdl", label="ESDL (ASCET)"),
     role=Role.PROGRAM,
-    describe="kennfeld.terminal.describers:describe_esdl",
+    describe="kennfeld.importers.ascet.file_info:describe_esdl",
 )
 AMD = FileFormat(
     "ASCET component",
@@ -129,7 +129,7 @@ AMD = FileFormat(
     _is_amd,
     calibration=_convert_by("amd.reader:read_amd", "amd.update:write_amd", label="AXL and AMD (ASCET 6)"),
     role=Role.PROGRAM,
-    describe="kennfeld.terminal.describers:describe_components",
+    describe="kennfeld.importers.ascet.file_info:describe_components",
 )
 SCRIPT = FileFormat(
     "MATLAB script",

@@ -13,7 +13,7 @@ _A2L_BLOCK = re.compile(
 )
 _DBC_LINE = re.compile(r"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)", re.MULTILINE)
 _SYM_TITLE = re.compile(r"\s*FormatVersion\s*=", re.IGNORECASE)
-_DESCRIBE_A2L = "kennfeld.terminal.describers:describe_a2l_file"
+_DESCRIBE_A2L = "kennfeld.calfiles.file_info:describe_a2l_file"
 _HOW_TO_DECODE = "Name a bus log and the database that decodes it: `kennfeld info drive.mf4 --dbc engine.dbc`."
 
 

@@ -45,7 +45,7 @@ def _is_simulink(head: FileHead) -> bool:
 def _is_enumeration(head: FileHead) -> bool:
     if head.ending != ".m" or not _CLASS.search(head.text):
         return False
-    return call("kennfeld.importers.simulink.variables.enumerations:enumeration_of", head.text) is not None
+    return call("kennfeld.matlab.enumerations:enumeration_of", head.text) is not None
 
 
 def _is_formula(head: FileHead) -> bool:
@@ -61,28 +61,37 @@ def _function(name: str, *endings: str, **settings: object) -> FileFormat:
 
 
 _DESCRIBERS = "kennfeld.terminal.describers"
+_SIMULINK = "kennfeld.importers.simulink.file_info"
 FORMULA = _function("formula text", ".kf", describe=f"{_DESCRIBERS}:describe_formula_file")
 SIMULINK = _function(
-    "Simulink model", ".slx", ".mdl", recognises=_is_simulink, describe=f"{_DESCRIBERS}:describe_simulink"
+    "Simulink model", ".slx", ".mdl", recognises=_is_simulink, describe=f"{_SIMULINK}:describe_simulink"
 )
-PROTECTED = _function("protected Simulink model", ".slxp", describe=f"{_DESCRIBERS}:describe_simulink")
+PROTECTED = _function(
+    "protected Simulink model",
+    ".slxp",
+    describe=f"{_SIMULINK}:describe_simulink",
+    description="a protected model; its blocks cannot be read",
+    remedy="Obtain the unprotected model, .slx or .mdl.",
+)
 FMU = _function(
     "FMU",
     ".fmu",
     recognises=lambda head: "modelDescription.xml" in head.members,
-    describe="kennfeld.terminal.fmu_info:describe_fmu_file",
+    describe="kennfeld.importers.fmu.fmu_info:describe_fmu",
 )
-ONNX = _function("ONNX network", ".onnx", describe="kennfeld.terminal.network_info:describe_network")
-C = _function("C source", ".c", describe="kennfeld.terminal.function_info:describe_functions")
-PYTHON = _function("Python source", ".py", describe="kennfeld.terminal.function_info:describe_functions")
-APPLICATION = FileFormat("ASCET application", (".app",), role=Role.PROGRAM, describe=f"{_DESCRIBERS}:describe_esdl")
+ONNX = _function("ONNX network", ".onnx", describe="kennfeld.importers.onnx.network_info:describe_network")
+C = _function("C source", ".c", describe="kennfeld.models.function_info:describe_functions")
+PYTHON = _function("Python source", ".py", describe="kennfeld.models.function_info:describe_functions")
+APPLICATION = FileFormat(
+    "ASCET application", (".app",), role=Role.PROGRAM, describe="kennfeld.importers.ascet.file_info:describe_esdl"
+)
 HEADER = FileFormat("C header", (".h",), role=Role.COMPANION, description="a C header", remedy="Name the C file.")
 DICTIONARY = FileFormat(
     "Simulink data dictionary",
     (".sldd",),
     lambda head: any(_DICTIONARY_PART.match(member) for member in head.members),
     role=Role.COMPANION,
-    describe=f"{_DESCRIBERS}:describe_dictionary",
+    describe=f"{_SIMULINK}:describe_dictionary",
     description="a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
     remedy="Convert the model: `kennfeld convert engine.slx engine.kf` writes its values to engine.json.",
 )
@@ -91,7 +100,7 @@ ENUMERATION = FileFormat(
     (".m",),
     _is_enumeration,
     role=Role.COMPANION,
-    describe=f"{_DESCRIBERS}:describe_enumeration",
+    describe=f"{_SIMULINK}:describe_enumeration",
 )
 SURROGATE = FileFormat(
     "surrogate",

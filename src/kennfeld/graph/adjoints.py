@@ -54,6 +54,7 @@ def partials(b: GraphBuilder, at: int, active: Collection[int]) -> Iterator[Part
         for a, write, condition in zip(args, rule.partials, conditions, strict=True):
             if a in active and write is not None:
                 factor = write(b, args, at) if condition is None else condition
+                # only the first argument has an edge of its range
                 if rule.edge is not None and a == args[0]:
                     factor = _cut_off(b, rule.edge(b, args), list(_ties(b, a, active)), factor)
                 yield Partial(a, factor, switches=condition is not None)
@@ -79,6 +80,7 @@ def _ties(b: GraphBuilder, at: int, active: Collection[int]) -> Iterator[int]:
     while stack:
         op, args, _ = b.nodes[stack.pop()]
         branches = args[-2:] if op in BRANCHING else ()
+        # two branches that vary meet at a kink; saturation needs one that does not
         if branches and not all(a in active for a in branches):
             yield b.call("eq", *branches)
         for a in branches or (args if op in ALGEBRAIC else ()):
@@ -94,6 +96,7 @@ def layer_partials(b: GraphBuilder, outputs: Mapping[int, int], active: Collecti
     """
     args, layer = next((b.nodes[at].args, b.nodes[at].payload.layer) for at in outputs)
     adjoints = {b.nodes[at].payload.number: adjoint for at, adjoint in outputs.items()}
+    # one pull of the whole layer needs an adjoint of each output
     every = tuple(adjoints.get(number, b.const(0.0)) for number in range(layer.outputs))
     for axis, a in enumerate(args):
         if a in active:
@@ -137,6 +140,7 @@ class AdjointProgram:
         adjoint: dict[int, float] = defaultdict(float)
         adjoint[self.roots[row]] = 1.0
         for of, onto, factor in self.pulls:
+            # a product with a zero is zero, even if the other factor is not finite
             if adjoint[of] != 0 and value(factor) != 0:
                 adjoint[onto] += adjoint[of] * value(factor)
         slopes = {leaf: adjoint[leaf] for leaf in self.reach[row]}
@@ -155,12 +159,14 @@ def pull_back(
         reached[root] |= (root in active) << row
     pulls: list[AdjointStep] = []
     leaves: list[int] = []
+    # all uses of a node come before it, so that its adjoint is complete when it is passed on
     for at in reversed(ancestors(b.nodes, [root for root in roots if root in active], active)):
         if not reached[at]:  # needed by steps alone, as a comparison
             continue
         if b.nodes[at].op == "state" or is_atom(b.nodes[at]):
             leaves.append(at)
         for argument, factor, switches in partials(b, at, active):
+            # all steps are products: a condition is a factor of 1 or 0
             share = b.call("select", factor, b.const(1.0), b.const(0.0)) if switches else factor
             pulls.append(AdjointStep(at, argument, share))
             reached[argument] |= reached[at]
@@ -176,6 +182,7 @@ def _without_copies(b: GraphBuilder, pulls: Sequence[AdjointStep], kept: Collect
     same: dict[int, int] = {}
     for of, onto, factor in pulls:
         if factor == unit and users[onto] == 1 and onto not in kept:
+            # the adjoint of `onto` is that of `of`, perhaps a copy itself
             same[onto] = same.get(of, of)
         else:
             yield AdjointStep(same.get(of, of), onto, factor)

@@ -51,6 +51,7 @@ class GraphBuilder:
 
     def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
         """Return the number of this node; add the node if it does not exist yet."""
+        # by their bits: 0.0 and -0.0 are equal, but different constants
         key = (op, args, payload.hex() if isinstance(payload, float) else payload)
         number = self._index.get(key)
         if number is None:
@@ -117,6 +118,7 @@ class GraphBuilder:
         """Return x within limits; a limit that is infinite, or by which x is limited already, is not written again."""
         inner = x
         missing: list[tuple[str, int]] = []
+        # written as min(max(x, lower), upper), so that the upper limit wins where both contradict each other
         for op, limit, none in (("min", upper, math.inf), ("max", lower, -math.inf)):
             if self._is(limit, none):
                 continue
@@ -180,6 +182,7 @@ class GraphBuilder:
 
     def _open_state(self, contents: Callable[[int], tuple[int, int]], latency: int) -> int:
         read = self.state(latency)
+        # asked for in `settle` only, as the contents may read this state
         self._open.append((read, contents))
         return read
 
@@ -188,6 +191,7 @@ class GraphBuilder:
         seen, stack = {node}, [node]
         while stack:
             op, args, payload = self.nodes[stack.pop()]
+            # a state that is not closed yet has no first value to follow
             if op == "state" and self.states[payload].init >= 0:
                 args = (self.states[payload].init,)
             further = [a for a in args if a not in seen]
@@ -204,6 +208,7 @@ class GraphBuilder:
             read, limits = self._limited.pop(0)
             which = self.nodes[read].payload
             init = self.within(self.states[which].init, *limits())
+            # limits that depend on the state at its start would make its first value depend on itself
             if not self._needs(init, read):
                 self.states[which] = self.states[which]._replace(init=init)
 

@@ -156,6 +156,7 @@ def _read(graph: Graph, free: Free, trajectories: Trajectories | None) -> Called
     }
     results = [at for at, node in enumerate(graph.nodes) if is_sequential(node)]
     if trajectories is not None:
+        # named, so that reducing the graph to its names keeps them
         names |= dict(zip(trajectories.names, results, strict=True)) | _inputs_of(graph, results)
     origin = replace(graph, names={**graph.names, **names})
     written = _Rewriting(graph, dict(zip(batched, batches, strict=True)), trajectories, results)
@@ -179,6 +180,7 @@ def _is_call(node: Node, function: ExternalFunction, args: Sequence[int]) -> boo
 
 
 def _batch(number: int, function: ExternalFunction, args: Sequence[int], moving: Collection[int]) -> BatchCall:
+    # names that no channel can have
     head = f"\0call{number}"
     own = tuple(at for at, node in enumerate(args) if node in moving)
     return BatchCall(
@@ -193,6 +195,7 @@ def _batch(number: int, function: ExternalFunction, args: Sequence[int], moving:
 
 def _trajectories(graph: Graph, results: Sequence[int], values: Sequence[TableValue]) -> Trajectories:
     tables = {value.table for value in values}
+    # slopes along values that reach no call would be columns of zeros
     reaching = {name for name in tables if not _reached(graph, name).isdisjoint(results)}
     own = tuple(value for value in values if value.table in reaching)
     head = "\0trajectory"
@@ -236,6 +239,7 @@ class _Rewriting:
     def _output(self, b: GraphBuilder, call: BatchCall, number: int, args: Sequence[int]) -> int:
         total = b.input(call.results[number])
         for argument, point, slope in zip(call.moving, call.points, call.slopes[number], strict=True):
+            # 0 at the current values; its derivative is that of the argument
             distance = b.call("sub", args[argument], b.input(point))
             total = b.call("add", total, b.call("mul", b.input(slope), distance))
         return total
@@ -244,10 +248,12 @@ class _Rewriting:
         assert self.trajectories is not None
         total = b.input(self.trajectories.results[number])
         for value, slope in zip(self.trajectories.values, self.trajectories.slopes[number], strict=True):
+            # the column of the result lacks the sum over the slopes, which makes it whole at the current values
             total = b.call("add", total, b.call("mul", b.input(slope), self._value(b, value)))
         return total
 
     def _value(self, b: GraphBuilder, value: TableValue) -> int:
         reference = self.tables[value.table]
+        # at whole positions an interpolation is the value itself, unless it is smoothed
         exact = TableRef(reference.name, reference.axes, (False,) * len(reference.axes))
         return b.node("interpolate", tuple(b.const(float(i)) for i in value.place), exact)

@@ -49,7 +49,7 @@ class DenseOutput(NamedTuple):
 
 
 def evaluate_layer(layer: DenseLayer, values: Float, x: Float) -> tuple[Float, Float]:
-    """Return outputs and slopes of the activation: Float[points, inputs] -> two arrays Float[points, outputs]."""
+    """Compute outputs and slopes of the activation: Float[points, inputs] -> two arrays Float[points, outputs]."""
     z = np.zeros((len(x), layer.outputs))
     for j in range(layer.inputs):
         z += x[:, j, None] * values[j]
@@ -66,6 +66,7 @@ def _activate(layer: DenseLayer, z: Float) -> tuple[Float, Float]:
             case "leaky_relu":
                 return np.where(z < 0, layer.alpha * z, z), np.where(z < 0, layer.alpha, 1.0)
             case "elu":
+                # e^z is also computed where it is not taken, and must not overflow
                 below = np.minimum(z, 0.0)
                 y = np.where(z < 0, layer.alpha * np.expm1(below), z)
                 return y, np.where(z < 0, layer.alpha * np.exp(below), 1.0)
@@ -73,5 +74,6 @@ def _activate(layer: DenseLayer, z: Float) -> tuple[Float, Float]:
                 y = np.tanh(z)
                 return y, 1.0 - y * y
             case _:
+                # 1 / (1 + e^-z) by e^-|z|, which cannot overflow; its slope y (1 - y) without cancellation
                 e = np.exp(-np.abs(z))
                 return np.where(z < 0, e, 1.0) / (1.0 + e), e / (1.0 + e) ** 2

@@ -94,11 +94,13 @@ def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Lineariza
     atom = partial(is_atom, free=free)
     live = dependents(graph, atom)
     b = GraphBuilder.of(graph)
+    # other states follow from the data alone and have no sensitivities
     carried = tuple(i for i, s in enumerate(graph.states) if s.init in live or s.next in live)
     seeds = tuple(b.node("state", (), i) for i in carried)
     rows = (*outputs, *(graph.states[i].next for i in carried))
     slopes = _slopes(b, rows, live | set(seeds), atom)
     starts = _starts(b, graph.states)
+    # in the extended graph, and without states, which first values do not read
     moving = {at for at, node in enumerate(b.nodes) if atom(node)}
     for at, node in enumerate(b.nodes):
         if not moving.isdisjoint(node.args):
@@ -110,6 +112,7 @@ def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Lineariza
 
 def _slopes(b: GraphBuilder, rows: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]) -> Slopes:
     nodes, visits = _extent(b, [row for row in rows if row in active], active)
+    # written out, code grows with rows times nodes; a shared pull-back pays only if the rows see the same nodes
     if visits > MAX_VISITS and visits > SHARED * nodes:
         return pull_back(b, rows, active, is_atom)
     overflow = _Overflow(b)
@@ -146,6 +149,7 @@ class _Overflow:
             return not isfinite(payload)
         if op in UNBOUNDED or op in ("div", "pow"):
             constant = self._nodes[args[-1]].payload if self._nodes[args[-1]].op == "const" else None
+            # a divisor that is a constant, or a constant exponent > 0, is finite for finite arguments
             tame = (op == "div" and constant not in (None, 0.0)) or (op == "pow" and (constant or -1.0) > 0)
             return self._infinite[args[0]] if tame else True
         return op in PASSING and any(self._infinite[a] for a in args)
@@ -153,9 +157,12 @@ class _Overflow:
 
 def _product(b: GraphBuilder, adjoint: int, factor: int, switched: bool, overflow: _Overflow) -> int:
     """Return the product of two slopes, 0 if one of them is 0 and the other may be infinite."""
+    # a constant is finite and not 0, so that nothing needs a guard
     if any(b.nodes[at].op == "const" and b.nodes[at].payload != 0 for at in (adjoint, factor)):
         return b.call("mul", adjoint, factor)
+    # the one that may be 0 beside an infinite other one decides, see `guard`
     by_adjoint, by_factor = switched or overflow(factor), overflow(adjoint)
+    # 0 if either is 0: the selection looks at the factor, the guard at the adjoint
     if by_adjoint and by_factor:
         return b.call("select", factor, b.call("guard", adjoint, factor), b.const(0.0))
     if by_factor:
@@ -179,6 +186,7 @@ def _reverse(
     order = ancestors(b.nodes, [root], active)
     layers = _layers(b.nodes, order)
     for at in reversed(order):
+        # the outputs of a layer are passed on together, at the first of them; the others are skipped below
         pulled = [output for output in layers.get(at, ()) if output in totals]
         if pulled:
             for argument, part in layer_partials(b, {output: totals[output] for output in pulled}, active):
@@ -195,8 +203,10 @@ def _reverse(
         if node.op == "dense":
             continue
         for argument, factor, switches in partials(b, at, active):
+            # a selection, not a product: an adjoint that is not finite must not leave the branch that is not taken
             part = b.call("select", factor, adjoint, b.const(0.0)) if switches else times(factor)
             totals[argument] = b.call("add", totals[argument], part) if argument in totals else part
+            # what a condition has switched off may be 0 all the way down
             if switches or at in switched:
                 switched.add(argument)
     return result
@@ -230,6 +240,7 @@ def _starts(b: GraphBuilder, states: Sequence[State]) -> list[int]:
         if node.op == "state":
             if node.payload in open_states:
                 raise ArgumentError("the first value of a state depends on itself")
+            # a state that is read while its own first value is computed is a loop
             open_states.add(node.payload)
             return at_start(states[node.payload].init)
         return b.rebuild(node, tuple(number[a] for a in node.args))

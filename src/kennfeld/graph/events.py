@@ -106,6 +106,7 @@ class _Step:
         signed = sizes * np.where(self.random.uniform(size=shape) < 0.75, 1.0, -1.0)
         scattered = near + self.random.normal(size=shape) * 0.3 * np.maximum(np.abs(near), 0.1)
         kind = self.random.integers(0, 3, shape)
+        # any magnitude, near a constant of the graph, or exactly at it, where conditions compare
         points: Float = np.choose(kind, [signed, scattered, near])
         return points
 
@@ -118,6 +119,7 @@ class _Step:
         parts = [slice(a, b) for a, b in pairwise(np.cumsum([0, *(origin.size for origin in origins)]).tolist())]
         first = np.concatenate([level[origin] for level, origin in zip(levels, origins, strict=True)])
         origin = np.concatenate(origins)
+        # bisection between two neighbouring points, for all changes of all conditions at once
         low, high = self.points[:, origin], self.points[:, (origin + 1) % POINTS]
         # at an equality of continuous values no point lies, so that beside it the condition itself is changed
         equal = {at: part for at, part in zip(candidates, parts, strict=True) if self.graph.nodes[at].op in EQUALITIES}
@@ -128,8 +130,10 @@ class _Step:
                 values = self._evaluate(middle, cone)
                 level = np.concatenate([self._level(at, values)[p] for at, p in zip(candidates, parts, strict=True)])
                 low, high = np.where(level == first, middle, low), np.where(level == first, high, middle)
+            # after 22 and 44 halvings: the gap of a jump is the same, that of a kink 2^-22 of it
             gaps.append(self._gaps(low, high, equal))
         apart = (gaps[1] > SHRUNK * gaps[0]) & (gaps[1] > JUMP * self._sizes(origin))
+        # what grows as the sides approach is a pole
         apart &= gaps[1] < GROWN * gaps[0]
         apart &= ~self._data_decide(low, high)
         jumps = np.logical_or.reduce(apart, axis=0)
@@ -138,6 +142,7 @@ class _Step:
         return [
             at
             for at, part in zip(candidates, parts, strict=True)
+            # a condition that never changed at these points may jump elsewhere
             if part.start == part.stop or jumps[part].mean() > least[at]
         ]
 
@@ -203,6 +208,7 @@ class _Step:
                 if op == "const":
                     values[at] = np.full(points.shape[1], payload)
                 elif at in row:
+                    # smooth and limited: a table itself does not jump
                     values[at] = sum((np.tanh(values[a]) for a in args), row[at])
                 else:
                     values[at] = np.array(OPERATIONS[op].evaluate(*(values[a] for a in args)), dtype=np.float64)

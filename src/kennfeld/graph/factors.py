@@ -27,6 +27,7 @@ def factors(graph: Graph) -> set[str]:
         if op == "lookup":
             result.add(str(payload))
         elif op in TRANSPARENT:
+            # the condition of a selection does not make its value 0
             more = {*(args[1:] if op == "select" else args)} - seen
             seen |= more
             pending += more

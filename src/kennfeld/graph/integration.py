@@ -138,6 +138,7 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
         return
     parts, dt = list(states.values()), builder.next_step()
     stages: list[list[int]] = []
+    # stage i: k_i = f(t + c_i dt, x + dt sum over j < i of a_ij k_j), for all continuous states together
     for node, row in zip(tableau.nodes, tableau.rows, strict=True):
         starts = [part.start for part in parts]
         slopes = [part.slope for part in parts]
@@ -150,6 +151,7 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
             slopes = _replace_nodes(builder, slopes, replaced)
         stages.append([_limited_slope(builder, *each) for each in zip(parts, slopes, starts, strict=True)])
     for which, part, *slopes in zip(states, parts, *stages, strict=True):
+        # limited once more, as a step may pass a limit that no stage has met
         new = _advanced(builder, part.start, tableau.weights, slopes, dt)
         builder.states[which] = builder.states[which]._replace(next=builder.within(new, part.lower, part.upper))
 
@@ -179,8 +181,10 @@ def _limited_slope(builder: GraphBuilder, part: Advance, slope: int, x: int) -> 
 def _replace_nodes(builder: GraphBuilder, roots: Sequence[int], place: Mapping[int, int]) -> list[int]:
     """Return the nodes of roots with some nodes replaced."""
     replaced = dict(place)
+    # numbers of nodes rise from arguments to results
     for at in sorted(_reached(builder.nodes, roots, replaced)):
         node = builder.nodes[at]
+        # a mark keeps the value of the start of the step, whatever its argument becomes in a stage
         if node.op == "hold" or all(replaced.get(a, a) == a for a in node.args):
             replaced[at] = at
         else:
@@ -210,6 +214,7 @@ def _effective_holds(graph: Graph) -> set[int]:
     moving: set[int] = set()
     effective: set[int] = set()
     for at, node in enumerate(graph.nodes):
+        # within a step, continuous states and the time move, and what depends on them up to the next mark
         if at in starts or node == ("input", (), "t"):
             moving.add(at)
         elif not moving.isdisjoint(node.args):
@@ -217,11 +222,11 @@ def _effective_holds(graph: Graph) -> set[int]:
     return effective
 
 
-def _without(source: GraphBuilder, graph: Graph, idle: Callable[[int], bool], target: GraphBuilder) -> Graph:
-    """Return the graph in a builder, with the names of another one, without those marks `hold` that are idle."""
+def _without(source: GraphBuilder, graph: Graph, redundant: Callable[[int], bool], target: GraphBuilder) -> Graph:
+    """Return the graph in a builder, with the names of another one, without redundant marks `hold`."""
     number: list[int] = []
     for at, node in enumerate(source.nodes):
         args = tuple(number[a] for a in node.args)
-        number.append(args[0] if node.op == "hold" and idle(at) else target.rebuild(node, args))
+        number.append(args[0] if node.op == "hold" and redundant(at) else target.rebuild(node, args))
     target.states = [state._replace(init=number[state.init], next=number[state.next]) for state in source.states]
     return target.finish({name: number[at] for name, at in graph.names.items()}, graph.units, graph.outputs)

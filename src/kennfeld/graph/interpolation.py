@@ -28,13 +28,14 @@ def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Floa
     place = np.interp(x, breakpoints, np.arange(breakpoints.size, dtype=np.float64))
     if extrapolation == "clip":
         return place
+    # the first and last cell go on beyond the ends
     below, above = breakpoints[0] - x, x - breakpoints[last]
     place = np.where(below > 0, -below / (breakpoints[1] - breakpoints[0]), place)
     return np.where(above > 0, last + above / (breakpoints[last] - breakpoints[last - 1]), place)
 
 
 def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float:
-    """Compute the slope of `position` with respect to x: 1 / width of the cell, 0 if x is clipped."""
+    """Compute the slope of `position` by x, Float[samples]: 1 / width of the cell, 0 if x is clipped."""
     last = breakpoints.size - 1
     if last == 0:
         return np.zeros_like(x)
@@ -60,7 +61,7 @@ def cell_weights(place: Float, count: int) -> tuple[Float, Float]:
 
 
 def regrid(values: Float, axes: Sequence[Axis], onto: Sequence[Axis], extrapolation: Extrapolation) -> Float:
-    """Interpolate the values of a table over `axes` at the grid points of as many other axes."""
+    """Interpolate the values of a table, Float[points of each axis], at the grid points of as many other axes."""
     for i, (before, after) in enumerate(zip(axes, onto, strict=True)):
         if not np.array_equal(before.breakpoints, after.breakpoints):
             place = position(after.breakpoints, before.breakpoints, extrapolation)
@@ -85,10 +86,11 @@ def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, w
     t = x[:, None] - breakpoints
     u = t / width
     inside = np.abs(u) < WINDOW
-    bell = np.exp(-0.5 * u * u) / np.sqrt(2 * np.pi)
+    normal_density = np.exp(-0.5 * u * u) / np.sqrt(2 * np.pi)
     rising = np.where(inside, ndtr(u), u > 0)
-    ramp = np.where(inside, t * ndtr(u) + width * bell, np.maximum(t, 0.0))
+    ramp = np.where(inside, t * ndtr(u) + width * normal_density, np.maximum(t, 0.0))
     if extrapolation == "linear":
+        # the ramps at the ends are exact, so that the ends have no kink to smooth
         ramp[:, 0], rising[:, 0] = t[:, 0], 1.0
         ramp[:, -1], rising[:, -1] = 0.0, 0.0
     widths = np.diff(breakpoints)
@@ -96,7 +98,10 @@ def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, w
 
 
 def _differences(share: Float, total: float) -> Float:
-    """Return the weights of the grid points, given the fraction of each interval passed."""
+    """Compute the weights of the grid points from the fraction of each interval passed, Float[samples, count - 1].
+
+    weight[i] = share[i - 1] - share[i]; before the first interval, `total` has been passed.
+    """
     edges = np.full((share.shape[0], 1), total)
     result: Float = np.hstack([edges, share]) - np.hstack([share, np.zeros_like(edges)])
     return result
@@ -112,9 +117,13 @@ def table_weights(sides: Sequence[Float], shape: tuple[int, ...]) -> Float:
 
 
 def interpolate(values: Float, sides: Sequence[Float]) -> Float:
-    """Interpolate with weights along each axis. Grid points of weight 0 are ignored, even if not finite."""
+    """Interpolate a table with weights Float[samples, count] along each axis; returns Float[samples].
+
+    Grid points of weight 0 are ignored, even if not finite.
+    """
     if not sides:
         return values.reshape(1)
+    # only grid points that some sample weighs
     support = [np.flatnonzero((side != 0).any(axis=0)) for side in sides]
     total = np.zeros(sides[0].shape[0])
     for corner in product(*support):

@@ -73,7 +73,7 @@ class Interpreter:
         starts: Sequence[int] = (0,),
         firsts: Sequence[int] | None = None,
     ) -> Evaluation:
-        """Compute the values of all nodes. `firsts` are the nodes of the states' first values, if known.
+        """Compute the values of all nodes over columns, Float[samples]. `firsts` are nodes of first values, if known.
 
         Pieces of the data that begin at different `starts` do not depend on each other and are computed side by side.
         """
@@ -92,6 +92,7 @@ class Interpreter:
             for row, value in zip(result, values, strict=True):
                 row[here] = value
             for ring, state in zip(memory, states, strict=True):
+                # the value that the state has in `latency` steps
                 ring.append(result[state.next, here])
                 del ring[0]
         return list(result)
@@ -100,6 +101,7 @@ class Interpreter:
         self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], firsts: Sequence[int] | None
     ) -> list[list[Float]]:
         """Return the contents of the states before the first sample; a state may start from others."""
+        # nodes of first values read no states, see `Linearization.starts`
         if firsts is not None:
             values = self._step(nodes, here, [np.array([np.nan])] * len(states))
             current = [values[at] for at in firsts]
@@ -223,6 +225,7 @@ class Interpreter:
         samples = next(c.size for c in columns.values())
         run = self.run(line.nodes, line.states, columns, starts, line.starts)
         width = sum(self.parameters[n].size if isinstance(n, str) else self.moving[n].size for n in offsets)
+        # dense over all columns: the reference is simple rather than fast
         weights = {at: self._atom(at, line.nodes, run, offsets, width) for at in {*line.atoms, *line.start_atoms}}
         jacobian = np.zeros((samples, len(line.outputs), width))
         memory: list[list[Float]] = []
@@ -253,6 +256,7 @@ class Interpreter:
             layer, number = node.payload
             first, args = offsets[layer.name], [run[a] for a in node.args]
             weights = np.zeros((len(run[0]), *layer.shape))
+            # dy_i/dw_ji = a'(z_i) x_j, with x = 1 for the bias
             weights[:, :-1, number], weights[:, -1, number] = _points(args), 1.0
             weights[:, :, number] *= self._layer(layer, args)[1][:, number, None]
             weights = weights.reshape(len(weights), -1)
@@ -292,6 +296,7 @@ def _first_nodes(nodes: Sequence[Node], states: Sequence[State]) -> list[int] | 
     while stack:
         at = stack[-1]
         if at in done or at in entered:
+            # the second visit of an entered node: all that it reads is done
             stack.pop()
             if at in entered:
                 entered.remove(at)
@@ -299,7 +304,9 @@ def _first_nodes(nodes: Sequence[Node], states: Sequence[State]) -> list[int] | 
                 order.append(at)
             continue
         entered.add(at)
+        # at the first sample, the read of a state is its first value
         read = (states[nodes[at].payload].init,) if nodes[at].op == "state" else nodes[at].args
+        # a node that is still being computed: a loop
         if not entered.isdisjoint(read):
             return None
         stack.extend(a for a in read if a not in done)

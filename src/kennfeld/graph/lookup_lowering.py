@@ -77,6 +77,7 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
         points = parameter.index_axes[which].breakpoints
         key = key_of(parameter, which) if parameter.axes else None
         key = key if key in movable else None
+        # equal bytes are one axis; breakpoints that are fitted may part, so those have their key
         number = axes.setdefault(key or points.tobytes(), len(kept))
         if number == len(kept):
             kept.append(points)

@@ -177,6 +177,7 @@ class _Order:
         stack = [root]
         while stack:
             at = stack[-1]
+            # reversed, so that the first argument is numbered first
             missing = [] if at in self.number else [a for a in reversed(self.nodes[at].args) if a not in self.number]
             if missing:
                 stack.extend(missing)
@@ -188,6 +189,7 @@ class _Order:
     def _keep(self, at: int) -> None:
         op, args, payload = self.nodes[at]
         if op == "state":
+            # states are numbered in the order in which they are first read
             if payload not in self._places:
                 self._places[payload] = len(self.states)
                 self.states.append(payload)
@@ -204,6 +206,7 @@ def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, i
     for user, used in needs.items():
         for at in used - {user}:
             users[at].add(user)
+    # names that use each other round a loop are one: such use does not make them inner nodes
     loop = _loops(needs, users)
     return tuple(name for name, at in names.items() if all(loop[user] == loop[at] for user in users[at]))
 
@@ -231,6 +234,7 @@ def _loops(needs: Mapping[int, set[int]], users: Mapping[int, set[int]]) -> dict
     `scipy.sparse.csgraph` does the same, but its import takes longer than a whole small calibration.
     """
     loop: dict[int, int] = {}
+    # the second walk goes against the edges of the first one; what it reaches is one component
     for root in reversed(_in_postorder(needs)):
         stack = [root]
         while stack:

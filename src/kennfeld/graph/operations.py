@@ -115,6 +115,7 @@ def _over_squares(w: Writer, x: int, a: int, b: int) -> int:
 
 
 def _power_base(w: Writer, base: int, exponent: int, _: int) -> int:
+    # with the exponent 0 the slope is 0, also at 0 to the power of -1
     return w.call("guard", exponent, w.call("pow", base, w.call("sub", exponent, w.const(1.0))))
 
 

@@ -43,6 +43,7 @@ def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> Graph
     """
     live = dependents(graph, lambda node: is_atom(node, free))
     kept = live | {at for at, node in enumerate(graph.nodes) if node.op == "position"}
+    # the border of the kept part: what it reads and does not compute itself
     used = _entering(graph, [graph.names[name] for name in outputs], kept)
     costs = _costs(graph)
     columns = {f"#{i}": at for i, at in enumerate(sorted(a for a in used - kept if costs[a] > _WORTH))}
@@ -77,5 +78,6 @@ def _costs(graph: Graph) -> list[int]:
     costs: list[int] = []
     for op, args, _ in graph.nodes:
         own = 1 if op in _CHEAP else _COST.get(op, 10)
+        # limited, as nodes that are shared on many levels count exponentially often
         costs.append(min(own + sum(costs[a] for a in args), 1000))
     return costs

@@ -11,7 +11,7 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Node
 
 LOGARITHMS = {"log": 1.0, "log10": 1 / math.log(10)}
-FAR = 20.0  # from which log(cosh(z)) is |z| - log(2) to the last digit
+FAR = 20.0  # |z| from which log(cosh(z)) is |z| - log(2) to the last digit
 
 
 def rebuild(b: GraphBuilder, node: Node, args: tuple[int, ...]) -> int:
@@ -42,6 +42,7 @@ def _exponents(b: GraphBuilder, at: int) -> list[int] | None:
     if op == "exp":
         return [args[0]]
     if op == "const" and payload > 0:
+        # c = exp(log(c))
         return [b.const(math.log(payload))]
     parts = [_exponents(b, a) for a in args] if op == "add" else [None]
     return None if None in parts else [exponent for part in parts for exponent in part or ()]
@@ -60,4 +61,5 @@ def _log_sum(b: GraphBuilder, x: int, y: int) -> int:
 def _log_cosh(b: GraphBuilder, at: int) -> int:
     size = b.call("abs", b.nodes[at].args[0])
     far = b.call("sub", size, b.const(math.log(2)))
+    # log(cosh(z)) = |z| - log(2) + log(1 + e^(-2 |z|)), of which the last term is below 5e-18 there
     return b.call("select", b.call("gt", size, b.const(FAR)), far, b.call("log", at))

@@ -20,6 +20,7 @@ def ancestors(
             if a not in seen and a not in without and (active is None or a in active):
                 seen.add(a)
                 stack.append(a)
+    # arguments have lower numbers than what is computed from them
     return sorted(seen)
 
 
@@ -30,6 +31,7 @@ def rewrite(graph: Graph, resolve: Callable[[GraphBuilder, int, tuple[int, ...]]
     number: list[int] = []
     for at, node in enumerate(graph.nodes):
         number.append(resolve(b, at, tuple(number[a] for a in node.args)))
+    # in the numbers of the new nodes, which `extract` reduces
     states = [State(number[s.init], number[s.next], s.latency) for s in graph.states]
     names = {name: number[at] for name, at in graph.names.items()}
     return extract(b.nodes, states, names, graph.units, graph.outputs)
@@ -39,6 +41,7 @@ def dependents(graph: Graph, source: Callable[[Node], bool], *, through_states: 
     """Return the nodes that depend on a node for which `source` is true, through states as well by default."""
     live = _forward(graph.nodes, source, ())
     while through_states:
+        # reads of states come before what is written to them: another pass, until no state joins
         states = {i for i, s in enumerate(graph.states) if s.init in live or s.next in live}
         grown = _forward(graph.nodes, source, states)
         if grown == live:

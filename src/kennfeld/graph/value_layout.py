@@ -33,6 +33,7 @@ class ValueLayout:
         flat = np.empty(self.total)
         for name, at in self.offsets.items():
             table = parameters[name]
+            # what is not fitted may be stored in another form: expansions with reciprocals of their widths
             flat[at : at + table.size] = table.values.ravel() if at < self.free else table.packed
         for key, at in self.moving.items():
             points = self._points(key, parameters)
@@ -44,7 +45,7 @@ class ValueLayout:
         return parameters[table].axes[which].breakpoints
 
     def unpack(self, flat: Float, parameters: ParameterSet) -> ParameterSet:
-        """Return the parameters with free values and free breakpoints replaced by those of the vector p."""
+        """Return the parameters with the free values and breakpoints of the vector p, Float[total]."""
         changed = [
             parameters[name].with_values(flat[at : at + parameters[name].size])
             for name, at in self.offsets.items()
@@ -54,13 +55,14 @@ class ValueLayout:
         return with_breakpoints(parameters.with_parameters(*changed), moved)
 
     def breakpoints(self, flat: Float, parameters: ParameterSet) -> dict[AxisKey, Float]:
-        """Return the free breakpoints of each axis."""
+        """Select the free breakpoints of each axis, Float[breakpoints], from the vector p, Float[total]."""
         free = {key: at for key, at in self.moving.items() if at < self.free}
         return {key: flat[at : at + self._points(key, parameters).size] for key, at in free.items()}
 
 
 def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> ValueLayout:
     """Assign offsets in the vector p to parameters and free axes."""
+    # rows of next values and of first values
     states = [*line.slopes.reach[len(line.outputs) :], *line.start_slopes.reach]
     atoms = (line.nodes[at] for row in states for at in row if at not in line.seeds)
     reaching = {atom.payload.key if atom.op == "position" else atom.payload.name for atom in atoms}
@@ -68,6 +70,7 @@ def order_values(line: Linearization, parameters: ParameterSet, used: Collection
     axes = free_axes(parameters)
     sizes: dict[str | AxisKey, int] = {name: parameters[name].size for name in used}
     sizes |= {key: len(axes[key].axis) for key in searched if key is not None}
+    # the order is that of the columns of J: those that need sensitivities of states come first
     groups = [
         [n for n in sizes if n in free and n in reaching],
         [n for n in sizes if n in free and n not in reaching],

@@ -1,91 +1,18 @@
-"""Functions in files of other tools, by the kinds of their files."""
+"""Functions in files of other tools, by references such as `engine.c:torque`."""
 
 from collections.abc import Callable, Collection, Mapping
 from hashlib import blake2b
-from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from kennfeld.base.errors import Findings, InputError, Location
-from kennfeld.base.formatting import join_names
-from kennfeld.files import functions as formats
-from kennfeld.files.file_format import FileFormat, call
+from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.files.file_format import call, resolve
+from kennfeld.models.importer import Importer
+from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
 
 CallableSources = Mapping[str, str | Path | Model | Callable[..., Any]] | Collection[ModelFunction]
-
-
-class FunctionKind(NamedTuple):
-    """A kind of file that holds functions.
-
-    Attributes:
-        label: the kind in messages.
-        format: the record of its files.
-        reader: `module:function` that reads a file, called as `read_function_file` calls it.
-        named: True if the name of the function follows a colon, as in `engine.py:torque`.
-        runs: True if the file holds code that the user's machine runs.
-        choices: what may follow a colon to choose how the file is used, also with `_` in place of `-`.
-        lister: `module:function` that returns the functions of a file by its path; empty if it holds one.
-        digester: `module:function` that returns the digest of a file with all that its code loads, by its path; empty
-            if that is the file alone.
-        companions: `module:function` that returns the other files that its code loads, by its path.
-        translated: True if functions of such files may be translated, and do not run then.
-    """
-
-    label: str
-    format: FileFormat
-    reader: str
-    named: bool
-    runs: bool
-    choices: tuple[str, ...] = ()
-    lister: str = ""
-    digester: str = ""
-    companions: str = ""
-    translated: bool = False
-
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """Endings of its files."""
-        return self.format.endings
-
-
-KINDS: tuple[FunctionKind, ...] = (
-    FunctionKind(
-        "an FMU",
-        formats.FMU,
-        "kennfeld.importers.fmu.importing:read_fmu",
-        named=False,
-        runs=True,
-        choices=("co-simulation", "model-exchange"),
-    ),
-    FunctionKind(
-        "a C file",
-        formats.C,
-        "kennfeld.importers.c.importing:read_function",
-        named=True,
-        runs=False,
-        lister="kennfeld.importers.c.importing:list_functions",
-    ),
-    FunctionKind(
-        "a Python file",
-        formats.PYTHON,
-        "kennfeld.importers.python.importing:read_function",
-        named=True,
-        runs=True,
-        lister="kennfeld.importers.python.importing:list_functions",
-        digester="kennfeld.importers.python.loaded_files:digest_of_loaded",
-        companions="kennfeld.importers.python.loaded_files:files_loaded_by",
-        translated=True,
-    ),
-    FunctionKind(
-        "an ONNX network",
-        formats.ONNX,
-        "kennfeld.importers.onnx.importing:read_function",
-        named=False,
-        runs=False,
-    ),
-)
 
 
 def split_reference(reference: str) -> tuple[str, str]:
@@ -97,21 +24,17 @@ def split_reference(reference: str) -> tuple[str, str]:
     ('plant.fmu', 'co-simulation')
     """
     file, _, function = reference.rpartition(":")
-    kind = _kind_of_file(file)
+    importer = importer_of(file) if file else None
     chosen = function.replace("_", "-")
-    if kind is not None and chosen.replace("-", "").isidentifier() and kind.choices:
+    if importer is not None and chosen.replace("-", "").isidentifier() and importer.choices:
         return file, chosen
     return (file, function) if function.isidentifier() and "." in Path(file).name else (reference, "")
 
 
-def kind_of(reference: str) -> FunctionKind | None:
-    """Return the kind of the file of a reference; None if it is of no kind that holds functions."""
-    return _kind_of_file(split_reference(reference)[0])
-
-
-def _kind_of_file(file: str) -> FunctionKind | None:
-    suffix = Path(file).suffix.casefold()
-    return next((kind for kind in KINDS if suffix in kind.suffixes), None)
+def importer_of_function(reference: str) -> Importer | None:
+    """Return the importer of a reference if formula text can call such functions; None for all else."""
+    importer = importer_of(split_reference(reference)[0])
+    return importer if importer is not None and importer.reads else None
 
 
 def read_function_file(reference: str, folder: Path, name: str = "", step: float | None = None) -> ModelFunction:
@@ -127,20 +50,20 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
     Raises:
         InputError: the file is of no known kind, or cannot be read.
     """
-    kind = kind_of(reference)
+    importer = importer_of_function(reference)
+    if importer is None:
+        raise InputError.of(
+            Location(reference), "not a file of functions", f"Known are {', '.join(callable_endings())}."
+        )
     path, function = split_reference(reference)
-    location = Location(reference)
-    if kind is None:
-        known = ", ".join(suffix for kind in KINDS for suffix in kind.suffixes)
-        raise InputError.of(location, "not a file of functions", f"Known are {known}.")
-    if kind.named and not function:
-        message = f"{kind.label} may hold several functions"
-        raise InputError.of(location, message, f'Name the function: "{reference}:NAME".')
-    if function and not kind.named and function not in kind.choices:
-        forms = [f'"{path}"', *(f'"{path}:{choice}"' for choice in kind.choices)]
-        raise InputError.of(location, f"{kind.label} holds one function", f"Write {join_names(forms, 4, ' or ')}.")
-    read: ModelFunction = call(kind.reader, folder / path, function, name, step)
+    importer.check_choice(path, function)
+    read: ModelFunction = call(importer.reads, folder / path, function, name, step)
     return read
+
+
+def callable_endings() -> tuple[str, ...]:
+    """Return the endings of files whose functions formula text can call."""
+    return tuple(ending for each in importers() if each.reads for ending in each.endings)
 
 
 def list_functions(path: Path) -> list[FunctionSummary]:
@@ -149,10 +72,10 @@ def list_functions(path: Path) -> list[FunctionSummary]:
     Raises:
         InputError: the file cannot be read.
     """
-    kind = kind_of(str(path))
-    if kind is None or not kind.lister:
+    importer = importer_of_function(str(path))
+    if importer is None or not importer.lists:
         raise InputError.of(Location(path.name), "not a file of several functions")
-    functions: list[FunctionSummary] = call(kind.lister, path)
+    functions: list[FunctionSummary] = call(importer.lists, path)
     return functions
 
 
@@ -161,17 +84,19 @@ def code_digest(path: Path) -> str:
 
     Raises `OSError` if the file cannot be read.
     """
-    kind = _kind_of_file(str(path))
-    if kind is None or not kind.digester:
+    importer = importer_of(str(path))
+    if importer is None or not importer.digest:
         return blake2b(path.read_bytes(), digest_size=32).hexdigest()
-    digest: str = call(kind.digester, path)
+    digest: str = call(importer.digest, path)
     return digest
 
 
 def companion_files(path: Path) -> tuple[Path, ...]:
     """Return the other files that the code of a file loads. Raises `OSError` if the file cannot be read."""
-    kind = _kind_of_file(str(path))
-    companions: tuple[Path, ...] = () if kind is None or not kind.companions else call(kind.companions, path)
+    importer = importer_of(str(path))
+    companions: tuple[Path, ...] = ()
+    if importer is not None and importer.companions:
+        companions = call(importer.companions, path)
     return companions
 
 
@@ -204,6 +129,8 @@ def named_functions(functions: CallableSources) -> Collection[ModelFunction]:
 
 
 def _python_function(function: Callable[..., Any], name: str) -> ModelFunction:
-    module = import_module("kennfeld.importers.python.importing")  # as readers are: it knows this module
-    read: ModelFunction = module.python_function(function, name=name)
+    wrap = next((each.wraps for each in importers() if each.wraps), None)
+    if wrap is None:
+        raise ArgumentError(f"{name} is a Python function, for which no importer is installed")
+    read: ModelFunction = resolve(wrap)(function, name=name)
     return read

@@ -9,6 +9,7 @@ from kennfeld.base.formatting import size_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter
 
+PARAMETER_KINDS = ("scalar", "curve", "map", "cube", "cube")  # by number of axes; more are those of an expansion
 _MAX_WRITTEN = 200  # values of a table that are written one by one
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+\Z")  # of a TOML table, without quotes
 

@@ -95,6 +95,7 @@ class Accumulator:
             runs = [list(chunks) for _, chunks in groupby(self.chunks, key=lambda chunk: chunk.piece)]
         entries, columns = self.kernel.entries.room, self.kernel.values.free
         stored = columns if stores_blocks(self.kernel) else columns * columns
+        # work of all samples over 20 times that of a matrix: each share clears, adds and keeps a matrix of its own
         useful = self.samples.count * (entries * entries + 100) // (20 * (stored + 1000))
         dealt = shares([sum(c.length for c in run) for run in runs], max(1, min(SHARES, useful)))
         return [[runs[i] for i in share] for share in dealt]
@@ -115,6 +116,7 @@ class Accumulator:
         def work(space: Workspace, runs: list[Run]) -> None:
             space.use(values)
             for run in runs:
+                # the states at the start of each chunk are kept: derivatives resume from them
                 space.start(run[0].first)
                 for chunk in run:
                     self._memory[chunk.number] = space.memory
@@ -124,6 +126,7 @@ class Accumulator:
         self._each_share(work)
         self._last = values.copy(), self.widths.copy()
         weights = np.array([self.samples.pieces[c.piece].scores for c in self.chunks]).reshape(sums.shape)
+        # a weight of 0 switches an output off even where its sum is infinite or NaN
         total: Float = np.where(weights == 0, 0.0, weights * np.where(weights == 0, 0.0, sums)).sum(axis=0)
         return total
 
@@ -165,11 +168,13 @@ class Accumulator:
             self._sum_sweeps(space, run)
         else:
             for residual, jacobian in self._row_blocks(space, run):
+                # half, as `fold` adds the transpose
                 space.matrix += 0.5 * (jacobian.T @ jacobian)
                 space.gradient += jacobian.T @ residual
 
     def _sum_sweeps(self, space: Workspace, run: Run) -> None:
         """Sweep backward over the chunks, keeping Q and L after each, then forward; see `sweeps`."""
+        # Q and L of all samples would fill the memory: those between chunks are kept, each chunk is swept back twice
         kept: list[tuple[Float, Float]] = []
         space.q[:], space.l[:] = 0.0, 0.0
         for chunk in reversed(run):
@@ -179,6 +184,7 @@ class Accumulator:
         self._resume(space, run[0])
         space.begin_sensitivities(run[0].first, add_start=True)
         for chunk, (q, l) in zip(run, reversed(kept), strict=True):  # noqa: E741
+            # of a single chunk, the tape and the sweep are still there
             if len(run) > 1:
                 space.q[:], space.l[:] = q, l
                 self._linearise(space, chunk)
@@ -202,7 +208,7 @@ class Accumulator:
             yield space.rows(chunk)
 
     def residual(self, values: Float) -> Float:
-        """Compute the residuals of `rows`."""
+        """Compute the residuals of `rows`, Float[samples * outputs]."""
         return self.rows(values)[0]
 
     def rows(self, values: Float) -> tuple[Float, Float]:
@@ -229,6 +235,7 @@ class Accumulator:
         counts = np.zeros((visits.size, m, self.kernel.values.free))
         for run in (run for share in self._shares for run in share):
             first, last = np.searchsorted(visits, [run[0].first, run[-1].last])
+            # S is carried from the start of the run, up to the last visit that is asked for
             needed = [chunk for chunk in run if last > first and chunk.first <= visits[last - 1]]
             for chunk, (_, jacobian) in zip(needed, self._row_blocks(space, needed), strict=True):
                 at = np.arange(*np.searchsorted(visits, [chunk.first, chunk.last]))
@@ -252,6 +259,7 @@ class Accumulator:
             met = space.met(chunk, owners[chunk.first : chunk.last])
             counts += np.bincount(np.setdiff1d(met, before, assume_unique=True) % columns, minlength=columns)
             both = np.union1d(before, met)
+            # owners do not decrease: only the last one may go on in the next chunk, and its columns count once
             before = both[both // columns == both[-1] // columns] if met.size else before
         return counts
 
@@ -274,6 +282,7 @@ class Accumulator:
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:
     pattern, e = kernel.pattern, kernel.entries.room
     m, n, swept = pattern.outputs, pattern.carried, pattern.carried if pattern.accumulates else 0
+    # bytes of a sample: residual and weight, C, A, Q and L, slopes; then columns and count as i32
     record = 8 * (2 * m + m * n + pattern.cells + swept * (swept + 1) + e * pattern.rows) + 4 * (e + 1)
     if not sparse:
         record += 8 * m * kernel.values.free

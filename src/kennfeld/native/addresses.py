@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 
 def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
-    """Return the address of the first element of an array.
+    """Check an array for compiled code, and return the address of its first element.
 
     Args:
         array: elements of the type `kind` in native byte order, contiguous in C order, aligned.
@@ -42,7 +42,7 @@ def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
 
 
 def strided(matrix: Float, size: int = 0) -> tuple[int, int]:
-    """Return the address of a matrix of doubles, and the number of doubles from one row to the next.
+    """Check a matrix of doubles, [rows, columns], and return its address and the doubles from one row to the next.
 
     Args:
         matrix: doubles whose rows may lie apart, each contiguous; see `is_strided`.
@@ -61,6 +61,7 @@ def is_strided(matrix: Float) -> bool:
     """Return True if `strided` accepts this matrix."""
     if matrix.dtype != DOUBLE or matrix.ndim != 2 or not matrix.flags.aligned:
         return False
+    # along an axis of one element or none, NumPy may state any stride; the code counts rows in whole doubles
     between, within = matrix.strides
     return (within == matrix.itemsize or matrix.shape[1] <= 1) and between % matrix.itemsize == 0
 

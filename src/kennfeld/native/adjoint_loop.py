@@ -52,11 +52,13 @@ def _pull(lanes: int) -> FunctionWriter:
     blocks = f.new(f"sdiv i64 {f.add('%rows', lanes - 1)}, {lanes}")
     last = f.add("%rows", -lanes)
     with f.loop(0, blocks) as block:
+        # the last block begins earlier rather than having fewer lanes; rows that it shares are computed twice
         row = f.extreme("smin", f.mul(block, lanes), last)
         _sweep(f, v, row, v.multiply)
         with f.when(_is_not_finite(f, v)):
             _sweep(f, v, row, partial(_guarded_product, v))
         with f.loop(0, "%entries") as entry:
+            # the slope at an entry is the adjoint of its atom times its weight in it
             adjoint = v.load("%adjoints", f.load_index("%sources", entry))
             place = f.add(f.mul(entry, "%rows"), row)
             v.store(_guarded_product(v, adjoint, f.load("%weights", entry)), "%slope", place)
@@ -90,6 +92,7 @@ def _is_not_finite(f: FunctionWriter, v: Vector) -> str:
     total = f.variable(v.kind, "zeroinitializer")
     with f.loop(0, "%leaf_count") as leaf:
         adjoint = v.load("%adjoints", f.load_index("%leaves", leaf))
+        # 0 for finite slopes, else NaN, which stays in the sum: one comparison for all leaves and lanes
         nothing = f.new(f"fmul {v.kind} {adjoint}, zeroinitializer")
         total.set(v("fadd", total.get(), nothing))
     result = ZERO
@@ -103,6 +106,7 @@ def _fill_matrices(f: FunctionWriter, v: Vector, row: str) -> None:
     for lane in range(v.lanes):
         own = f.add(row, lane)
         matrix = f.new(f"select i1 {f.new(f'icmp slt i64 {own}, %outputs')}, ptr %c, ptr %a")
+        # the adjoints of one lane only: each row has cells of its own
         with f.loop(f.load_index("%ends", own), f.load_index("%ends", f.add(own, 1))) as cell:
             first = f.mul(cell, 2)
             of, place = f.load_index("%cells", first), f.load_index("%cells", f.add(first, 1))
@@ -125,8 +129,10 @@ class PullProgram:
         self.scales = back.scales
         self.factors = _numbered(pull.factor for pull in back.pulls)
         self._entries = entries
+        # no more lanes than rows, since the last block reaches back
         self._lanes = max(lanes for lanes in LANES if lanes <= max(self.rows, 1))
         leaves = sorted({leaf for row in back.reach for leaf in row})
+        # nodes with an adjoint; factors have none
         slots = _numbered([*back.roots, *leaves, *(node for pull in back.pulls for node in pull[:2])])
         self._slots = len(slots)
         self.source = {node: self._lanes * slot for node, slot in slots.items()}
@@ -149,8 +155,10 @@ class PullProgram:
             "factors": len(self.factors),
             "seeds": self.rows,
             "weights": self._entries,
+            # in doubles, of which each holds two i32
             "sources": (self._entries + 1) // 2,
         }
+        # all arrays in one block, of which the first begins with a cache line
         room = f.new(f"call ptr {c_pointer(f, 'malloc')}(i64 {8 * sum(sizes.values()) + CACHE_LINE})")
         whole = f.new(f"add i64 {f.new(f'ptrtoint ptr {room} to i64')}, {CACHE_LINE - 1}")
         at = f.new(f"inttoptr i64 {f.new(f'and i64 {whole}, {-CACHE_LINE}')} to ptr")

@@ -57,6 +57,7 @@ class BlockStorage:
             return
         rows, columns = np.tril_indices(self.across)
         places = rows * self.across + columns
+        # before the table is renumbered: block (i, j) becomes number i (i + 1) / 2 + j, which code can compute
         numbers, there = self.table[places], self.table[places] >= 0
         blocks = np.zeros((places.size, ENTRIES))
         blocks[there] = self.blocks[numbers[there]]
@@ -81,13 +82,14 @@ class BlockStorage:
         """Make room for this many further blocks, as far as there are any."""
         needed = min(self.count + blocks, self._most)
         if needed > len(self.blocks):
+            # doubled, so that blocks are copied rarely
             room = min(max(needed, 2 * len(self.blocks)), self._most)
             grown, places = np.zeros((room, ENTRIES)), np.zeros(room, dtype=np.int64)
             grown[: self.count], places[: self.count] = self.blocks[: self.count], self.places[: self.count]
             self.blocks, self.places = grown, places
 
     def locate(self, places: Int) -> Int:
-        """Return the numbers of blocks, which are added if they do not exist."""
+        """Look up the numbers of blocks, Int[places], which are added if they do not exist."""
         missing = np.unique(places[self.table[places] < 0])
         self.reserve(missing.size)
         numbers = np.arange(self.count, self.count + missing.size)
@@ -108,10 +110,14 @@ class BlockStorage:
         self.blocks[at] += blocks
 
     def add_entries(self, rows: Int, columns: Int, entries: Float) -> None:
-        """Add entries of a symmetric matrix, of which those above the diagonal are ignored; any may be repeated."""
+        """Add entries of a symmetric matrix, each Float[entries] or Int[entries].
+
+        Those above the diagonal are ignored; any may be repeated.
+        """
         lower = rows >= columns
         rows, columns = rows[lower], columns[lower]
         at = self.locate(rows // BLOCK * self.across + columns // BLOCK)
+        # unlike +=, adds each of several entries at one place
         np.add.at(self.blocks, (at, rows % BLOCK * BLOCK + columns % BLOCK), entries[lower])
 
     def diagonal(self) -> Float:
@@ -123,14 +129,16 @@ class BlockStorage:
         return diagonal[: self.size]
 
     def times(self, vector: Float) -> Float:
-        """Return the product with a vector, shape (size,)."""
+        """Multiply with a vector, shape (size,)."""
+        # whole blocks are read and written, beyond the last row as well
         padded, product = np.zeros((2, self.across * BLOCK))
         padded[: self.size] = vector
         _functions()["multiply"](*self.pointers, address(padded), address(product))
+        # the stored triangle and its transpose both have the diagonal
         return product[: self.size] - self.diagonal() * vector
 
     def zero(self, which: Bool) -> None:
-        """Set rows and columns to zero."""
+        """Set rows and columns, Bool[size], to zero."""
         marked = np.zeros((self.across, BLOCK), dtype=bool)
         marked.ravel()[: self.size] = which
         some = np.logical_or.reduce(marked, axis=1)
@@ -140,7 +148,7 @@ class BlockStorage:
         self.blocks[touched] = np.where(inside.reshape(-1, ENTRIES), 0.0, self.blocks[touched])
 
     def nonzeros(self) -> tuple[Int, Int, Float]:
-        """Return rows, columns and values of the non-zeros in the lower triangle."""
+        """List rows, columns and values of the non-zeros in the lower triangle, shape (non-zeros,) each."""
         numbers, inside = np.nonzero(self.blocks[: self.count])
         rows, columns = np.divmod(self.places[numbers], self.across)
         return rows * BLOCK + inside // BLOCK, columns * BLOCK + inside % BLOCK, self.blocks[numbers, inside]
@@ -172,28 +180,28 @@ class BlockMatrix:
         return self.storage.times(whole)[self.rows]
 
     def part(self, which: Int) -> "BlockMatrix":
-        """Return some rows and the same columns; they change with this matrix."""
+        """Select some rows and the same columns, Int[selected]; they change with this matrix."""
         return BlockMatrix(self.storage, self.rows[which])
 
     def add_entries(self, rows: Int, columns: Int, entries: Float) -> None:
-        """Add entries of a symmetric matrix, of which those above the diagonal are ignored; any may be repeated."""
+        """Add entries of a symmetric matrix, Int[entries] and Float[entries]; those above the diagonal are ignored."""
         self.storage.add_entries(self.rows[rows], self.rows[columns], entries)
 
     def zero(self, which: Bool) -> None:
-        """Set rows and columns to zero."""
+        """Set rows and columns, Bool[rows], to zero."""
         marked = np.zeros(self.storage.size, dtype=bool)
         marked[self.rows] = which
         self.storage.zero(marked)
 
     @property
     def places(self) -> Int:
-        """The row of each row of the storage, -1 if it is left out; padded to whole blocks."""
+        """The row of each row of the storage, Int[whole blocks], -1 if it is left out."""
         places = np.full(self.storage.across * BLOCK, -1, dtype=np.int64)
         places[self.rows] = np.arange(self.rows.size)
         return places
 
     def nonzeros(self) -> tuple[Int, Int, Float]:
-        """Return rows, columns and values of the non-zeros on and on one side of the diagonal."""
+        """List rows, columns and values of the non-zeros on one side of the diagonal, shape (non-zeros,) each."""
         rows, columns, values = self.storage.nonzeros()
         places = self.places
         rows, columns = places[rows], places[columns]
@@ -201,7 +209,7 @@ class BlockMatrix:
         return rows[inside], columns[inside], values[inside]
 
     def toarray(self) -> Float:
-        """Return all of it, shape (rows, rows)."""
+        """Copy all of it into an array, shape (rows, rows)."""
         rows, columns, values = self.nonzeros()
         matrix = np.zeros((len(self), len(self)))
         matrix[rows, columns] = values
@@ -214,6 +222,7 @@ def add_to_block(f: FunctionWriter, row: str, column: str, value: str) -> None:
     with f.when(f.new(f"fcmp une double {value}, {ZERO}")):
         high, low = f.extreme("smax", row, column), f.extreme("smin", row, column)
         place = f.add(f.mul(_block(f, high), "%across"), _block(f, low))
+        # a new block is the next free one, which is zero; the caller has reserved it
         with f.when(f.new(f"icmp slt i32 {f.load('%table', place, 'i32')}, 0")):
             count = f.load("%used", kind="i64")
             f.store(f.new(f"trunc i64 {count} to i32"), "%table", place, "i32")
@@ -226,6 +235,7 @@ def add_to_full(f: FunctionWriter, row: str, column: str, value: str) -> None:
     """Write code that adds to the entry in two columns if all blocks are stored."""
     high, low = f.extreme("smax", row, column), f.extreme("smin", row, column)
     above = _block(f, high)
+    # blocks in the rows above
     before = f.new(f"lshr i64 {f.mul(above, f.add(above, 1))}, 1")
     _increase(f, f.add(before, _block(f, low)), high, low, value)
 
@@ -253,6 +263,7 @@ def _multiply() -> FunctionWriter:
         place, block = f.load("%places", k, "i64"), f.at("%entries", f.mul(k, ENTRIES))
         row, column = (f.mul(f.new(f"{part} i64 {place}, %across"), LANES) for part in ("sdiv", "srem"))
         right = v.load("%vector", column)
+        # block B of the lower triangle: product[row] += B vector[column] and product[column] += B' vector[row]
         below = f.variable(v.kind, "zeroinitializer")
         for lane in range(BLOCK):
             entries, at = v.load(block, lane * BLOCK), f.add(row, lane)

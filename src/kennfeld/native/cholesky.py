@@ -49,13 +49,14 @@ class Factor:
 
     @classmethod
     def of(cls, lower: Float) -> "Factor":
-        """Return a lower triangular matrix as a factor.
+        """Take a lower triangular matrix, Float[size, size], as a factor.
 
         >>> Factor.of(np.array([[2.0, 0.0], [1.0, 1.0]])).solve(np.array([4.0, 4.0]))
         array([0., 2.])
         """
         size = len(lower)
         result = cls.empty(Envelope.full(size))
+        # a factor as it stands needs only the reciprocals of its diagonal; those of the padding are 1
         result.load(lower, np.zeros(size))
         result.inverse[:] = 1.0
         result.inverse[:size] = 1 / np.diag(lower)
@@ -72,11 +73,12 @@ class Factor:
         """
         envelope = Envelope.full(which.size)
         result = cls.empty(envelope)
+        # `which`, as an order, picks the rows from the larger matrix; the factor itself keeps the natural order
         replace(result, envelope=Envelope(which, envelope.first)).load(matrix, diagonal)
         return result if result.factor() else None
 
     def load(self, matrix: Float, diagonal: Float) -> bool:
-        """Load the lower triangle of matrix + diag(diagonal); return True if all its non-zeros lie in the envelope."""
+        """Load matrix + diag(diagonal), shape (size, size); return True if all non-zeros lie in the envelope."""
         counts = np.zeros(2, dtype=np.int64)
         size = self.envelope.size
         if not is_strided(matrix):
@@ -85,10 +87,11 @@ class Factor:
         pointers = (*strided(matrix, size), address(diagonal, size))
         order = (address(self.envelope.order, size, INT64), size)
         _functions()["load"](*self.pointers, *pointers, *order, address(counts, 2, INT64))
+        # non-zeros on one side of the diagonal, of the whole matrix and of what lies in the envelope
         return bool(counts[0] == counts[1])
 
     def load_blocks(self, matrix: BlockMatrix, diagonal: Float) -> bool:
-        """Load matrix + diag(diagonal); return True if all non-zeros of the matrix lie in the envelope."""
+        """Load matrix + diag(diagonal), Float[size]; return True if all non-zeros of the matrix lie in the envelope."""
         outside, size = np.zeros(1, dtype=np.int64), self.envelope.size
         ordered = np.empty(size)
         ordered[:] = np.require(diagonal, np.float64, ["C"])[self.envelope.order]
@@ -142,6 +145,7 @@ class Cholesky:
         self._pattern: Bool | None = None  # non-zeros of all arrays so far
         self._pairs = np.zeros(0, dtype=np.int64)  # those of block matrices, as row * size + column
         self._least = 0.0  # work of the envelope when its order was found
+        # blocks on the diagonal to begin with: the pattern is known from the first matrix on
         self._factor = Factor.empty(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))
 
     @property
@@ -154,7 +158,7 @@ class Cholesky:
         next call.
 
         Args:
-            matrix: symmetric, shape (size, size); only the lower triangle of an array is read.
+            matrix: symmetric, shape (size, size); of an array, either side of the diagonal may be read.
             diagonal: shape (size,).
 
         >>> factor = Cholesky(2).factor(np.array([[4.0, 2.0], [2.0, 1.0]]), np.array([0.0, 1.0]))
@@ -166,6 +170,7 @@ class Cholesky:
                 self._factor = Factor.empty(self._extended(matrix))
                 self._factor.load_blocks(matrix, diagonal)
         elif not self._factor.load(matrix, diagonal):
+            # the union of all patterns so far: the factor grows a few times in a fit and then fits all
             filled = (matrix != 0) | np.eye(self.size, dtype=bool)
             filled |= filled.T  # rounding may leave a zero in one half alone
             self._pattern = filled if self._pattern is None else self._pattern | filled
@@ -208,6 +213,7 @@ def reduce_block(f: FunctionWriter, panel: str, other: str, first: str, end: str
     block rows X and Y. Each k updates all eight columns of the block.
     """
     v = Vector(f)
+    # eight columns stay in registers while k runs over both block rows
     rest = [f.variable(EIGHT, v.load(column_of(f, panel, f.add(end, c)))) for c in range(BLOCK)]
     with f.loop(first, end) as k:
         own = v.load(column_of(f, panel, k))
@@ -243,6 +249,7 @@ def _load() -> FunctionWriter:
     f = FunctionWriter("load", [*FACTOR, *MATRIX, ("ptr", "counts")])
     with f.loop(0, "%size") as i:
         row = f.at("%matrix", f.mul(i, "%stride"))
+        # row i before the diagonal: whole vectors first, then what is left to i
         whole = f.new(f"and i64 {i}, -{LANES}")
         _count_eights(f, row, whole)
         _count(f, row, whole, i, lambda j: j, "0")
@@ -259,6 +266,7 @@ def _load() -> FunctionWriter:
             _count(f, row, first, i, lambda k: f.load("%order", k, "i64"), "1")
             own = f.fadd(f.load(row, source), f.load("%diagonal", source))
             f.store(own, place, f.mul(i, BLOCK))
+        # rows behind the last one are those of the identity, which leave the factor of the others as it is
         with f.when(f.new(f"xor i1 {inside}, true")):
             with f.loop(first, end) as k:
                 f.store(ZERO, place, f.mul(k, BLOCK))
@@ -283,6 +291,7 @@ def _load_blocks() -> FunctionWriter:
         with f.loop(0, BLOCK) as a:
             row = f.load("%rows", f.add(f.mul(top, BLOCK), a), "i64")
             with f.when(f.new(f"icmp sge i64 {row}, 0")):
+                # diagonal blocks hold their lower triangle only
                 end = f.new(f"select i1 {on_diagonal}, i64 {f.add(a, 1)}, i64 {BLOCK}")
                 with f.loop(0, end) as b:
                     column = f.load("%rows", f.add(f.mul(left, BLOCK), b), "i64")
@@ -305,6 +314,7 @@ def _panel_row(f: FunctionWriter, row: str) -> str:
 
 def _place_entry(f: FunctionWriter, row: str, column: str, value: str) -> None:
     """Write an entry into the panels, or count it if it is a non-zero outside the envelope."""
+    # the order of the factor may carry an entry below the diagonal above it
     high, low = f.extreme("smax", row, column), f.extreme("smin", row, column)
     inside = f.new(f"icmp sge i64 {low}, {first_of(f, f.new(f'lshr i64 {high}, 3'))}")
     with f.when(inside):
@@ -326,6 +336,7 @@ def _count(f: FunctionWriter, row: str, first: str | int, end: str, index: Calla
 def _count_eights(f: FunctionWriter, row: str, end: str) -> None:
     """Add the non-zeros of the first `end` entries of a row, a multiple of eight, to the first count."""
     with f.walk(end) as (k, position):
+        # eight comparisons are the bits of one byte, whose ones are counted
         there = f.new(f"fcmp une {EIGHT} {Vector(f).load(row, k)}, zeroinitializer")
         bits = f.new(f"bitcast <{LANES} x i1> {there} to i{LANES}")
         count = f.new(f"zext i{LANES} {f.new(f'call i{LANES} @llvm.ctpop.i{LANES}(i{LANES} {bits})')} to i64")
@@ -340,6 +351,7 @@ def _factor() -> FunctionWriter:
         panel, first = panel_of(f, i), f.load("%first", i, "i64")
         with f.loop(first, i) as j:
             other = panel_of(f, j)
+            # where either row has not begun, the products are 0
             later = f.extreme("smax", first_of(f, i), first_of(f, j))
             divide(f, panel, other, j, reduce_block(f, panel, other, later, f.mul(j, BLOCK)))
         _factor_block(f, panel, i, reduce_block(f, panel, panel, first_of(f, i), f.mul(i, BLOCK)))
@@ -351,6 +363,7 @@ def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> Non
     v, at = Vector(f), f.mul(i, BLOCK)
     for c in range(BLOCK):
         pivot = v.lane(rest[c], c)
+        # NaN fails both comparisons
         positive = f.new(f"fcmp ogt double {pivot}, {ZERO}")
         finite = f.new(f"fcmp olt double {pivot}, {literal(float('inf'))}")
         with f.when(f.new(f"xor i1 {f.new(f'and i1 {positive}, {finite}')}, true")):
@@ -358,6 +371,7 @@ def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> Non
             f.do("ret void")
             f.begin(f.label("on"))
         root = f.new(f"call double @llvm.sqrt.f64(double {pivot})")
+        # one division per column; factor and solves multiply by the reciprocal
         inverse = f.new(f"fdiv double {ONE}, {root}")
         f.store(inverse, "%inverse", f.add(at, c))
         rest[c] = f.new(f"fmul {EIGHT} {rest[c]}, {v.splat(inverse)}")
@@ -374,6 +388,7 @@ def _forward() -> FunctionWriter:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
         with f.loop(0, "%blocks") as i:
             panel, at = panel_of(f, i), f.mul(i, BLOCK)
+            # x[i] = L[i,i]^-1 (b[i] - sum over k < i of L[i,k] x[k]), within the diagonal block column by column
             rest = f.variable(EIGHT, v.load(x, at))
             with f.loop(first_of(f, i), at) as k:
                 column = v.load(column_of(f, panel, k))
@@ -398,6 +413,7 @@ def substitute_backward(f: FunctionWriter, x: str) -> None:
     """Solve L' x = b in place, where `x` is the address of b."""
     v = Vector(f)
     with f.loop(0, "%blocks") as back:
+        # rows are stored, not columns: once x[i] is known, L[i,k]' x[i] is subtracted from all earlier b[k]
         i = f.new(f"sub i64 {f.add('%blocks', -1)}, {back}")
         panel, at = panel_of(f, i), f.mul(i, BLOCK)
         for c in reversed(range(BLOCK)):

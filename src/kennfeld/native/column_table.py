@@ -56,8 +56,11 @@ class ColumnTable:
         end, seams = 0, set()
         for part in parts:
             first, end = end, end + part.size
+            # blocks that begin and end in this part; the last block of a row may be short
             whole = np.arange(-(-first // BLOCK), addresses.size if end == self.count else end // BLOCK)
+            # address of the first sample of a block, counted from the start of the part
             addresses[whole] = address(part) + part.itemsize * (whole * BLOCK - first)
+            # a set, as several short parts may meet in one block
             if end % BLOCK and end < self.count:
                 seams.add(end // BLOCK)
         for block in seams:
@@ -73,15 +76,15 @@ class ColumnTable:
             copied[:] = _take(parts, samples)
 
     def take(self, samples: Int | Order) -> Float:
-        """Return the values at some samples, shape (rows, samples)."""
+        """Gather the values at some samples, shape (rows, samples)."""
         return np.array([_take(parts, samples) for parts in self.parts]).reshape(len(self.parts), samples.size)
 
     def row(self, number: int, samples: Int | Order) -> Float:
-        """Return the values of one row at some samples."""
+        """Gather the values of one row at some samples, shape (samples,)."""
         return _take(self.parts[number], samples)
 
     def headed(self, order: Order | None) -> Addresses:
-        """Return the addresses with the row of the visiting order at the head, as compiled code expects the inputs."""
+        """Add the row of the visiting order, uint32[visits], at the head, as compiled code expects the inputs."""
         head = np.zeros((HEAD, self.addresses.shape[1]), dtype=np.uintp)
         head[0, 0] = 0 if order is None else address(order, kind=UINT32)
         return np.concatenate([head, self.addresses])
@@ -113,6 +116,7 @@ def visit(f: FunctionWriter, order: str, k: str, rows: Sequence[tuple[str, int]]
     sample = f.variable("i64", k)
     with f.when(f.new(f"icmp ne ptr {order}, null")):
         sample.set(_ordered(f, order, k))
+        # not beyond the range: the order may end there
         later = f.extreme("smin", f.add(k, AHEAD), f.add("%last", -1))
         block, place = find(f, _ordered(f, order, later))
         for table, row in rows:

@@ -34,6 +34,7 @@ def write_layer(activation: int) -> FunctionWriter:
         with f.loop(0, "%inputs") as j:
             x, row = v.splat(f.load("%x", j)), f.mul(j, "%outputs")
             for total, column in zip(sums, columns, strict=True):
+                # z = b + sum over j of w[j] x[j], row by row of the weights, so that loads are contiguous
                 product = v("fmul", x, _load(f, "%values", f.add(row, column), mask))
                 total.set(v("fadd", total.get(), product))
         for total, column in zip(sums, columns, strict=True):
@@ -52,6 +53,7 @@ def write_pull() -> FunctionWriter:
     f = FunctionWriter("pull", (*SIZES, ("ptr", "slopes"), ("ptr", "adjoints"), ("ptr", "out")))
     v = Vector(f)
     with f.loop(0, "%outputs") as i:
+        # adjoint of z_i, then that of x_j: sum over i of w_ji times it
         f.store(guarded_product(f, f.load("%adjoints", i), f.load("%slopes", i)), "%adjoints", i)
     with f.loop(0, "%inputs") as j:
         row, total = f.mul(j, "%outputs"), f.variable(EIGHT, v.all(0.0))
@@ -69,6 +71,7 @@ def _outputs(f: FunctionWriter, at_once: int) -> Iterator[tuple[str, str, int]]:
     """
     position = f.variable("i64", "0")
     for count in dict.fromkeys((at_once, 1)):
+        # each pass goes on where the one before ended: vectors at once, single ones, the last lanes
         end = f.new(f"and i64 %outputs, -{LANES * count}")
         with f.walk(end, position.get()) as (first, following):
             yield first, ALL, count
@@ -110,6 +113,7 @@ def _identity(v: Vector, z: str) -> tuple[str, str]:
 
 
 def _relu(v: Vector, z: str) -> tuple[str, str]:
+    # NaN is not below 0, and passes through
     below = v.compare("olt", z, 0.0)
     return v.where(below, v.all(0.0), z), v.where(below, v.all(0.0), v.all(1.0))
 
@@ -121,6 +125,7 @@ def _leaky_relu(v: Vector, z: str) -> tuple[str, str]:
 
 def _elu(v: Vector, z: str) -> tuple[str, str]:
     below, alpha = v.compare("olt", z, 0.0), v.splat("%alpha")
+    # e^z only where it is taken: for a large z it would overflow
     exponent = _limited(v, v.where(below, z, v.all(0.0)))
     value, slope = v("fmul", alpha, v.expm1(exponent)), v("fmul", alpha, v.exp(exponent))
     return v.where(below, value, z), v.where(below, slope, v.all(1.0))
@@ -131,6 +136,7 @@ def _tanh(v: Vector, z: str) -> tuple[str, str]:
     m = v.expm1(_limited(v, v("fmul", _abs(v, z), v.all(-2.0))))
     size = v("fdiv", _negated(v, m), v("fadd", m, v.all(2.0)))
     y = v.where(v.compare("olt", z, 0.0), _negated(v, size), size)
+    # `maxnum` in the exponent drops NaN, which is put back
     y = v.where(v.compare("uno", z, 0.0), z, y)
     return y, v("fsub", v.all(1.0), v("fmul", y, y))
 
@@ -139,6 +145,7 @@ def _sigmoid(v: Vector, z: str) -> tuple[str, str]:
     """Compute 1 / (1 + e^-z) from e^-|z|, which cannot overflow."""
     e = v.exp(_limited(v, _negated(v, _abs(v, z))))
     share = v("fdiv", v.all(1.0), v("fadd", e, v.all(1.0)))
+    # 1 - share without cancellation; the slope is the product of both
     rest = v("fmul", e, share)
     missing = v.compare("uno", z, 0.0)
     y = v.where(v.compare("olt", z, 0.0), rest, share)

@@ -39,6 +39,7 @@ def _extreme(comparison: str) -> Callable[..., str]:
     """Return the first argument if it wins, ties or is NaN, else the second; NaN if either is NaN."""
 
     def emit(f: FunctionWriter, a: str, b: str) -> str:
+        # unordered comparisons (`ule`, `uge`) are true for NaN, so that a NaN in a wins; one in b is selected below
         first = f.select(f.new(f"fcmp {comparison} double {a}, {b}"), a, b)
         return f.select(f.new(f"fcmp uno double {b}, {b}"), b, first)
 
@@ -48,6 +49,7 @@ def _extreme(comparison: str) -> Callable[..., str]:
 def _mod(f: FunctionWriter, a: str, b: str) -> str:
     """Return the remainder with the sign of the divisor; the dividend if the divisor is zero."""
     whole = f.new(f"call double @llvm.floor.f64(double {f.new(f'fdiv double {a}, {b}')})")
+    # without `contract`: a fused multiply-add rounds once, and the interpreter twice
     rest = f.new(f"fsub double {a}, {f.new(f'fmul double {whole}, {b}')}")
     return f.select(f.new(f"fcmp oeq double {b}, {ZERO}"), a, rest)
 
@@ -65,6 +67,7 @@ def _abs(f: FunctionWriter, x: str) -> str:
 
 def _round(f: FunctionWriter, x: str) -> str:
     """Round to the nearest integer; halves away from zero."""
+    # not trunc(x + 0.5): the largest double below 0.5 would become 1
     whole = f.new(f"call double @llvm.trunc.f64(double {x})")
     rest = f.new(f"call double @llvm.fabs.f64(double {f.new(f'fsub double {x}, {whole}')})")
     away = f.new(f"fadd double {whole}, {f.new(f'call double @llvm.copysign.f64(double {ONE}, double {x})')}")
@@ -72,6 +75,7 @@ def _round(f: FunctionWriter, x: str) -> str:
 
 
 def _sign(f: FunctionWriter, x: str) -> str:
+    # ordered comparisons are false for 0, -0 and NaN, which stay as they are
     above = f.select(f.new(f"fcmp ogt double {x}, {ZERO}"), ONE, x)
     return f.select(f.new(f"fcmp olt double {x}, {ZERO}"), literal(-1.0), above)
 

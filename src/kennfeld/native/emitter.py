@@ -77,7 +77,7 @@ class MemoryLayout:
 
     @property
     def breakpoints(self) -> Float:
-        """All axes one after the other, padded so that whole vectors can be read at the end."""
+        """All axes one after the other, Float[breakpoints + LANES], so that whole vectors can be read at the end."""
         return np.concatenate([*self.axes, np.zeros(LANES)])
 
     @property
@@ -157,6 +157,7 @@ class StepEmitter:
     def value(self, node: int) -> str:
         """Return the double of a node computed before."""
         if node not in self._values:
+            # a condition stays an i1 until it is used as a number
             if node in self._truths:
                 self._values[node] = self.choose(node, ONE, ZERO)
             else:
@@ -247,14 +248,17 @@ class StepEmitter:
     def _search(self, node: int, x: int, axis: AxisRef) -> Cell:
         f, points = self.f, self.layout.axes[axis.number]
         if points.size == 1:
+            # 0, but NaN for a coordinate that is not finite
             cell = Cell("0", f.fmul(self.value(x), ZERO), single=True)
         else:
             index, past, width = self._find_cell(x, axis)
             fraction = f.new(f"fdiv double {past}, {width}")
+            # two selects and no branch; NaN fails both comparisons and stays
             if axis.extrapolation == "clip":
                 fraction = f.select(f.new(f"fcmp olt double {fraction}, {ZERO}"), ZERO, fraction)
                 fraction = f.select(f.new(f"fcmp ogt double {fraction}, {ONE}"), ONE, fraction)
             cell = Cell(index, fraction)
+        # kept: split again from the rounded sum, a coordinate just below a breakpoint could be in the cell above it
         self._cells[node, points.size] = cell
         return cell
 
@@ -280,8 +284,10 @@ class StepEmitter:
             literal(float(points[i])) if axis.key is None else f.load(self._points(axis), i % points.size)
             for i in (0, -1)
         )
+        # both ends belong to the axis: there the slope is that of the cell
         above = f.new(f"fcmp oge double {self.value(x)}, {low}")
         below = f.new(f"fcmp ole double {self.value(x)}, {high}")
+        # nested selects, as an `and` of comparisons leaves the fast path of LLVM's instruction selection
         return f.select(above, f.select(below, slope, ZERO), ZERO)
 
     def sides(self, table: TableRef, args: Sequence[int]) -> list[Cell | Window]:
@@ -298,6 +304,8 @@ class StepEmitter:
             f, place = self.f, self.value(node)
             if count == 1:
                 return Cell("0", f.fmul(place, ZERO), single=True)
+            # clamped as a double, since clamped integers leave the fast path of LLVM's instruction selection; beyond
+            # the ends the fraction is < 0 or > 1, which is linear extrapolation, and for NaN it is NaN in cell 0
             low = f.select(f.new(f"fcmp ogt double {place}, {ZERO}"), place, ZERO)
             last = literal(float(count - 2))
             index = f.new(f"fptosi double {f.select(f.new(f'fcmp olt double {low}, {last}'), low, last)} to i64")
@@ -317,6 +325,7 @@ class StepEmitter:
     def _expansion(self, ref: ExpansionRef, args: tuple[int, ...]) -> str:
         """Return the address of an expansion's value, followed by its slopes along the inputs."""
         if (ref.name, args) not in self._expansions:
+            # widths that are not fitted are stored as their reciprocals, see `MemoryLayout.free`
             reciprocal = self.layout.offsets[ref.name] >= self.layout.free
             function = shared_function(write_evaluation, ref.inputs, KERNELS.index(ref.kernel), reciprocal)
             out = self.f.slot("double", 1 + ref.inputs)
@@ -346,6 +355,7 @@ class StepEmitter:
             memory = LayerMemory(f.slot("double", layer.inputs + 1), f.slot("double", 2 * layer.outputs))
             for j, a in enumerate(args):
                 f.store(self.value(a), memory.inputs, j)
+            # the input of the biases, whose slope it is
             f.store(ONE, memory.inputs, layer.inputs)
             evaluate = shared_function(write_layer, ACTIVATIONS.index(layer.activation))
             arguments = f"{self._weights(layer)}, double {literal(layer.alpha)}"
@@ -380,6 +390,7 @@ class StepEmitter:
             out = f.slot("double", function.outputs * (1 + function.inputs))
             slopes = f.at(out, function.outputs) if call in self.sloped else "null"
             for axis in range(function.inputs if call in self.sloped else 0):
+                # the first slopes mark the arguments along which slopes are needed; see `LoadedFunction.address`
                 f.store(ONE if axis in self.sloped[call] else ZERO, slopes, axis)
             f.do(f"call void {c_pointer(f, function.symbol)}(ptr {x}, ptr {out}, ptr {slopes})")
             self._externals[call] = out
@@ -410,6 +421,7 @@ def emit_items(
     if len(segments) == 1:
         _emit_segment(StepEmitter(whole, nodes, layout, {}), items)
         return whole.text()
+    # registers end with their function: what a later segment uses is kept in memory
     frame = _crossing(segments)
     room = whole.slot("double", max(len(frame), 1))
     arguments = [(kind, f"%{parameter}") for kind, parameter in whole.parameters] + [("ptr", room)]
@@ -427,6 +439,7 @@ def emit_items(
 
 
 def _emit_segment(step: StepEmitter, items: Sequence[CodeItem]) -> None:
+    # of this segment only, as calls are shared within a function and not across segments
     sloped: dict[ExternalCall, set[int]] = {}
     for node in (step.nodes[item.node] for item in items if item.node is not None):
         if node.op == "external_slope":
@@ -434,6 +447,7 @@ def _emit_segment(step: StepEmitter, items: Sequence[CodeItem]) -> None:
             sloped.setdefault(ExternalCall(output.function, node.args), set()).add(axis)
     step.sloped = sloped
     for item in items:
+        # loaded before the item begins: a register set in a loop of the item could not be used after it
         for needed in item.needs:
             step.value(needed)
         item.emit(step)

@@ -35,7 +35,7 @@ class Envelope:
 
     @classmethod
     def of(cls, pattern: Bool) -> "Envelope":
-        """Return a small envelope of a symmetric pattern, bool (size, size)."""
+        """Find a small envelope of a symmetric pattern, Bool[size, size]."""
         orders = [
             np.concatenate([rest[_by_levels(pattern[rest][:, rest] if last.size else pattern)], last])
             for rest, last in split_busy(np.count_nonzero(pattern, axis=1))
@@ -44,7 +44,7 @@ class Envelope:
 
     @classmethod
     def of_pairs(cls, size: int, rows: Int, columns: Int) -> "Envelope":
-        """Return a small envelope of a symmetric matrix with non-zeros at pairs of rows and columns, on one side."""
+        """Find a small envelope of a symmetric matrix with non-zeros at rows and columns, Int[pairs], on one side."""
         from scipy.sparse import csr_array
 
         both = (np.concatenate([rows, columns]), np.concatenate([columns, rows]))
@@ -53,7 +53,7 @@ class Envelope:
 
     @classmethod
     def ordered(cls, pattern: Bool, order: Int) -> "Envelope":
-        """Return the envelope of a symmetric pattern in a given order."""
+        """Compute the envelope of a symmetric pattern, Bool[size, size], in a given order, Int[size]."""
         return cls._smallest([order], *np.nonzero(pattern))
 
     @classmethod
@@ -75,45 +75,48 @@ class Envelope:
     @property
     def work(self) -> float:
         """Cost of a factorisation, up to a factor."""
+        # each of the w blocks of a block row is reduced by those left of it: w^2 / 2 products of blocks
         return float(np.sum(np.square(np.arange(1.0, self.blocks + 1) - self.first)))
 
     @cached_property
     def place(self) -> Int:
-        """The row of each original row in the order."""
+        """The row of each original row in the order, Int[size]."""
         return places_of(self.order)
 
     @cached_property
     def start(self) -> Int:
-        """Offset of each block row minus its first column; the last element is the total length."""
+        """Offset of each block row minus its first column, Int[blocks + 1]; the last element is the total length."""
         lengths = BLOCK * BLOCK * (np.arange(1, self.blocks + 1) - self.first)
         ends = np.cumsum(lengths)
+        # so that column k is at start + BLOCK k although the columns before the first one are not stored
         return np.append(ends - lengths - BLOCK * BLOCK * self.first, lengths.sum())
 
 
 def places_of(order: Int) -> Int:
-    """Return the position of each row in an order."""
+    """Invert an order: return the position of each row in it, Int[size]."""
     place = np.empty(order.size, dtype=np.int64)
     place[order] = np.arange(order.size)
     return place
 
 
 def first_blocks(place: Int, rows: Int, columns: Int, block: int) -> Int:
-    """Return the first block column with a non-zero in each block row of the lower triangle, its own at the latest.
+    """Find the first block column with a non-zero in each block row of the lower triangle, its own at the latest.
 
     Args:
-        place: the position of each row in the order.
-        rows: those of the non-zeros, on either side of the diagonal.
-        columns: those of the non-zeros.
+        place: the position of each row in the order, Int[size].
+        rows: those of the non-zeros, on either side of the diagonal, Int[pairs].
+        columns: those of the non-zeros, Int[pairs].
         block: rows of a block.
     """
     first = np.arange(-(-place.size // block))
     down, across = place[rows] // block, place[columns] // block
+    # either side of the diagonal counts for the lower one
     np.minimum.at(first, np.maximum(down, across), np.minimum(down, across))
     return first
 
 
 def sparse_orders(pattern: Sparse) -> Iterator[Int]:
-    """Yield orders of many rows with a small envelope, given a symmetric matrix with the same non-zeros."""
+    """Yield orders, Int[size], of many rows with a small envelope, given a symmetric matrix with the same non-zeros."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     for rest, last in split_busy(np.diff(pattern.indptr)):
@@ -123,11 +126,12 @@ def sparse_orders(pattern: Sparse) -> Iterator[Int]:
 
 
 def split_busy(degree: Int) -> Iterator[tuple[Int, Int]]:
-    """Yield divisions of values by their number of neighbours: most of them, and fewer or more that come last."""
+    """Divide values by their number of neighbours, Int[size]: most of them, and fewer or more that come last."""
     seen = set()
     for busy in BUSY:
         last = degree > busy * np.median(degree)
         count = int(last.sum())
+        # two limits that single out as many values give the same order
         if count not in seen and count < degree.size:
             seen.add(count)
             yield np.flatnonzero(~last), np.flatnonzero(last)
@@ -140,6 +144,7 @@ def _by_levels(pattern: Bool) -> Int:
     parts = []
     for seed in np.argsort(degree, kind="stable"):
         if unordered[seed]:
+            # the farthest row from a seed is peripheral: levels from there are many and narrow
             part = _levels(pattern, degree, _levels(pattern, degree, seed)[-1])
             unordered[part] = False
             parts.append(part)
@@ -157,6 +162,7 @@ def _levels(pattern: Bool, degree: Int, seed: int) -> Int:
         touched = pattern[level] & unseen
         following = np.flatnonzero(touched.any(axis=0))
         parent = touched[:, following].argmax(axis=0)
+        # the last key of `lexsort` sorts first
         level = following[np.lexsort((degree[following], parent))]
         unseen[level] = False
     return np.concatenate(levels)

@@ -55,10 +55,12 @@ def forward_functions(pattern: TapeLayout) -> list[FunctionWriter]:
 
 def _end_of_batch(f: FunctionWriter, k: str) -> str:
     """Return the first sample after k that touches other columns, at most `BATCH` later."""
+    # ends at the first sample with another number of entries or another column at the same entry
     last, following = f.extreme("smin", f.add(k, BATCH), "%length"), f.add(k, 1)
     end, count = f.variable("i64", following), f.load("%count", k, "i32")
     columns = f.at("%index", f.mul(k, "%room"), "i32")
     with f.walk(last, following) as (sample, position):
+        # differences are collected by `or`, without a branch at each entry
         differ = f.variable("i32", f.new(f"xor i32 {count}, {f.load('%count', sample, 'i32')}"))
         others = f.at("%index", f.mul(sample, "%room"), "i32")
         with f.loop(0, f.new(f"sext i32 {count} to i64")) as e:
@@ -83,6 +85,8 @@ class _SweepBatch:
         self.entries = TapeEntries(f, first, m + n)
         self.stride = f.new(f"and i64 {f.add('%room', LANES - 1)}, -{LANES}")
         self.used = f.new(f"and i64 {f.add(self.entries.count, LANES - 1)}, -{LANES}")
+        # scratch, [rows][stride], in this order: D and B of an even and an odd sample, halves, reach, T, R P, gradient,
+        # products [entries][stride]
         slopes = 2 * (m + n)  # the rows of D and B of two samples
         self.halves = self._rows(slopes, m + n)  # of W D and Q B, halved
         self.reach = self._rows(slopes + m + n, n)
@@ -90,6 +94,7 @@ class _SweepBatch:
         self.total = self._rows(slopes + m + 3 * n, n)  # the sum of R P
         self.gradient, self.products = self._rows(slopes + m + 4 * n, 2)  # [entries], [entries][entries] of G
         self.carried = [[f.variable("double", ONE if i == j else ZERO) for j in range(n)] for i in range(n)]  # P
+        # T, R P, gradient and products follow each other: one call sets them to zero
         size = f.mul(f.mul(self.stride, f.add(self.entries.count, 2 * n + 1)), 8)
         f.do(f"call void @llvm.memset.p0.i64(ptr {self.own[0]}, i8 0, i64 {size}, i1 false)")
 
@@ -116,6 +121,7 @@ class _SweepBatch:
         with _vectors(f, self.used) as j:
             self._weigh(sample, v, slopes, j)
         with f.loop(0, self.entries.count) as e:
+            # row e of the products: 1/2 (W D)[e] D + 1/2 (Q B)[e] B + reach[e] T, over all entries
             factors = [f.load(row, e) for row in (*self.halves, *self.reach)]
             product = f.at(self.products, f.mul(e, self.stride))
             with _vectors(f, self.used) as j:
@@ -127,6 +133,8 @@ class _SweepBatch:
         """Write halves and reach of eight entries; add their parts of the gradient and of R P."""
         m, n = self.pattern.outputs, self.pattern.carried
         vectors = [v.load(row, j) for row in slopes]
+        # of eight entries, from Q B and W D:
+        # reach[i] = sum over j of A[j,i] (Q B)[j] + sum over o of C[o,i] (W D)[o],   gradient = B' L + D' W r
         wd = [v.multiply(vector, weight) for vector, weight in zip(vectors, sample.weight, strict=False)]
         qb = [_products(v, sample.q[i * n : i * n + n], vectors[m:]) for i in range(n)]
         reach = [_products(v, [*sample.a[i::n], *sample.c[i::n]], [*qb, *wd]) for i in range(n)]
@@ -136,6 +144,7 @@ class _SweepBatch:
         for row, vector in zip(self.reach, reach, strict=True):
             v.store(vector, row, j)
         v.store(v("fadd", v.load(self.gradient, j), gradient), self.gradient, j)
+        # (R P)[i] = sum over j of R[j] P[j,i]: column i of P
         for row, column in zip(self.total, zip(*self.carried, strict=True), strict=True):
             v.store(_plus_products(v, v.load(row, j), [p.get() for p in column], reach), row, j)
 
@@ -144,10 +153,12 @@ class _SweepBatch:
         n = self.pattern.carried
         rows = [sample.a[i * n : i * n + n] for i in range(n)]
         with _vectors(self.f, self.used) as j:
+            # all rows of T are read before one is written
             old = [v.load(own, j) for own in self.own]
             new = [_plus_products(v, v.load(own, j), row, old) for own, row in zip(slopes, rows, strict=True)]
             for own, value in zip(self.own, new, strict=True):
                 v.store(value, own, j)
+        # P[k+1] = A P[k], by the values before any of them changes
         before = [[p.get() for p in row] for row in self.carried]
         for own_row, row in zip(self.carried, rows, strict=True):
             for p, column in zip(own_row, zip(*before, strict=True), strict=True):
@@ -161,7 +172,9 @@ class _SweepBatch:
             f.increase(f.load(self.gradient, e), "%gradient", column)
             row, products = f.at("%matrix", f.mul(column, "%columns")), f.at(self.products, f.mul(e, self.stride))
             with f.loop(0, entries.count) as other:
+                # added one by one, as two entries of a sample may have the same column
                 f.increase(f.load(products, other), row, entries.column(other))
+        # with S at the first sample of the batch, so before S is carried over it
         _add_sensitivities(f, entries, self.total[0], self.stride)
         rows = [f.at("%sensitivities", f.mul("%width", i)) for i in range(n)]
         carried = [[p.get() for p in row] for row in self.carried]
@@ -220,6 +233,7 @@ def _add_sensitivities(f: FunctionWriter, entries: TapeEntries, reach: str, stri
 
     with f.walk(entries.count) as (e, position):
         following = f.add(e, 1)
+        # two rows at a time read S once for both; equal columns are one row, which a pair would write twice
         paired = f.variable("i64", "0")
         with f.when(f.new(f"icmp slt i64 {following}, {entries.count}")):
             differ = f.new(f"icmp ne i64 {entries.column(e)}, {entries.column(following)}")
@@ -238,6 +252,7 @@ def _add_rows_function(count: int, states: int) -> FunctionWriter:
     pointers = [("ptr noalias", name) for name in (*rows, "sensitivities")]
     parameters = [*pointers, ("i64", "width"), ("ptr noalias", "factors"), ("i64", "stride")]
     f = FunctionWriter(f"add_rows_{count}", parameters, "noinline")
+    # loaded once, ahead of the loop over the columns
     coefficients = [[f.load(f.at("%factors", f.mul("%stride", t)), i) for t in range(states)] for i in range(count)]
     sources = [f.at("%sensitivities", f.mul("%width", t)) for t in range(states)]
     with f.loop(0, whole_width(f)) as j:

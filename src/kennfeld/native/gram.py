@@ -46,6 +46,7 @@ class Gram:
     def restart(self, factor: Factor) -> None:
         """Begin again without rows, with a factor of the same size; the memory is used again."""
         self._memory.clear(self._blocks)
+        # factors of one pattern share an envelope, of which the address is taken once
         if self._envelope is not factor.envelope:
             self._envelope = factor.envelope
             self._placed = address(self._envelope.place, kind=INT64)
@@ -55,8 +56,10 @@ class Gram:
     def add(self, columns: Int, coefficients: Float) -> None:
         """Append rows of A, given by their columns and the coefficients there, both of shape (rows, width)."""
         (count, width), known = columns.shape, self._blocks
+        # new rows begin a block row of their own; what is missing to a whole one has the number 0
         blocks = known - (-count // BLOCK)
         if blocks > self._memory.room:
+            # twice the need, so that a set that grows row by row is copied rarely
             self._memory = self._memory.enlarged(known, self._rows, 2 * blocks)
         memory, factor = self._memory, self._factor.pointers
         rows = (*memory.rows, known, blocks)
@@ -68,7 +71,7 @@ class Gram:
 
     @property
     def products(self) -> Float:
-        """A H^-1 A', rows and columns in the order in which they were added."""
+        """A H^-1 A', Float[rows, rows], in the order in which the rows were added."""
         return self._memory.products[1 : self._rows + 1, 1 : self._rows + 1]
 
     def displacement(self, multipliers: Float) -> Float:
@@ -100,6 +103,7 @@ class _Memory:
         """Set the used block rows to zero."""
         self.halves[:blocks] = 0.0
         self.numbers[: blocks * BLOCK] = 0
+        # the multiplier of the rows that fill up blocks
         self.weights[0] = 0.0
 
     def enlarged(self, blocks: int, rows: int, room: int) -> "_Memory":
@@ -136,6 +140,7 @@ def _scatter() -> FunctionWriter:
     """
     entries = (("ptr", "columns"), ("ptr", "coefficients"), ("i64", "added"), ("i64", "width"), ("i64", "before"))
     f = FunctionWriter("scatter", [*FACTOR, *ROWS, ("ptr", "place"), *entries, ("ptr", "numbers")])
+    # a counting sort: for each block column in turn, the rows that begin there; those without entries come last
     following = f.variable("i64", f.mul("%known", BLOCK))
     with f.loop(0, f.add("%blocks", 1)) as block, f.loop(0, "%added") as row:
         first = f.new(f"icmp eq i64 {_first_block(f, row)}, {block}")
@@ -144,11 +149,13 @@ def _scatter() -> FunctionWriter:
             following.set(f.add(number, 1))
             f.store(f.add(f.add("%before", row), 1), "%numbers", number, "i64")
             own, lane = f.new(f"sdiv i64 {number}, {BLOCK}"), f.new(f"srem i64 {number}, {BLOCK}")
+            # of sorted rows, the first one of a block row begins first
             with f.when(f.new(f"icmp eq i64 {lane}, 0")):
                 f.store(block, "%begins", own, "i64")
             target = f.at(_row(f, own, "%blocks"), lane)
             with f.loop(0, "%width") as k:
                 column, coefficient = _entry(f, row, k)
+                # added, as a row may name a column twice
                 f.increase(coefficient, target, f.mul(column, BLOCK))
     return f
 
@@ -159,6 +166,7 @@ def _first_block(f: FunctionWriter, row: str) -> str:
     with f.loop(0, "%width") as k:
         column, coefficient = _entry(f, row, k)
         with f.when(f.new(f"fcmp une double {coefficient}, {ZERO}")):
+            # coefficients of 0 fill up narrow rows, and their columns say nothing
             first.set(f.extreme("smin", first.get(), f.new(f"sdiv i64 {column}, {BLOCK}")))
     return first.get()
 
@@ -173,6 +181,7 @@ def _halve() -> FunctionWriter:
     """Write `halve(factor, rows)`: solve V L' = A P' in place, block by block."""
     f = FunctionWriter("halve", [*FACTOR, *ROWS])
     with f.loop("%known", "%count") as b:
+        # V[b,j] L[j,j]' = (A P')[b,j] - sum over k < j of V[b,k] L[j,k]', from where both rows have begun
         panel = _row(f, b, "%blocks")
         with f.loop(f.load("%begins", b, "i64"), "%blocks") as j:
             other = panel_of(f, j)
@@ -189,6 +198,7 @@ def _multiply() -> FunctionWriter:
     with f.loop("%known", "%count") as b, f.loop(0, f.add(b, 1)) as c:
         own, other = _row(f, b, "%blocks"), _row(f, c, "%blocks")
         later = f.extreme("smax", _begin(f, b), _begin(f, c))
+        # lane i of sum j: row i of block row b times row j of block row c
         sums = [f.variable(EIGHT, "zeroinitializer") for _ in range(BLOCK)]
         with f.loop(later, f.mul("%blocks", BLOCK)) as k:
             vector, scalars = v.load(column_of(f, own, k)), column_of(f, other, k)
@@ -205,6 +215,7 @@ def _write_products(f: FunctionWriter, block: list[str], b: str, c: str) -> None
         f.store(vector, stored, lane, EIGHT)
     rows, columns = (f.at("%numbers", f.mul(number, BLOCK)) for number in (b, c))
     with f.loop(0, BLOCK) as i, f.loop(0, BLOCK) as j:
+        # one value for both sides, so that the products are symmetric bit for bit
         row, column = f.load(rows, i, "i64"), f.load(columns, j, "i64")
         value = f.load(stored, f.add(f.mul(j, BLOCK), i))
         f.store(value, "%products", f.add(f.mul(row, "%stride"), column))
@@ -218,6 +229,7 @@ def _displace() -> FunctionWriter:
     v, own = Vector(f), f.slot(EIGHT)
     with f.loop(0, "%count") as b:
         numbers, panel = f.at("%numbers", f.mul(b, BLOCK)), _row(f, b, "%blocks")
+        # half = V'm, column by column of V, which the backward substitution turns into the solution
         for lane in range(BLOCK):
             f.store(f.load("%weights", f.load(numbers, lane, "i64")), own, lane)
         weights = v.load(own)

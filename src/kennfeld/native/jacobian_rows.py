@@ -32,13 +32,14 @@ class Entries:
 
 
 def entries_of(line: Linearization, layout: MemoryLayout, atoms: Sequence[int]) -> Entries:
-    """Return the number of entries for the grid points that the atoms of one sample touch."""
+    """Count the entries for the grid points that the atoms of one sample touch."""
     room, fixed = 0, True
     for atom in atoms:
         op, _, payload = line.nodes[atom]
         if op == "position":
             room += min(layout.axes[payload.number].size, 2)
         elif op == "expansion":
+            # expansions, layers and windows are loops, whose entries have no number while the code is written
             room, fixed = room + layout.shapes[payload.name][0], False
         elif op == "dense":
             room, fixed = room + payload.layer.inputs + 1, False
@@ -63,6 +64,7 @@ def entry_items(
     entries = entries_of(line, layout, atoms)
 
     def begin(step: StepEmitter) -> None:
+        # counted while entries are written, unless all samples have as many
         step.f.store(str(entries.room if entries.fixed else 0), "%count", "%row", "i32")
 
     items, first = [CodeItem((), begin)], 0
@@ -110,6 +112,7 @@ def _corners(step: StepEmitter, atom: int) -> Iterator[Corner]:
     elif op == "dense":
         f, (layer, number) = step.f, payload
         memory = step.layer(layer, args)
+        # dy_i/dw_ji = a'(z_i) x_j, with x = 1 for the bias
         slope = f.load(memory.outputs, layer.outputs + number)
         with f.loop(0, layer.inputs + 1) as row:
             weight = f.add(f.mul(row, layer.outputs), number)
@@ -139,6 +142,7 @@ def state_row(node: int) -> SlopeRow:
     """
 
     def finite(step: StepEmitter) -> str:
+        # 0 for a finite value, else NaN
         nothing = step.f.new(f"fsub double {step.value(node)}, {step.value(node)}")
         return step.f.new(f"fcmp oeq double {nothing}, {ZERO}")
 
@@ -166,6 +170,7 @@ class WrittenRows:
             return ZERO
         slope = step.value(slopes[leaf])
         scaled = slope if counted.factor == 1.0 else step.f.fmul(slope, literal(counted.factor))
+        # not a product with 0 or 1, which a slope that is not finite would pass
         return step.f.select(counted.counts(step), scaled, ZERO)
 
     def writer(self, step: StepEmitter, atom: int) -> EntryWriter:

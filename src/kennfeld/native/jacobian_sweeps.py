@@ -45,6 +45,7 @@ def rows_functions(pattern: TapeLayout) -> list[FunctionWriter]:
             for o in range(m):
                 f.increase(f.fmul(roots[o], f.load(slopes, o)), out[o], column)
             states.add_entry(column, f.at(slopes, m))
+        # last: rows of S are replaced once all sums of this sample have read them
         states.turn()
     return [add_combination(n, many_tables(pattern)), f] if n > MANY else [f]
 
@@ -58,6 +59,7 @@ class _FewStates:
     def begin(self, k: str) -> None:
         """Locate the rows of S and load C and A of sample k."""
         f, n, latencies = self.f, self.pattern.carried, self.pattern.latencies
+        # the oldest row in the ring of a state is its S now; the rings follow each other
         places = [f.add(f.load("%rings", i, "i64"), sum(latencies[:i])) for i in range(n)]
         self._rows = [f.at("%sensitivities", f.mul("%width", place)) for place in places]
         self._next = [f.at("%next", f.mul("%width", i)) for i in range(n)]
@@ -68,6 +70,7 @@ class _FewStates:
         """Add factor times the row of C S of an output to the target."""
         n = self.pattern.carried
         factors = [times(self.f, factor, c) for c in self._c[output * n : output * n + n]]
+        # an output that sees no state needs no loop
         if any(c != ZERO for c in factors):
             with self._each_column() as j:
                 self.f.increase(dot(self.f, factors, self._load(j)), target, j)
@@ -144,10 +147,12 @@ class _ManyStates:
     def step(self) -> None:
         f = self.f
         bytes_ = f.mul("%width", 8 * self.count)
+        # combinations are added to what is there
         f.do(f"call void @llvm.memset.p0.i64(ptr %next, i8 0, i64 {bytes_}, i1 false)")
         with f.loop(0, len(self.pattern.copies)) as pair:
             first = f.mul(pair, 2)
             row, source = self._number("copies", first), self._number("copies", f.add(first, 1))
+            # S of the source before this step, as its row is replaced in `turn` only
             self._copy(self._next(row), f.load(self._rows, source, "ptr"))
         with f.loop(0, len(self.pattern.kept)) as row:
             begin, end = self._number("ends", row), self._number("ends", f.add(row, 1))
@@ -190,11 +195,13 @@ def add_combination(most: int, tables: str) -> FunctionWriter:
     f = FunctionWriter("add_combination", [*head, ("i64", "count"), ("i64", "width")], "noinline", tables)
     picked, weights, number = f.slot("ptr", most), f.slot("double", most), f.variable("i64", "0")
     with f.loop(0, "%count") as i:
+        # written in any case, and kept by advancing only if the factor is not 0: no branch
         at, factor = number.get(), f.load("%factors", i)
         f.store(f.load("%rows", f.load_index("%states", i), "ptr"), picked, at, "ptr")
         f.store(factor, weights, at)
         counts = f.new(f"fcmp une double {factor}, {ZERO}")
         number.set(f.add(at, f.new(f"zext i1 {counts} to i64")))
+    # strips of STRIP vectors, then the vectors that are left; the width is a multiple of LANES
     vectors = f.new(f"sdiv i64 %width, {LANES}")
     strips = f.new(f"sdiv i64 {vectors}, {STRIP}")
     with f.loop(0, strips) as strip:

@@ -42,6 +42,7 @@ class Kernel:
     def accumulates(self) -> bool:
         """True if backward and forward sweeps are cheaper than rows, with states."""
         pattern = self.pattern
+        # operations per sample and column: n nnz in the sweeps, free / 2 in the symmetric product of rows; see `sweeps`
         return pattern.accumulates and pattern.carried * self.entries.room < self.values.free / 2
 
 

@@ -44,6 +44,7 @@ class ChosenLimits:
         pointers = (*(address(side, self.total) for side in self._sides), *rows)
         self._limits = (*pointers, self._values, self.total, columns.shape[1])
         self._equal = np.where(lower == upper, UPPER | LOWER, 0)
+        # a value between equal bounds is not movable and has no column here
         self._equal[: self._values] = 0
         self.equalities, self.count = int(np.count_nonzero(self._equal)), 0
         self._marks, self._taken, self._counts = (
@@ -54,7 +55,7 @@ class ChosenLimits:
         self._lists = _Lists(self.equalities + LANES, max(columns.shape[1], 1))
 
     def restart(self, at: Float, free_step: Float) -> None:
-        """Choose none, for a step from the values `at`."""
+        """Choose none, for a step from the values `at`, given the step without limits; Float[values] each."""
         self._point = at, free_step
         self._at, self._free_step = address(at, self._values), address(free_step, self._values)
         self._step, self._stepped = free_step, self._free_step
@@ -62,12 +63,12 @@ class ChosenLimits:
         self.count = 0
 
     def violated(self, step: Float) -> int:
-        """Mark the limits that a step violates by more than rounding and that are not chosen; return their number."""
+        """Mark limits not chosen that a step, Float[values], violates by more than rounding; return their number."""
         _functions()["violated"](*self._limits, *self._place(step), *self._marked, self._counted)
         return int(self._counts[0])
 
     def mark(self, signs: Int) -> int:
-        """Mark the limits with `signs` != 0; return their number."""
+        """Mark the limits with `signs` != 0, Int[limits]; return their number."""
         self._marks[:] = signs
         return int(np.count_nonzero(signs))
 
@@ -89,17 +90,17 @@ class ChosenLimits:
 
     @property
     def excess(self) -> Float:
-        """Violation of each chosen limit by the free step."""
+        """Violation of each chosen limit by the free step, Float[chosen]."""
         return self._lists.excess[: self.count]
 
     def active(self, pressing: Bool) -> Int:
-        """Return for each limit the sign of its side if it is among the chosen ones that press, else 0."""
+        """Return for each limit the sign of its side, Int[limits], if it is a chosen one that presses, else 0."""
         signs = np.zeros(self.total, dtype=np.int64)
         signs[self._lists.numbers[: self.count][pressing]] = self._lists.signs[: self.count][pressing]
         return signs
 
     def product(self, multipliers: Float, step: Float) -> float:
-        """Return m'A d for multipliers of the chosen limits."""
+        """Compute m'A d for multipliers m of the chosen limits, Float[chosen], and a step d, Float[values]."""
         columns, coefficients = self._lists.columns[: self.count], self._lists.coefficients[: self.count]
         return float(multipliers @ np.einsum("ij,ij->i", coefficients, step[columns]))
 
@@ -117,6 +118,7 @@ class ChosenLimits:
 
     def _place(self, step: Float) -> tuple[int, int]:
         """The arguments `STEP` of generated code."""
+        # one step is judged several times, and its address taken once
         if step is not self._step:
             self._step, self._stepped = step, address(step, self._values)
         return self._at, self._stepped
@@ -161,6 +163,7 @@ def _product(f: FunctionWriter, vector: str, number: str) -> tuple[str, str]:
             term = f.fmul(f.load("%coefficients", entry), f.load(vector, f.load("%columns", entry, "i64")))
             total.set(f.fadd(total.get(), term))
             size.set(f.fadd(size.get(), _abs(f, term)))
+    # a bound has one term
     return total.get(), f.select(bound, _abs(f, total.get()), size.get())
 
 
@@ -168,6 +171,7 @@ def _violation(f: FunctionWriter, number: str, sign: str) -> tuple[str, str]:
     """Return by how much a step violates the upper (sign 1) or lower (-1) side of a limit, and its rounding error."""
     (here, size), (change, length) = _product(f, "%at", number), _product(f, "%step", number)
     upper = f.new(f"icmp sgt i64 {sign}, 0")
+    # beyond = a'd - (side - a'p), and its negative for a lower side
     room = f.new(f"fsub double {_side(f, number, upper)}, {here}")
     beyond = f.new(f"fsub double {change}, {room}")
     scale = f.fadd(f.fadd(_finite_size(f, room), size), f.fadd(length, literal(1e-300)))
@@ -196,6 +200,7 @@ def _violated() -> FunctionWriter:
         for sign, side in ((-1, LOWER), (1, UPPER)):
             beyond, rounding = _violation(f, i, str(sign))
             wrong = f.new(f"fcmp ogt double {beyond}, {rounding}")
+            # one side of a limit may be in the program while a step violates the other one
             other = f.new(f"icmp eq i64 {f.new(f'and i64 {taken}, {side}')}, 0")
             with f.when(f.new(f"and i1 {wrong}, {other}")):
                 mark.set(str(sign))
@@ -221,6 +226,7 @@ def _choose() -> FunctionWriter:
             bit = f.new(f"select i1 {upper}, i64 {UPPER}, i64 {LOWER}")
             taken = f.load("%taken", i, "i64")
             new = f.new(f"icmp eq i64 {f.new(f'and i64 {taken}, {bit}')}, 0")
+            # a guess, unlike a violation, may name an infinite side
             finite = f.new(f"fcmp olt double {_abs(f, _side(f, i, upper))}, {INFINITE}")
             with f.when(f.new(f"and i1 {new}, {finite}")):
                 f.store(f.new(f"or i64 {taken}, {bit}"), "%taken", i, "i64")
@@ -234,11 +240,13 @@ def _append(f: FunctionWriter, i: str, sign: str) -> None:
     f.store(f.add(place, 1), "%counts", kind="i64")
     f.store(i, "%numbers", place, "i64")
     f.store(sign, "%signs", place, "i64")
+    # by the free step, which `%step` is here
     f.store(_violation(f, i, sign)[0], "%excess", place)
     factor = f.new(f"sitofp i64 {sign} to double")
     target = f.mul(place, "%stride")
     bound = f.new(f"icmp slt i64 {i}, %values")
     with f.when(bound):
+        # a bound is a row with one entry, filled up to the width of the rows
         with f.loop(1, "%stride") as k:
             f.store(ZERO, "%entries", f.add(target, k))
         f.store(i, "%places", target, "i64")
@@ -263,6 +271,7 @@ def _exceed() -> FunctionWriter:
         holds = f.new(f"icmp ne i64 {f.load('%holding', j, 'i64')}, 0")
         rest = f.select(holds, beyond, ZERO)
         f.store(rest, "%violation", j)
+        # unordered: a step that is not finite is wrong
         wrong = f.new(f"fcmp ugt double {_abs(f, rest)}, {rounding}")
         total.set(f.add(total.get(), f.new(f"zext i1 {wrong} to i64")))
     f.store(total.get(), "%counts", kind="i64")

@@ -40,6 +40,7 @@ def _square_influence(r: Float, delta: float) -> Influence:
 
 
 def _huber_code(f: FunctionWriter, r: str, delta: float) -> Code:
+    # r^2 up to delta, beyond it the tangent delta (2 |r| - delta), whose slope over 2 r is delta / |r|
     square, edge = f.fmul(r, r), literal(delta)
     size = f.new(f"call double @llvm.fabs.f64(double {r})")
     beyond = f.new(f"fcmp ogt double {size}, {edge}")
@@ -49,6 +50,7 @@ def _huber_code(f: FunctionWriter, r: str, delta: float) -> Code:
 
 def _huber_influence(r: Float, delta: float) -> Influence:
     inside = np.abs(r) <= delta
+    # both sides of `where` are computed: the maximum keeps r = 0 out of the quotient
     return np.where(inside, 1.0, delta / np.maximum(np.abs(r), delta)), inside.astype(np.float64)
 
 
@@ -63,12 +65,14 @@ def _soft_l1_code(f: FunctionWriter, r: str, delta: float) -> Code:
 
 
 def _soft_l1_influence(r: Float, delta: float) -> Influence:
+    # psi = r / root, and psi' = 1 / root - r^2 / delta^2 / root^3 = 1 / root^3
     root = np.sqrt(1 + (r / delta) ** 2)
     return 1 / root, root**-3
 
 
 def _excess_code(f: FunctionWriter, r: str, delta: float) -> Code:
     square = f.fmul(r, r)
+    # one-sided, as an excess below the limit costs nothing
     beyond = f.new(f"fcmp ogt double {r}, {ZERO}")
     return f.select(beyond, square, ZERO), f.select(beyond, ONE, ZERO)
 

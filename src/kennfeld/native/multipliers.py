@@ -25,7 +25,7 @@ MEMORY = (("ptr", "m"), ("ptr", "which"), ("ptr", "rest"), ("ptr", "inverse"), (
 
 
 def solve_active(products: Float, active: Int, right: Float) -> Float:
-    """Solve S m = right for the multipliers of the `active` rows (1, else 0); the others are 0.
+    """Solve S m = right for the multipliers, Float[rows], of the `active` rows (1, else 0); the others are 0.
 
     A ridge makes dependent rows solvable; a second solve restores the digits that it costs (J. Riley: Solving
     systems of linear equations with a positive definite, symmetric, but possibly ill-conditioned matrix, 1955). NaN if
@@ -39,16 +39,19 @@ def solve_active(products: Float, active: Int, right: Float) -> Float:
 
 
 def exchange_blocks(products: Float, excess: Float, equalities: int, guess: Int) -> Float | None:
-    """Return the multipliers by block principal pivoting; None if it does not end.
+    """Find the multipliers by block principal pivoting; None if it does not end.
 
     All wrong ones are exchanged at once (J. Judice, F. Pires: A block principal pivoting algorithm for large-scale
     strictly monotone linear complementarity problems, 1994).
 
     Args:
-        products: S.
-        excess: e.
+        products: S, Float[rows, rows].
+        excess: e, Float[rows].
         equalities: number of the multipliers, the first ones, that are not bounded.
-        guess: 1 for the multipliers likely to be > 0, else 0.
+        guess: 1 for the multipliers likely to be > 0, else 0, Int[rows].
+
+    Returns:
+        Float[rows], >= 0 but for the equalities.
     """
     count = excess.size
     inside, memory = np.zeros(count + 1, dtype=np.int64), np.empty((count + 5) * count)
@@ -82,6 +85,7 @@ def _solve() -> FunctionWriter:
             f.store(i, "%which", size.get(), "i64")
             size.set(f.add(size.get(), 1))
     part = [("ptr", "%products"), ("i64", "%stride"), ("i64", size.get()), *((k, f"%{name}") for k, name in MEMORY)]
+    # repeats with a larger ridge until the rows have a factor, or the ridge is as large as they are
     with f.walk(1) as (_, attempt):
         f.call("factor", [*part, ("double", ridge.get()), ("ptr", failed)])
         smaller = f.new(f"fcmp ole double {ridge.get()}, {ONE}")
@@ -89,6 +93,7 @@ def _solve() -> FunctionWriter:
         ridge.set(f.fmul(ridge.get(), literal(LARGER)))
         attempt.set(f.new(f"select i1 {again}, i64 0, i64 1"))
     bad = _flag(f, failed, 0)
+    # iterative refinement: m += (S + ridge)^-1 (e - S m), first from m = 0, then once more
     for _ in range(2):
         with f.loop(0, size.get()) as a:
             row = f.load("%which", a, "i64")
@@ -166,6 +171,7 @@ def _exchange() -> FunctionWriter:
     the length of a row, the root of its product with itself.
     """
     f = FunctionWriter("exchange", [*SYSTEM, *MEMORY, ("i64", "equalities"), ("ptr", "outcome")])
+    # exchanges of blocks may cycle: it ends without a result if PATIENCE of them give no new least number of wrong ones
     scale = f.at("%lower", f.mul("%count", "%count"))  # behind the factor
     wanted = _prepare(f, scale)
     best, patience = f.variable("i64", f.add("%count", 1)), f.variable("i64", str(PATIENCE))
@@ -181,6 +187,7 @@ def _exchange() -> FunctionWriter:
         ended = f.new(f"or i1 {solved}, {f.new(f'icmp eq i64 {patience.get()}, 0')}")
         done.set(f.new(f"zext i1 {ended} to i64"))
     with f.loop("%equalities", "%count") as i:
+        # below 0 within the tolerance
         negative = f.new(f"fcmp olt double {f.load('%m', i)}, {ZERO}")
         f.store(f.select(negative, ZERO, f.load("%m", i)), "%m", i)
     return f
@@ -192,6 +199,7 @@ def _prepare(f: FunctionWriter, scale: str) -> str:
     with f.loop(0, "%count") as i:
         product = f.load("%products", f.add(f.mul(i, "%stride"), i))
         entered = f.new(f"fcmp ogt double {product}, {literal(EMPTY)}")
+        # a row that no value enters has length 0, stays outside and is never wrong
         root = f.new(f"call double @llvm.sqrt.f64(double {f.select(entered, product, ONE)})")
         f.store(f.select(entered, root, ZERO), scale, i)
         free = f.new(f"icmp slt i64 {i}, %equalities")
@@ -206,6 +214,7 @@ def _prepare(f: FunctionWriter, scale: str) -> str:
 
 def _exchange_wrong(f: FunctionWriter, scale: str, wanted: str) -> str:
     """Exchange the wrong multipliers, and return their number."""
+    # by Cauchy-Schwarz, a slope's terms in units of its row's length are at most |m_j| times the length of row j
     largest, total, count = f.variable("double", ZERO), f.variable("double", ZERO), f.variable("i64", "0")
     with f.loop(0, "%count") as i:
         size = _abs(f, f.fmul(f.load("%m", i), f.load(scale, i)))
@@ -220,6 +229,7 @@ def _exchange_wrong(f: FunctionWriter, scale: str, wanted: str) -> str:
             slope = f.new(f"fsub double {_row_times_m(f, i)}, {f.load('%right', i)}")
             steep = f.new(f"fcmp olt double {f.new(f'fdiv double {slope}, {length}')}, {rounding}")
             negative = f.new(f"fcmp olt double {f.fmul(f.load('%m', i), length)}, {least}")
+            # wrong ones change sides: from the set of active rows into that of the others, or back
             wrong = f.new(f"zext i1 {f.new(f'select i1 {inside}, i1 {negative}, i1 {steep}')} to i64")
             f.store(f.new(f"xor i64 {f.load('%inside', i, 'i64')}, {wrong}"), "%inside", i, "i64")
             count.set(f.add(count.get(), wrong))

@@ -30,10 +30,11 @@ def write_evaluation(inputs: int, kernel: int, reciprocal: bool) -> FunctionWrit
     f = FunctionWriter("expand", PARAMETERS)
     v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
     slopes = [f.load("%values", 1 + d) for d in range(inputs)]
+    # the plane: its value, and its slopes along the inputs
     starts = [f.sum([f.load("%values"), *(f.fmul(slope, at) for slope, at in zip(slopes, x, strict=True))]), *slopes]
     sums = [f.variable(EIGHT, v.all(0.0)) for _ in starts]
     for eight in _each_eight(f, x, kernel, reciprocal):
-        terms = [v("fmul", eight.weight, eight.bells), *(f.new(f"fneg {EIGHT} {along}") for along in eight.along())]
+        terms = [v("fmul", eight.weight, eight.basis), *(f.new(f"fneg {EIGHT} {along}") for along in eight.along())]
         for total, term in zip(sums, terms, strict=True):
             total.set(v("fadd", total.get(), term))
     for at, (total, start) in enumerate(zip(sums, starts, strict=True)):
@@ -49,7 +50,8 @@ def write_value_slopes(inputs: int, kernel: int) -> FunctionWriter:
     for d, at in enumerate(x):
         f.store(at, "%out", 1 + d)
     for eight in _each_eight(f, x, kernel, reciprocal=False):
-        eight.store(eight.bells, eight.weights)
+        # with t = (x - z) / s, the slope along the centre is minus that along x, and that along the width t times it
+        eight.store(eight.basis, eight.weights)
         for d, along in enumerate(eight.along()):
             eight.store(along, eight.centres[d])
             eight.store(v("fmul", along, eight.distances[d]), eight.widths[d])
@@ -64,6 +66,7 @@ def _each_eight(f: FunctionWriter, x: list[str], kernel: int, reciprocal: bool) 
         position.set(f.add(first, LANES))
     rest = f.new(f"sub i64 %centres, {whole}")
     with f.when(f.new(f"icmp sgt i64 {rest}, 0")):
+        # lanes that are left are lane < rest
         kind = f"<{LANES} x i64>"
         lanes = f"<{', '.join(f'i64 {lane}' for lane in range(LANES))}>"
         single = f.new(f"insertelement {kind} poison, i64 {rest}, i64 0")
@@ -84,35 +87,38 @@ class _EightCentres:
         self.weights = str(1 + inputs)  # offset of their values
         self.centres = [f.add(f.mul("%centres", 1 + d), self.weights) for d in range(inputs)]
         self.widths = [f.add(f.mul("%centres", 1 + inputs + d), self.weights) for d in range(inputs)]
+        # missing lanes divide by 1
         self._width = [self._load(at, 1.0) for at in self.widths]
         self.distances = []  # in widths, limited to +-`MAX_DISTANCE`
         for at, centre, width in zip(x, self.centres, self._width, strict=True):
             t = self._v(self._divide, self._v("fsub", self._v.splat(at), self._load(centre, 0.0)), width)
+            # limited, so that squares do not overflow
             self.distances.append(self._extreme("minnum", self._extreme("maxnum", t, -MAX_DISTANCE), MAX_DISTANCE))
         square = self._v("fmul", self.distances[0], self.distances[0])
         for t in self.distances[1:]:
             square = self._v("fadd", square, self._v("fmul", t, t))
         self.weight = self._load(self.weights, 0.0)
-        self.bells, self._declines = self._gaussian(square) if kernel == "gaussian" else self._matern52(square)
+        self.basis, self._declines = self._gaussian(square) if kernel == "gaussian" else self._matern52(square)
 
     def _gaussian(self, square: str) -> tuple[str, str]:
-        """Return the bells and their declines, as `kernel_of_square` does."""
+        """Compute the basis functions and their declines, as `kernel_of_square` does."""
         exponent = self._v("fmul", square, self._v.all(-0.5))
-        bells = self._v.exp(self._extreme("maxnum", exponent, LEAST))
-        return bells, bells
+        basis = self._v.exp(self._extreme("maxnum", exponent, LEAST))
+        return basis, basis
 
     def _matern52(self, square: str) -> tuple[str, str]:
-        """Return the bells and their declines, as `kernel_of_square` does."""
+        """Compute the basis functions and their declines, as `kernel_of_square` does."""
         v = self._v
         five = v("fmul", square, v.all(5.0))
+        # s = sqrt(5) r: basis (1 + s + s^2 / 3) e^-s, and its decline -db/dr / r = 5/3 (1 + s) e^-s
         s = self._f.new(f"call {EIGHT} @llvm.sqrt.v8f64({EIGHT} {five})")
         fading = v.exp(self._extreme("maxnum", v("fmul", s, v.all(-1.0)), LEAST))
         rising = v("fadd", s, v.all(1.0))
-        bells = v("fmul", v("fadd", rising, v("fmul", five, v.all(1.0 / 3.0))), fading)
-        return bells, v("fmul", v("fmul", rising, v.all(5.0 / 3.0)), fading)
+        basis = v("fmul", v("fadd", rising, v("fmul", five, v.all(1.0 / 3.0))), fading)
+        return basis, v("fmul", v("fmul", rising, v.all(5.0 / 3.0)), fading)
 
     def along(self) -> list[str]:
-        """Return the slopes of the weighted bells along each input, with the opposite sign."""
+        """Return the slopes of the weighted basis functions along each input, with the opposite sign."""
         v = self._v
         weighted = v("fmul", self.weight, self._declines)
         return [v(self._divide, v("fmul", weighted, t), w) for t, w in zip(self.distances, self._width, strict=True)]
@@ -123,6 +129,7 @@ class _EightCentres:
         if self._mask == ALL:
             self._f.store(value, at, kind=EIGHT)
         else:
+            # a masked access leaves the memory of missing lanes alone, which may end there
             mask = f"<{LANES} x i1> {self._mask}"
             self._f.do(f"call void @llvm.masked.store.v8f64.p0({EIGHT} {value}, ptr {at}, i32 8, {mask})")
 

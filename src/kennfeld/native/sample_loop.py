@@ -53,6 +53,7 @@ def _target(f: FunctionWriter, at: int) -> tuple[str, str]:
 
 def is_counted(f: FunctionWriter, at: int) -> str:
     """Return the condition that an output has a target and a weight; without, it does not count even if not finite."""
+    # ordered: a weight that is NaN does not count either
     weighted = f.new(f"fcmp one double {f.load('%scores', at)}, {ZERO}")
     return f.new(f"and i1 {_target(f, at)[1]}, {weighted}")
 
@@ -85,6 +86,7 @@ def step_items(
     line: Linearization, layout: MemoryLayout, tail: Items, behind: Mapping[int, CodeItem] = NOTHING
 ) -> list[CodeItem]:
     """Return items for the nodes that `tail` and the states need, for `tail`, and for the states' step."""
+    # the states step last: an item of `tail` sees those of its own sample
     roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
     return [*node_items(line.nodes, roots, behind), *tail, *_advance(line)]
 
@@ -170,6 +172,7 @@ def cost_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Outpu
             f = step.f
             residual, scored = scaled_residual(step, at, output)
             loss, _ = loss_of(f, residual, output)
+            # selected, since 0 times a loss that is not finite is NaN
             f.increase(f.select(scored, apply_weight(step, loss, output), ZERO), "%sums", at)
 
         return CodeItem(output.nodes, emit)

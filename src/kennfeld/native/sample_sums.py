@@ -25,6 +25,7 @@ Add = Callable[[FunctionWriter, str, str, str], None]  # to the entry in two col
 
 def batch_width(room: int) -> int:
     """Return the number of columns for which a batch needs memory if a sample has up to `room` entries."""
+    # beside those of a full batch, the columns of the sample that is found not to fit
     return -(-(1 + SPREAD) * room // LANES) * LANES
 
 
@@ -57,6 +58,7 @@ def block_sums(outputs: int, *, full: bool) -> FunctionWriter:
     with f.walk("%length", f.load("%next", kind="i64")) as (k, position):
         batch = _Batch(f, k, outputs)
         used = batch.used.get()
+        # each pair of columns may need a block of its own
         needed = f.add(f.load("%used", kind="i64"), f.mul(used, used))
         fits = f.new(f"icmp sle i64 {needed}, %capacity")
         with f.when(f.new(f"xor i1 {fits}, true")):
@@ -85,13 +87,16 @@ class _Batch:
             before = self.used.get()
             own = self._number_columns(sample)
             now = self.used.get()
+            # products on both sides of the diagonal: (columns together)^2 against the sum of both squares
             apart = f.add(f.mul(before, before), f.mul(own, own))
             worse = f.new(f"icmp sgt i64 {f.mul(now, now)}, {apart}")
             full = f.new(f"icmp sgt i64 {now}, {f.mul('%room', SPREAD)}")
+            # the first sample always joins, however many columns it has
             late = f.new(f"icmp sgt i64 {sample}, {k}")
             ends = f.new(f"and i1 {f.new(f'or i1 {worse}, {full}')}, {late}")
             position.set(f.add(sample, 1))
             with f.when(ends):
+                # the sample that ends the batch gives the numbers of its columns back
                 self.forget_columns(before)
                 position.set(last)
             with f.when(f.new(f"xor i1 {ends}, true")):
@@ -134,6 +139,7 @@ class _Batch:
         """Write code that adds the products of the batch; entries on the diagonal are multiplied by a number."""
         f = self.f
         used = self.used.get()
+        # of eight columns each; the rows of the batch are one per sample and output
         tiles = f.new(f"sdiv i64 {f.add(used, LANES - 1)}, {LANES}")
         count = f.mul(f.new(f"sub i64 {self.end.get()}, {self.first}"), self.outputs)
         self._fill(tiles)
@@ -161,6 +167,7 @@ class _Batch:
             def put(column: str, slopes: list[str], rows: list[str] = rows) -> None:
                 number = f.load_index("%number", column)
                 for row, slope in zip(rows, slopes, strict=True):
+                    # added, as a sample may touch a column twice
                     f.increase(slope, row, number)
 
             self._each_entry(sample, put)
@@ -190,6 +197,7 @@ class _Batch:
         across, down = f.mul(j, LANES), f.mul(i, LANES)
         sums = [f.variable(EIGHT, "zeroinitializer") for _ in range(LANES)]
         with f.loop(0, count) as row:
+            # eight sums in registers: sum over rows of weighted[down + lane] times rows[across ...]
             vector = v.load(self._row("%rows", row), across)
             scalars = f.at(self._row("%weighted", row), down)
             for lane, total in enumerate(sums):
@@ -203,6 +211,7 @@ class _Batch:
         with f.loop(top, f.extreme("smin", f.add(top, LANES), used)) as row:
             own = f.load_index("%columns", row)
             line = f.at(block, f.mul(f.new(f"sub i64 {row}, {top}"), LANES))
+            # pairs below the diagonal by their numbers in the batch; in the matrix they may lie on either side
             with f.loop(left, f.extreme("smin", f.add(left, LANES), row)) as column:
                 value = f.load(line, f.new(f"sub i64 {column}, {left}"))
                 add(f, own, f.load_index("%columns", column), value)

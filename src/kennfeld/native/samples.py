@@ -80,7 +80,7 @@ class Samples:
         return self.wanted.count if self.order is None else self.order.size
 
     def numbers(self, visits: Int) -> Int | Order:
-        """Return the numbers of the samples at some visits."""
+        """Return the numbers of the samples at some visits, shape (visits,)."""
         return visits if self.order is None else self.order[visits]
 
     def targets_of(self, visits: Int) -> Float:
@@ -109,6 +109,7 @@ class Samples:
         for piece in self.pieces:
             length = piece.last - piece.first
             count = max(1, round(length * share))
+            # both ends included; each sample picked stands for length / count of them
             picked.append(np.linspace(piece.first, piece.last - 1, count).astype(np.int64))
             pieces.append(Piece(at, at + count, piece.scores * (length / count)))
             at += count
@@ -137,7 +138,7 @@ class Samples:
         return Samples([self.inputs.parts[row] for row in rows], self.wanted.parts, self.pieces, self.order)
 
     def with_rows(self, rows: Mapping[int, Float]) -> "Samples":
-        """Return the samples with other arrays as some rows of the inputs; the targets remain shared."""
+        """Replace some rows of the inputs by other arrays, Float[samples]; the targets remain shared."""
         result = copy(self)
         parts = [rows.get(number, own) for number, own in enumerate(self.inputs.parts)]
         result.inputs = ColumnTable(parts, self.wanted.count)
@@ -146,6 +147,7 @@ class Samples:
 
     def _last_scored(self, piece: Piece) -> int:
         """Return the index after the last sample of a piece that counts."""
+        # from the end, block by block: mostly the last sample counts
         for last in range(piece.last, piece.first, -BLOCK):
             visits = np.arange(max(last - BLOCK, piece.first), last)
             scored = np.flatnonzero(np.isfinite(self.targets_of(visits)[piece.scores != 0]).any(axis=0))
@@ -182,11 +184,13 @@ def pick_evenly(weights: Sequence[bytes], scored: Int, share: float, least: int)
     """
     groups: dict[bytes, list[int]] = {}
     for number in np.flatnonzero(scored.any(axis=1)).tolist():
+        # a piece without a target of an output cannot stand for one that has it
         groups.setdefault(weights[number] + (scored[number] > 0).tobytes(), []).append(number)
     factors: dict[int, Float] = {}
     for group in groups.values():
         count = min(max(least, round(len(group) * share)), len(group))
         picked = [group[i] for i in np.linspace(0, len(group) - 1, count).round().astype(np.int64)]
+        # by scored samples, not by pieces, whose lengths differ
         own = scored[group].sum(axis=0) / np.maximum(scored[picked].sum(axis=0), 1)
         factors |= dict.fromkeys(picked, own)
     return dict(sorted(factors.items()))
@@ -224,6 +228,7 @@ def join_samples(parts: Iterable[tuple[Float, Float, Sequence[Piece]]]) -> Sampl
 def shares(work: Sequence[int], count: int) -> list[range]:
     """Deal consecutive items into at most `count` shares of about equal work, deterministically."""
     total = np.cumsum([0, *work])
+    # cut where the running sum of the work passes each equal part of the total
     edges = np.searchsorted(total, np.linspace(0, total[-1], count + 1)[1:-1])
     cuts = sorted({0, *(int(e) for e in edges), len(work)})
     return [range(a, b) for a, b in pairwise(cuts)] or [range(0)]

@@ -50,6 +50,7 @@ class Simulator:
         self, lowered: LoweredGraph, roots: Sequence[int], parameters: ParameterSet
     ) -> tuple[LoweredGraph, Sequence[int]]:
         """Return graph and nodes with the results of calls as columns, and keep the calls."""
+        # names that no function can have
         wanted = {f"\0root{number}": at for number, at in enumerate(roots)}
         called = read_batches(_reduced(lowered.graph, wanted))
         self._calls = [_BatchResults(call, replace(lowered, graph=called.graph), parameters) for call in called.batches]
@@ -103,6 +104,7 @@ class Simulator:
 
     def _shares(self, pieces: Sequence[tuple[int, int]], count: int) -> list[Sequence[tuple[int, int]]]:
         """Divide pieces among threads."""
+        # without states, samples do not depend on each other and may be cut anywhere
         if self._start is None:
             length = max(-(-count // available_cores()), SHARE)
             pieces = [(first, min(first + length, count)) for first in range(0, count, length)]
@@ -135,6 +137,7 @@ class Simulator:
         with self._gate.room():
             run.start(0)
             for first in range(0, count, STEPS):
+                # each call overwrites the one before; only the last one is read
                 run.values(address(out), STEPS, first, min(first + STEPS, count))
         return out[:, (count - 1) % STEPS].copy()
 
@@ -149,6 +152,7 @@ class Simulator:
         """Return the columns that the machine code reads; those of calls are computed first."""
         known = dict(columns)
         for call in self._calls:
+            # in their order: the arguments of a call may be results of an earlier one
             known |= call.over(known, count, parameters, starts, widths)
         return ColumnTable([known[name] for name in self._layout.inputs], count)
 
@@ -197,6 +201,7 @@ class _Run:
         widths = np.zeros(max(len(layout.axes), 1)) if widths is None else np.array(widths)
         memory = np.zeros(layout.memory)
         hints, table = np.zeros(layout.hints, dtype=np.int64), rows.headed(None)
+        # `start` writes slopes too: with nothing free, no more than the number of their entries, 0
         values, room = simulator._values.pack(parameters), np.zeros(8)
         self._simulator, self._kept = simulator, (rows, table, values, widths, memory, hints, room)
         arrays = [address(array) for array in (values, simulator._axes, widths, memory)]

@@ -93,6 +93,7 @@ def _backward(pattern: TapeLayout) -> FunctionWriter:
     f = FunctionWriter("backward", [("i64", "length"), *(("ptr", name) for name in names)])
     with f.loop(0, "%length") as back:
         k = f.new(f"sub i64 {f.add('%length', -1)}, {back}")
+        # in registers, so that Q[k] and L[k] can replace them below
         q, l_next = load_row(f, "%q", "0", n * n), load_row(f, "%l", "0", n)
         for array, values, size in (("%q_next", q, n * n), ("%l_next", l_next, n)):
             base = f.mul(k, size)
@@ -122,14 +123,17 @@ def _touched(pattern: TapeLayout) -> FunctionWriter:
     f = FunctionWriter("touched", [("i64", "length"), ("ptr", "weight"), *ENTRIES, *numbers])
     with f.loop(0, "%length") as k:
         weights = load_row(f, "%weight", k, pattern.outputs)
+        # unordered: a weight that is NaN does not count either
         unscored = [f.new(f"fcmp ule double {weight}, {ZERO}") for weight in weights]
         entries, sample = TapeEntries(f, k, pattern.rows), f.add("%first", k)
         with f.unless(*unscored), f.loop(0, entries.count) as e:
             column, slopes = entries.read(e)
             flat = [f.new(f"fcmp oeq double {slope}, {ZERO}") for slope in slopes]
+            # with states, a slope of a state counts as well, since it acts on later samples
             if not pattern.carried:
                 flat = [f.new(f"or i1 {a}, {b}") for a, b in zip(flat, unscored, strict=True)]
             with f.unless(*flat):
+                # a sample may touch a column twice
                 known = f.new(f"icmp eq i64 {f.load('%latest', column, 'i64')}, {sample}")
                 with f.unless(known):
                     f.store(sample, "%latest", column, "i64")
@@ -140,12 +144,14 @@ def _touched(pattern: TapeLayout) -> FunctionWriter:
 def _fold() -> FunctionWriter:
     """Write `fold(matrix, columns, count)`: H = G + G' in place for `count` columns, in blocks that fit the cache."""
     f = FunctionWriter("fold", [("ptr", "matrix"), ("i64", "columns"), ("i64", "count")])
+    # a block and its mirror image, which is read by columns, take 16 KB of the nearest cache
     block = 32
     blocks = f.new(f"sdiv i64 {f.add('%count', block - 1)}, {block}")
     with f.loop(0, blocks) as bi, f.loop(0, f.add(bi, 1)) as bj:
         top, left = f.mul(bi, block), f.mul(bj, block)
         bottom, right = (f.extreme("smin", f.add(first, block), "%count") for first in (top, left))
         with f.loop(top, bottom) as i:
+            # each pair once, from below the diagonal
             end = f.extreme("smin", right, f.add(i, 1))
             row = f.at("%matrix", f.mul(i, "%columns"))
             with f.loop(left, end) as j:

@@ -36,6 +36,7 @@ class Cell:
     def weights(self, f: FunctionWriter) -> list[tuple[str, str]]:
         """Return (grid point, weight) pairs."""
         if self.single:
+            # 1, or NaN where the coordinate is
             return [(self.index, f.fadd(ONE, f.fmul(self.fraction, ZERO)))]
         rest = f.new(f"fsub double {ONE}, {self.fraction}")
         return [(self.index, rest), (f.add(self.index, 1), self.fraction)]
@@ -68,6 +69,7 @@ class Corner:
 def find_cell(f: FunctionWriter, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
     """Return the cell, x minus its left end, and its width. `hint` stores the cell, since the next x is mostly near."""
     guess = f.load(hint, kind="i64")
+    # NaN fails both comparisons, and the search puts it into cell 0
     after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
     before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
     with f.unless(after, before):
@@ -93,6 +95,7 @@ def corners(
     if not sides:
         yield before or Corner("0", ONE)
         return
+    # slope counts the axes that remain up to the one to differentiate along
     side, along = sides[0], slope == 0
 
     def step(point: str, factor: str) -> Iterator[Corner]:
@@ -129,6 +132,7 @@ def _smooth() -> FunctionWriter:
     f = FunctionWriter(
         "smooth", [*numbers, ("ptr", "weights"), ("ptr", "slopes"), ("ptr", "bounds")], before=_search().text()
     )
+    # from the cell of x - 4 s to the end of that of x + 4 s; outside, all ramps are either 0 or x minus their start
     reach = f.fmul("%width", literal(WINDOW))
     cells = f.slot("i64", 2)
     for which, edge in enumerate(("fsub", "fadd")):
@@ -147,6 +151,7 @@ def _smooth() -> FunctionWriter:
 
 def _ramps(f: FunctionWriter, first: str, end: str) -> None:
     """Write the smoothed ramp that starts at each breakpoint to the weights, its slope to the slopes."""
+    # a width of 0 makes the distances infinite, so that each ramp is the exact one
     positive = f.new(f"call double @llvm.maxnum.f64(double %width, double {literal(1e-300)})")
     inverse = f.new(f"fdiv double {ONE}, {positive}")
     v = Vector(f)
@@ -163,19 +168,22 @@ def _ramps(f: FunctionWriter, first: str, end: str) -> None:
 def _ramp(v: Vector, t: str, u: str, width: str) -> tuple[str, str]:
     """Return smoothed ramps and their slopes at distances t = u width from their start."""
     above, below = v.compare("oge", u, WINDOW), v.compare("ole", u, -WINDOW)
+    # within the range of the polynomial and of the exponential; what lies outside is replaced below
     u = v.where(above, v.all(WINDOW), v.where(below, v.all(-WINDOW), u))
+    # Phi(-|u|) = phi(u) Mills(|u|) and Phi(|u|) = 1 - Phi(-|u|); then the ramp is t Phi(u) + s phi(u)
     size = v.f.new(f"call {EIGHT} @llvm.fabs.v8f64({EIGHT} {u})")
-    bell = v("fmul", v.exp(v("fmul", v("fmul", u, u), v.all(-0.5))), v.all(1 / math.sqrt(2 * math.pi)))
+    density = v("fmul", v.exp(v("fmul", v("fmul", u, u), v.all(-0.5))), v.all(1 / math.sqrt(2 * math.pi)))
     mapped = v("fsub", v("fdiv", v("fmul", size, v.all(4.0)), v("fadd", size, v.all(4.0))), v.all(1.0))
-    tail = v("fmul", bell, v.polynomial(mapped, MILLS))
+    tail = v("fmul", density, v.polynomial(mapped, MILLS))
     share = v.where(v.compare("ogt", u, 0.0), v("fsub", v.all(1.0), tail), tail)
-    soft = v("fadd", v("fmul", t, share), v("fmul", bell, width))
+    soft = v("fadd", v("fmul", t, share), v("fmul", density, width))
     zero, one = v.all(0.0), v.all(1.0)
     return v.where(above, t, v.where(below, zero, soft)), v.where(above, one, v.where(below, zero, share))
 
 
 def _straight_ends(f: FunctionWriter) -> None:
     """Extend the first and last cell linearly: with linear extrapolation the ends have no kink."""
+    # the ramps that start at the ends are exact: x minus the first breakpoint, and nothing at the last one
     last = f.add("%count", -1)
     f.store(f.new(f"fsub double %x, {f.load('%points')}"), "%weights")
     f.store(ONE, "%slopes")
@@ -186,20 +194,23 @@ def _straight_ends(f: FunctionWriter) -> None:
 def _differences(f: FunctionWriter, first: str, end: str) -> None:
     """Convert ramps to weights in place: the fraction passed before a grid point minus that after it."""
     arrays = ("%weights", "%slopes")
-    climbed = f.slot("double", 4)  # ramp and its slope at the left end; share and its slope of the interval before
+    previous = f.slot("double", 4)  # ramp and its slope at the left end; share and its slope of the interval before
+    # before the window, each interval has been passed as a whole
     for at, (array, before) in enumerate(zip(arrays, (1.0, 0.0), strict=True)):
-        f.store(f.load(array, first), climbed, at)
-        f.store(literal(before), climbed, at + 2)
+        f.store(f.load(array, first), previous, at)
+        f.store(literal(before), previous, at + 2)
     with f.loop(first, f.add(end, -1)) as cell:
         right = f.add(cell, 1)
+        # share passed of interval i = (ramp[i] - ramp[i + 1]) / gap, and weight[i] = share[i - 1] - share[i];
+        # in place: the ramp at the right end is read before the share is kept there for the next interval
         gap = f.new(f"fsub double {f.load('%points', right)}, {f.load('%points', cell)}")
         for at, array in enumerate(arrays):
             ramp = f.load(array, right)
-            share = f.new(f"fdiv double {f.new(f'fsub double {f.load(climbed, at)}, {ramp}')}, {gap}")
-            f.store(f.new(f"fsub double {f.load(climbed, at + 2)}, {share}"), array, cell)
+            share = f.new(f"fdiv double {f.new(f'fsub double {f.load(previous, at)}, {ramp}')}, {gap}")
+            f.store(f.new(f"fsub double {f.load(previous, at + 2)}, {share}"), array, cell)
             f.store(share, array, right)
-            f.store(ramp, climbed, at)
-            f.store(share, climbed, at + 2)
+            f.store(ramp, previous, at)
+            f.store(share, previous, at + 2)
 
 
 def _search() -> FunctionWriter:
@@ -208,6 +219,7 @@ def _search() -> FunctionWriter:
     Bisection by selects: the branch would be unpredictable, and a misprediction costs more than the rest.
     """
     f = FunctionWriter("search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")])
+    # the cell is one of cells - excluded ones from `low` on; the number of steps does not depend on x
     cells, low = f.add("%count", -1), f.variable("i64", "0")
     with f.walk(f.add("%count", -2)) as (excluded, position):
         half = f.new(f"lshr i64 {f.new(f'sub i64 {cells}, {excluded}')}, 1")

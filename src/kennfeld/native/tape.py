@@ -70,6 +70,7 @@ def _residual(at: int, output: Output, outputs: int) -> CodeItem:
     def emit(step: StepEmitter) -> None:
         f = step.f
         residual, _ = scaled_residual(step, at, output)
+        # not the target alone: an output of weight 0 is off, even where its residual is not finite
         scored = is_counted(f, at)
         _, weight = loss_of(f, residual, output)
         scored_weight = apply_weight(step, f.fmul(weight, f.load("%scores", at)), output)
@@ -141,6 +142,7 @@ def _fill_memory(line: Linearization, layout: MemoryLayout) -> CodeItem:
     def emit(step: StepEmitter) -> None:
         f = step.f
         for i, state in enumerate(line.states):
+            # all cells of a delay hold the first value; an earlier piece may have left its ring elsewhere than at 0
             first = step.value(line.starts[i])
             base = f.at("%memory", layout.memory_offsets[i])
             with f.loop(0, state.latency) as slot:

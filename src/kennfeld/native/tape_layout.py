@@ -7,7 +7,7 @@ from itertools import count
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.derivative import Linearization
 
-MANY = 8  # states beyond which loops over them are faster than code for each
+MANY = 8  # states beyond which loops are faster than code for each, in which LLVM no longer sees the vectors
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class TapeLayout:
         """Return the layout for a step."""
         m, n = len(line.outputs), len(line.seeds)
         number = {seed: i for i, seed in enumerate(line.seeds)}
+        # a next value that is itself a state: one place of a shift register
         nexts = [number.get(line.states[i].next) for i in line.carried] if n > MANY else []
         copies = tuple((row, source) for row, source in enumerate(nexts) if source is not None)
         present = [[number[leaf] for leaf in row if leaf in number] for row in line.slopes.reach]

@@ -35,6 +35,7 @@ class _Room:
 
     @contextmanager
     def taken(self, count: int) -> Iterator[None]:
+        # more calls than there is room for would wait for ever
         count = min(count, self._size)
         with self._changed:
             self._changed.wait_for(lambda: self._free >= count)

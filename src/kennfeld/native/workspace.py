@@ -46,6 +46,7 @@ class Workspace:
         self._jacobian: Float | None = None
         self._entries = (*_entry_addresses(self.index, self.slope, self.count), entries)
         self._sums = (*strided(self.matrix, dense), address(self.gradient))
+        # sums with carried states are those of sweeps
         self._batch = BatchMemory(0 if n else entries, columns, m)
         self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
         self._ends = tuple(address(array) for array in (self.q, self.l, self.q_next, self.l_next))
@@ -68,7 +69,7 @@ class Workspace:
             self.kernel.start(*self._model, *_entry_addresses(*self._start), sample)
 
     def cost(self, chunk: Chunk, sums: Float) -> None:
-        """Add the losses of each output over a chunk, without weights."""
+        """Add the losses of each output over a chunk, without weights, to Float[outputs]."""
         into = address(sums, len(self.kernel.outputs))
         self.kernel.cost(*self._model, self._targets, into, chunk.first, chunk.last)
 
@@ -88,6 +89,7 @@ class Workspace:
         following = np.zeros(1, dtype=np.int64)
         sweeps = self.kernel.sweeps
         normal = sweeps.full_normal if storage.full else sweeps.block_normal
+        # ends early if a batch needs blocks that are not reserved, and goes on at the sample of which it begins
         while following[0] < chunk.length:
             storage.reserve(batch.width**2)
             resumed = (storage.capacity, address(following, kind=INT64))
@@ -112,7 +114,7 @@ class Workspace:
             self.storage.fill()
 
     def fold(self) -> Float | BlockMatrix:
-        """Return the Gauss-Newton matrix, computed from the sums."""
+        """Compute the Gauss-Newton matrix, [free, free], from the sums."""
         columns = self.kernel.values.free
         if self.storage is not None:
             return BlockMatrix(self.storage, np.arange(columns))
@@ -128,7 +130,10 @@ class Workspace:
         self.kernel.sweeps.forward(chunk.length, *self._steps, *self._swept, *self._entries, *self._sums)
 
     def rows(self, chunk: Chunk) -> tuple[Float, Float]:
-        """Compute residuals and Jacobian of the tape, times the square root of the weights; carries S over it."""
+        """Compute residuals and Jacobian of the tape, times the root of the weights; carries S over it.
+
+        Shapes (samples * outputs,) and (samples * outputs, free).
+        """
         columns, m = self.kernel.values.free, len(self.kernel.outputs)
         if self._jacobian is None:
             self._jacobian = _aligned_zeros(len(self.count) * m, columns, columns)
@@ -141,18 +146,19 @@ class Workspace:
         return residual.ravel(), self._jacobian[: chunk.length * m]
 
     def touched(self, chunk: Chunk, latest: Int, counts: Int) -> None:
-        """Count for each column the scored samples of the tape that have a slope in it; see `sweeps`."""
+        """Count for each column, Int[free], the scored samples of the tape that have a slope in it; see `sweeps`."""
         columns = self.kernel.values.free
         numbers = (chunk.first, address(latest, columns, INT64), address(counts, columns, INT64))
         self.kernel.sweeps.touched(chunk.length, self._steps[1], *self._entries, *numbers)
 
     def met(self, chunk: Chunk, owners: Int) -> Int:
-        """Return owner * columns + column for each column in which a sample of an owner >= 0 has a slope.
+        """Return owner * columns + column for each column in which a sample has a slope, given owners, Int[samples].
 
         Sorted, without duplicates.
         """
         length = chunk.length
         used = (self.slope[:length] != 0).any(axis=2) & (owners >= 0)[:, None]
+        # entries behind the count are those of earlier samples
         used &= np.arange(self.index.shape[1]) < self.count[:length, None]
         numbers = owners[:, None] * self.kernel.values.free + self.index[:length]
         return np.unique(numbers[used])
@@ -168,10 +174,13 @@ class Workspace:
         count, n = int(counted[0]), self.kernel.pattern.carried
         columns = index[:count].astype(np.int64)
         first = np.zeros((n, self.width))
+        # several entries may have one column
         np.add.at(first.T, columns, slope[:count])
+        # all cells of a delay begin with the first value, and so with its slopes
         self.sensitivities[: sum(self.latencies)] = np.repeat(first, self.latencies, axis=0)
         if add_start:
             used = np.unique(columns)
+            # G += 1/2 S' Q S and g += S' L at the first sample, over the few columns that reach a first value
             part = first[:, used]
             self.matrix[np.ix_(used, used)] += 0.5 * part.T @ self.q @ part
             self.gradient[used] += part.T @ self.l
@@ -200,6 +209,7 @@ def _round_to_vectors(columns: int) -> int:
 
 def _aligned_zeros(rows: int, columns: int, stride: int) -> Float:
     """Return a matrix of zeros whose rows start on vectors if `stride` does, padded by one vector."""
+    # vectors at the end of the last row reach beyond it
     return aligned_zeros(rows * stride + VECTOR)[: rows * stride].reshape(rows, stride)[:, :columns]
 
 

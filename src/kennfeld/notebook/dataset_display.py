@@ -41,6 +41,7 @@ def dataset_html(data: Dataset) -> Html:
     title = [element("b", data.name), f" ({', '.join([*size, data.use])})"]
     rows = []
     for number, channel in enumerate(data.channels):
+        # an empty row in place of channels that the table leaves out: pictures are expensive
         if MAX_ROWS // 2 <= number < len(data) - MAX_ROWS // 2:
             rows.append(("",) * len(_HEADING))  # not shown
             continue
@@ -51,7 +52,7 @@ def dataset_html(data: Dataset) -> Html:
 
 
 def reduced(values: Float, most: int) -> tuple[Float, Float]:
-    """Return sample numbers and values of at most `most` points: minimum and maximum of consecutive samples.
+    """Reduce Float[samples] to sample numbers and values of at most `most` points: minima and maxima of neighbours.
 
     >>> reduced(np.array([0.0, 5, 1, 2]), most=2)
     (array([0., 0.]), array([0., 5.]))

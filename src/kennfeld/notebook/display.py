@@ -35,5 +35,6 @@ def html_of(value: object) -> str:
     >>> html_of(Scalar("Kp", 0.08)).count("<b>Kp</b>")
     1
     """
+    # subclasses included: a Curve is written as a Parameter
     writer = next(writer for kind, writer in _WRITERS.items() if isinstance(value, kind))
     return visible(writer(value))

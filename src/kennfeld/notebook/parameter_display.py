@@ -51,6 +51,7 @@ def _grid_parts(parameter: Parameter) -> list[Html]:
         y_title = with_unit(parameter.name, parameter.unit)
         dots = len(axes[0]) <= MAX_PICTURE
         return [line_chart(axes[0].breakpoints, values, titles[0], y_title, dots=dots), table]
+    # the first plane along all further axes
     plane = values.reshape(*values.shape[:2], -1)[:, :, 0]
     note = [
         caption(f"at {title} = {full_decimal(float(axis.breakpoints[0]))}, the first of {len(axis)}")

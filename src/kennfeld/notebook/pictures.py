@@ -35,16 +35,18 @@ def height_colour(share: float) -> Rgb:
 
 
 def colour_scale(values: Float) -> Callable[[float], Rgb]:
-    """Return the colours of numbers by their height among the finite values; equal ones are in the middle."""
+    """Return the colours of numbers by their height among finite values, of any shape; equal ones are in the middle."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     width = high - low
+    # the range of finite numbers may itself be infinite
     return lambda value: height_colour((value - low) / width if 0 < width < np.inf else 0.5)
 
 
 def ink_on(colour: Rgb) -> str:
     """Return the colour of text on a background: black or white."""
     red, green, blue = colour
+    # luma of ITU-R BT.601
     return "#000" if 0.299 * red + 0.587 * green + 0.114 * blue > 120 else "#fff"
 
 
@@ -68,7 +70,9 @@ def ticks(low: float, high: float, most: int = MAX_TICKS) -> list[float]:
         return [low]
     power = 10.0 ** floor(log10(width / most))
     step = next((digit * power for digit in (1, 2, 5, 10) if width / (digit * power) <= most), 10 * power)
+    # an end that is a tick stays one despite the rounding of the quotient
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
+    # 0.3 in place of 3 * 0.1 = 0.30000000000000004
     return [round(number * step, 12) if step > 1e-9 else number * step for number in range(first, last + 1)]
 
 
@@ -95,7 +99,7 @@ class Span:
 
 
 def line_chart(x: Float, y: Float, x_title: str, y_title: str, *, dots: bool = False) -> Html:
-    """Return a line over an axis with ticks.
+    """Draw a line over an axis with ticks.
 
     Args:
         x: Float[points].
@@ -116,13 +120,16 @@ def line_chart(x: Float, y: Float, x_title: str, y_title: str, *, dots: bool = F
 
 
 def strip(x: Float, y: Float, label: str) -> Html:
-    """Return a small line without axes; x and y are Float[points]."""
+    """Draw a small line without axes; x and y are Float[points]."""
     across, up = Span.of(x, 1, WIDTH - 1), Span.of(y, STRIP_HEIGHT - 3, 3)
     return _picture(STRIP_HEIGHT, label, [*_lines(x, y, across, up)])
 
 
 def heat_map(values: Float, x: Float, y: Float, x_title: str, y_title: str, label: str) -> Html:
-    """Return colours over two axes; `values` are at the points x, along the rows, and y; cells end between points."""
+    """Draw colours over two axes; cells end between points.
+
+    `values` Float[x, y] are at the points `x` Float[x] and `y` Float[y].
+    """
     across, up = Span.of(x, MARGIN_LEFT, WIDTH - MARGIN), Span.of(y, HEIGHT - MARGIN_BOTTOM, MARGIN)
     colour = colour_scale(values)
     rows, columns = _edges(x, across), _edges(y, up)
@@ -130,8 +137,10 @@ def heat_map(values: Float, x: Float, y: Float, x_title: str, y_title: str, labe
     for i, row in enumerate(values.tolist()):
         for j, value in enumerate(row):
             if np.isfinite(value):
+                # pixels count downwards, y grows upwards
                 left, top = rows[i], min(columns[j], columns[j + 1])
                 width, height = rows[i + 1] - left, abs(columns[j + 1] - columns[j])
+                # cells overlap a little, so that no line of the page shows between them
                 size = {"width": round(width + 0.3, 1), "height": round(height + 0.3, 1)}
                 cells.append(element("rect", x=left, y=round(top, 1), fill=css(colour(value)), **size))
     sharp = element("g", cells, shape_rendering="crispEdges")
@@ -139,6 +148,7 @@ def heat_map(values: Float, x: Float, y: Float, x_title: str, y_title: str, labe
 
 
 def _edges(points: Float, span: Span) -> list[float]:
+    # halved first, since the sum of two doubles may overflow
     middles = 0.5 * points[1:] + 0.5 * points[:-1]
     if points.size == 1:
         return [span.start, span.end]

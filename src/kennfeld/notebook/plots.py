@@ -95,6 +95,7 @@ def _series(result: Result, problem: Problem | None, criterion: str, dataset: st
     if problem.partitions is not None:
         message = "data in partitions are not plotted as a whole. Write a report, which draws all of them"
         raise ArgumentError(f"problem: {message}")
+    # shifts that the run estimated, so that errors are those of the run
     problem = apply_shifts(problem, result.shifts) if problem.unknown_shifts else problem
     evaluator = Evaluator(problem)
     pairs = []
@@ -138,6 +139,7 @@ def _strips(pairs: Sequence[_Pair]) -> Any:
 def _broken(x: Float, y: Float, series: CriterionSeries) -> tuple[Float, Float]:
     """Return a line that is interrupted between the pieces of a recording, with a bounded number of points."""
     starts = series.bound.starts[1:]
+    # matplotlib interrupts a line at NaN
     x, y = np.insert(x, starts, np.nan), np.insert(y, starts, np.nan)
     numbers, values = reduced(y, MAX_POINTS)
     return x[numbers.astype(np.int64)], values
@@ -176,6 +178,7 @@ def _maps(result: Result, names: Collection[str]) -> Any:
     for axes, name in zip(grid, chosen, strict=False):
         draw = _draw_curve if len(tables[name].axes) == 1 else _draw_map
         draw(figure, axes, result.start[name], tables[name])
+    # an odd number of tables leaves one place empty
     for axes in grid[len(chosen) :]:
         axes.set_visible(False)
     return figure

@@ -24,6 +24,7 @@ def shown(count: int, most: int) -> list[int | None]:
     """
     if count <= most:
         return list(range(count))
+    # of an odd number, one more at the beginning
     first = -(-most // 2)
     return [*range(first), None, *range(count - (most - first), count)]
 
@@ -51,7 +52,7 @@ def text_table(heading: Sequence[str], rows: Sequence[Sequence[Child]], words: i
 
 
 def number_table(values: Float, rows: Sequence[str], columns: Sequence[str], corner: str) -> Html:
-    """Return numbers on colours of their height, abbreviated if there are many.
+    """Show numbers on colours of their height, abbreviated if there are many.
 
     Args:
         values: Float[rows, columns].

@@ -24,11 +24,12 @@ EVEN = 1e-6  # relative difference of steps that count as equal
 class BoundDataset:
     """The samples of a dataset that a model can be run on.
 
-    `inputs` holds the model's inputs at all samples of the dataset. `picked` marks the kept samples, None if all are
-    kept; `starts` are the first samples of pieces among them; `scored` marks those that are scored; `clock` holds steps
-    and time of the kept samples if the model reads them, and other inputs that are not channels. If steady-state points
-    are held until the model has settled (`hold`), `picked` repeats the number of each point, each point is a piece, and
-    the last sample of each is scored.
+    `inputs` holds the model's inputs at all samples of the dataset, Float[samples]. `picked` marks the kept samples,
+    Bool[samples], None if all are kept; `starts` are the first samples of pieces among them, Int[pieces]; `scored`
+    marks those that are scored, Bool[kept samples]; `clock` holds steps and time of the kept samples in s, Float[kept
+    samples], if the model reads them, and other inputs that are not channels. If steady-state points are held until the
+    model has settled (`hold`), `picked` repeats the number of each point, Int[points * hold.samples], each point is a
+    piece, and the last sample of each is scored.
     """
 
     dataset: Dataset
@@ -57,7 +58,7 @@ class BoundDataset:
         return {name: self.at_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
 
     def part(self, first: int, last: int) -> dict[str, Float]:
-        """Return all columns that the model reads, over the kept samples from `first` to before `last`."""
+        """Return all columns that the model reads over the kept samples from `first` to before `last`."""
         here: slice | Int = slice(first, last) if self.picked is None else self.kept[first:last]
         return {n: v[here] for n, v in self.inputs.items()} | {n: v[first:last] for n, v in self.clock.items()}
 
@@ -72,13 +73,14 @@ class BoundDataset:
             return self
         scored, start = np.zeros(self.dataset.samples, dtype=bool), np.zeros(1, dtype=np.int64)
         scored[self.picked] = self.scored
+        # dropped samples have no step and no time; what the model returns there is never scored
         clock = {name: np.full(scored.size, np.nan) for name in self.clock}
         for name, values in self.clock.items():
             clock[name][self.picked] = values
         return BoundDataset(self.dataset, self.inputs, None, start, scored, clock)
 
     def channel(self, name: str) -> Float:
-        """Return a channel over the kept samples."""
+        """Return a channel over the kept samples, Float[kept samples], in its own unit."""
         return self.at_kept(self.dataset[name].values)
 
     def at_kept(self, values: _Column) -> _Column:
@@ -114,6 +116,7 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
         InputError: the model reads the time or the step, but the dataset has no time stamps.
     """
     inputs = {n: dataset[channels.get(n, n)].values for n in graph.inputs if n not in AVERAGING}
+    # ahead of the check for time stamps: held points take their clock from the plan
     if dataset.settling is not None and is_settled(dataset, graph):
         return _hold_points(dataset, inputs, plan_hold(dataset, dataset.settling, step))
     if graph.clocks and dataset.time is None:
@@ -122,6 +125,7 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
             "the function requires time stamps, but the data have none",
             "Name the time channel `time`, or set `raster`; for steady-state points, `settle`.",
         )
+    # states carry over from sample to sample without time stamps, too, so that a missing input ends a piece
     if dataset.time is not None or graph.states:
         inputs = {name: _bridge_gaps(dataset, values) for name, values in inputs.items()}
         valid = _complete(dataset, inputs)
@@ -131,6 +135,7 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
         starts = np.zeros(int(valid.any()), dtype=np.int64)
     picked = None if valid.all() else valid
     kept = slice(None) if picked is None else picked
+    # a view of one number unless samples are masked
     scored = (np.broadcast_to(np.True_, dataset.samples) if dataset.scored is None else dataset.scored)[kept]
     clock = {}
     if dataset.time is not None:
@@ -177,6 +182,7 @@ def _find_starts(dataset: Dataset, valid: Bool) -> Int:
     """Return the first samples of pieces among the valid ones: after a recording's start, a gap or a pause."""
     fresh = np.zeros(dataset.samples, dtype=bool)
     fresh[dataset.starts] = True
+    # this marks samples inside a gap as well, but only valid ones are returned
     fresh[1:] |= ~valid[:-1]
     if dataset.time is not None and (longest := _longest_step(dataset.time, dataset.starts, dataset.max_gap)) < np.inf:
         for first, steps in time_steps(dataset.time, dataset.starts):
@@ -186,6 +192,7 @@ def _find_starts(dataset: Dataset, valid: Bool) -> Int:
 
 def _longest_step(time: Float, starts: Int, max_gap: float) -> float:
     """Return the longest step in s that is not a pause of the recording; infinite if there is no pause."""
+    # fmin and fmax ignore the NaN that stands for the step from one piece to the next
     ends = [(np.fmin.reduce(steps), np.fmax.reduce(steps)) for _, steps in time_steps(time, starts)]
     low, high = (np.nan, np.nan) if not ends else (np.fmin.reduce(ends)[0], np.fmax.reduce(ends)[1])
     if not high > PAUSE * low:  # checked first: a quantile is slow
@@ -202,11 +209,13 @@ def _steps(time: Float, starts: Int) -> Float:
     if not time.size:
         return time
     dt = np.empty(time.size)
+    # the difference at the start of a piece is from another recording; it is replaced below
     np.subtract(time[1:], time[:-1], out=dt[1:])
     lengths = np.diff(starts, append=time.size)
     alone = float(np.median(np.delete(dt, starts))) if lengths.min() == 1 and dt.size > starts.size else 1.0
     dt[starts] = np.where(lengths > 1, dt[np.minimum(starts + 1, time.size - 1)], alone)
     low, high = float(dt.min()), float(dt.max())
+    # the median may reorder dt if the range says already that one number replaces it
     even = float(np.median(dt, overwrite_input=high - low <= EVEN * low))
     if max(high - even, even - low) <= EVEN * even:
         return np.broadcast_to(even, time.size)
@@ -228,6 +237,7 @@ def _is_warm(time: Float, starts: Int, warmup: float) -> Bool:
     """Mark the samples after the warm-up of their piece."""
     warm = np.empty(time.size, dtype=bool)
     for first, last in pairwise([*starts.tolist(), time.size]):
+        # a sample at exactly `warmup` counts, however its time stamp was rounded
         warm[first:last] = time[first:last] - time[first] > warmup - TIME_TOLERANCE
     return warm
 

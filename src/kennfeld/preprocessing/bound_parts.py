@@ -43,6 +43,7 @@ class BoundPart:
             dataset=_cut(whole.dataset, samples),
             inputs={name: values[samples] for name, values in whole.inputs.items()},
             picked=None if picked is None or picked.all() else picked,
+            # a part of a model without memory may begin inside a piece
             starts=starts if starts.size and starts[0] == 0 else np.concatenate([[0], starts]),
             scored=whole.scored[kept],
             clock={name: values[kept] for name, values in whole.clock.items()},
@@ -60,6 +61,7 @@ def divide(bound: BoundDataset, *, anywhere: bool) -> list[BoundPart]:
         return [BoundPart(bound, 0, bound.count, 0, bound.dataset.samples, 0)]
     edges = np.arange(0, bound.count, SAMPLES_PER_BLOCK) if anywhere else np.array(list(_group_pieces(bound)))
     edges = np.append(edges, bound.count)
+    # dropped samples belong to the part before them; the first and the last part reach to the ends of the dataset
     samples: Int = edges if bound.picked is None else np.append(np.flatnonzero(bound.picked)[edges[:-1]], 0)
     samples[[0, -1]] = 0, bound.dataset.samples
     pieces = np.searchsorted(bound.starts, edges[:-1])
@@ -81,6 +83,7 @@ def _group_pieces(bound: BoundDataset) -> Iterator[int]:
 
 def _cut(dataset: Dataset, samples: slice) -> Dataset:
     """Return a range of samples; their pieces begin where those of the dataset do."""
+    # + 1: a piece that begins with the range is the 0 below
     inside = dataset.starts[slice(*np.searchsorted(dataset.starts, [samples.start + 1, samples.stop]))]
     return replace(
         dataset,

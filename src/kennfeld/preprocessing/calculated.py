@@ -22,7 +22,7 @@ from kennfeld.preprocessing.time_shift import shift_channels
 
 
 def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
-    """Return the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN.
+    """Evaluate the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN.
 
     Graphs with memory are simulated; their states restart at each piece and after each gap.
     """
@@ -30,6 +30,7 @@ def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
         columns = {name: dataset[name].values for name in graph.inputs}
         with np.errstate(all="ignore"):
             values = evaluate(graph, columns, ParameterSet())["value"]
+        # a formula of constants alone evaluates to one number
         return np.array(np.broadcast_to(values, dataset.samples))
     bound = bind_inputs(dataset, graph, {})
     lowered = lower_lookups(graph, ParameterSet())
@@ -40,7 +41,7 @@ def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
 
 
 def holds(condition: Graph, dataset: Dataset) -> Bool:
-    """Return the samples at which a condition is true, Bool[samples]; NaN counts as false."""
+    """Mark the samples at which a condition is true, Bool[samples]; NaN counts as false."""
     values = evaluate_expression(condition, dataset)
     true: Bool = np.isfinite(values) & (values != 0)
     return true
@@ -77,6 +78,7 @@ class Calculated:
             graph = self.graphs[name]
             if all(source in dataset for source in graph.inputs):
                 dataset = dataset.with_channels(Channel(name, evaluate_expression(graph, dataset)))
+                # before the next one is calculated, which may read it
                 dataset = shift_channels(dataset, {n: s for n, s in shift.items() if n == name})
         return dataset
 
@@ -90,11 +92,13 @@ def parse_calculated(settings: DataSettings) -> Calculated:
         findings += errors
         if graph is not None:
             graphs[name] = graph
+    # a sorter reports one circle at a time: report it, drop its channels and sort the others again
     while True:
         needs = {name: [source for source in graph.inputs if source in graphs] for name, graph in graphs.items()}
         try:
             ordered = {name: graphs[name] for name in TopologicalSorter(needs).static_order()}
         except CycleError as error:
+            # graphlib lists each channel before the one that reads it
             loop = error.args[1][::-1]
             message = f"circular definition: {' -> '.join(loop)}"
             findings.append(Finding(settings.location("calculated", loop[0]), message, "Give it another name."))

@@ -51,6 +51,7 @@ def to_dataset(data: Data, name: str, graph: Graph, asked: Collection[str]) -> D
     _check_columns(data)
     stamps = {str(key): column for key in data if (column := _stamps(data[key], str(key))) is not None}
     plain = {key: data[key] for key in data if str(key) not in stamps or str(key) in asked}
+    # a column that is read as time is a channel in s; other dates stay what the caller passed
     times = {key: stamps[str(key)].values for key in plain if str(key) in stamps and time_unit(str(key), "")}
     dataset = Dataset.of(name, plain | times)
     locations = {Location(f"dataset {name}, channel {channel}") for channel in asked}
@@ -67,6 +68,7 @@ def _check_columns(data: object) -> None:
 
 
 def _add_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Collection[str]) -> Dataset:
+    # columns go by their names without units: `t [s]` is `t`
     names = {*asked, *(split_name(name)[0] for name in asked)}
     rows = np.arange(columns[0].values.size if columns else 0)
     table = Table(Location(dataset.name), tuple(columns), rows, names=tuple(c.name for c in columns))
@@ -74,12 +76,14 @@ def _add_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Coll
     if column is None:
         return dataset
     time = time_in_seconds(column)
+    # so that NaN is wrong, too
     wrong = np.flatnonzero(~(np.diff(time) > 0))
     if wrong.size and graph.is_timed:
         k = int(wrong[0])
         message = f"{column.place} does not increase at sample {k + 2}: {time[k]:g} s, then {time[k + 1]:g} s"
         remedy = "Sort the rows by time, and pass each recording as a dataset of its own."
         raise InputError.of(Location(f"dataset {dataset.name}"), message, remedy)
+    # a function without time runs over unordered stamps as over points
     return dataset if wrong.size else replace(dataset, time=time, clock=clock_of(column))
 
 

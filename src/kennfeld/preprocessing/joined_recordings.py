@@ -32,9 +32,10 @@ class GrowingColumn:
         self._values = np.empty(0)
 
     def append(self, values: Float, expected: int) -> None:
-        """Append numbers; `expected` is the size that the column will probably have in the end."""
+        """Append numbers, Float[samples]; `expected` is the size that the column will probably have in the end."""
         end = self.size + values.size
         if end > self._values.size:
+            # capped, since the first file may be the longest by far
             self._values.resize(max(end, min(expected, int(GROWTH * end))), refcheck=False)
         self._values[self.size : end] = values
         self.size = end
@@ -79,6 +80,7 @@ class JoinedRecordings:
         self._mixed |= (part.time is None) != (self._first.time is None)
         if self._mixed:
             return
+        # the first recording is copied only once there is a second: a single one is the dataset as it is
         if not self._columns:
             self._append(self._first)
         self._append(part)
@@ -122,6 +124,7 @@ class JoinedRecordings:
     def _append(self, part: Dataset) -> None:
         count = len(self._starts) + 1
         end = self._samples + part.samples
+        # as if the files to come were as long as those so far on average
         expected = end * self.total // count
         for name, channel in part.items():
             if name not in self._columns:
@@ -145,6 +148,7 @@ class JoinedRecordings:
                 message = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
                 location = self.entry.location.within("files")
                 self.findings.append(Finding(location, message, "Split the dataset.", severity="warning"))
+                # further files in this unit are not reported again
                 self._units[channel.name] = channel.unit
 
 

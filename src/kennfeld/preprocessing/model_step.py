@@ -50,6 +50,7 @@ def refine_step(
     """
     if dataset.time is None or dataset.samples < 2:
         return dataset
+    # without the steps from one piece to the next
     steps = np.delete(np.diff(dataset.time), dataset.starts[1:] - 1)
     if not steps.size:
         return dataset
@@ -66,8 +67,10 @@ def refine_step(
 
 def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) -> Dataset:
     sizes = [piece.stop - piece.start for piece in dataset.pieces]
+    # n samples have n - 1 steps, each of which becomes `count` steps
     lengths = [(size - 1) * count + 1 for size in sizes]
     starts = np.cumsum([0, *lengths[:-1]])
+    # numbers of the samples of the data among the finer ones
     own = np.concatenate([start + count * np.arange(size) for start, size in zip(starts, sizes, strict=True)])
     finer = [
         np.interp(np.arange(length) / count, np.arange(size), time[piece])
@@ -101,13 +104,14 @@ def _refined_files(files: FileSpans, recorded: Int, samples: int) -> FileSpans:
 
 
 def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:
-    """Return a simulation at a model's finer step at the samples of the data only.
+    """Reduce a simulation at a model's finer step to the samples of the data only.
 
     Args:
         simulated: channels over the model's steps.
         recorded: which of its samples the data have; Bool[samples].
     """
     kept = np.flatnonzero(recorded)
+    # a piece without any sample of the data vanishes: its start coincides with the next one, or with the end
     starts = np.unique(np.searchsorted(kept, simulated.starts))
     starts = starts[starts < kept.size] if kept.size else np.zeros(1, dtype=np.int64)
     return replace(

@@ -69,6 +69,7 @@ def load_datasets(
     """
     loaded = LoadedData()
     units = Units(settings.units, request.units)
+    # channels that formulas read: the remark on their conversion names the unit that the formulas see
     formulas = {*request.in_formulas, *(name for graph in calculated.graphs.values() for name in graph.inputs)}
     used: set[str] = set()
     for entry in settings.datasets:
@@ -122,9 +123,11 @@ def prepare_dataset(
         return None
     findings += recordings.findings
     if not entry.steady:
+        # plateaus are found by time stamps, which held points give up: their averages are held at the end
         dataset = _hold_points(dataset, entry, request.step)
     _check_time(dataset, entry, channels.where)
     graphs = channels.calculated.graphs
+    # shifts of calculated channels wait until these exist
     dataset = shift_channels(dataset, {name: s for name, s in entry.known_shifts.items() if name not in graphs})
     dataset = _add_calculated(dataset, entry, channels, reader.settings)
     dataset, errors = _mask_unscored(dataset, entry, channels.where)
@@ -132,6 +135,7 @@ def prepare_dataset(
     if not entry.steady:
         if request.step is None:
             return dataset
+        # the last step: shifts and conditions are computed at the samples of the data only
         remedy = "Write raster = {:g} to resample them to an even step."
         return refine_step(dataset, request.step, request.inputs, entry.location, remedy.format)
     if reader.failed or any(condition.channel not in dataset for condition in entry.steady):
@@ -172,6 +176,7 @@ def _check_shifts(entry: DatasetEntry, channels: DatasetChannels) -> Iterator[Fi
             remedy = nearest(name, used) or "Name a channel of the files or a calculated one."
             yield Finding(location, f"channel {name} is not used", remedy)
     for name in entry.unknown_shifts:
+        # calculated channels are computed before the shift is estimated, by the channel where it was recorded
         dependent = [other for other, graph in channels.calculated.graphs.items() if name in graph.inputs]
         if dependent:
             message = f'the shift of {name} cannot be "auto" because [calculated] {dependent[0]} reads it'

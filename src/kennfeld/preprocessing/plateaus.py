@@ -45,7 +45,7 @@ def steady_points(dataset: Dataset, entry: DatasetEntry) -> tuple[Dataset, Findi
 
 
 def segment_starts(time: Float, starts: Int, counts: Bool, max_gap: float) -> Int:
-    """Return the first sample of each segment without a gap, numbered among the samples that count.
+    """Find the first sample of each segment without a gap, numbered among the samples that count.
 
     A gap is a run of samples that do not count and lasts longer than `max_gap` from the sample before it to that after
     it, or a time step longer than that and than `PAUSE` usual ones. A piece starts a segment too.
@@ -73,10 +73,11 @@ def segment_starts(time: Float, starts: Int, counts: Bool, max_gap: float) -> In
 
 
 def first_in_band(values: Float, tolerance: float, starts: Int) -> Int:
-    """Return for each sample the first one from which the values up to it stay within a band of +-tolerance.
+    """Find for each sample the first one from which the values up to it stay within a band of +-tolerance.
 
-    Values in a band are at most two tolerances apart. `starts` are the first samples of the segments. Runs in linear
-    time, whatever the length of the stretches (two monotone queues).
+    `values` Float[samples] and `tolerance` have the same unit; values in a band are at most two tolerances apart.
+    `starts` are the first samples of the segments, Int[segments]. Runs in linear time, whatever the length of the
+    stretches (two monotone queues).
 
     >>> first_in_band(np.array([0.0, 1.0, 2.0, 3.0]), 1.0, np.array([0]))
     array([0, 0, 0, 1])
@@ -84,6 +85,7 @@ def first_in_band(values: Float, tolerance: float, starts: Int) -> Int:
     first = np.empty(values.size, dtype=np.int64)
     width = 2.0 * tolerance * (1.0 + _ROUNDING)
     for begin, end in pairwise([*starts.tolist(), values.size]):
+        # as a list: a Python loop reads single elements of an array slowly
         first[begin:end] = _first_of_band(values[begin:end].tolist(), width)
         first[begin:end] += begin
     return first
@@ -126,6 +128,7 @@ def _first_of_band(values: list[float], width: float) -> list[int]:
     for index in range(len(values)):
         window.append(index)
         while window.width > width:
+            # the range cannot shrink before the older of its two extremes has gone
             first = min(window.falling[0], window.rising[0]) + 1
             window.drop_before(first)
         firsts.append(first)
@@ -133,10 +136,10 @@ def _first_of_band(values: list[float], width: float) -> list[int]:
 
 
 def find_plateaus(time: Float, first: Int, window: float) -> list[tuple[int, int]]:
-    """Return the stretches of at least `window` s as first and last sample, in the order of time, without overlap.
+    """Find the stretches of at least `window` s as first and last sample, in the order of time, without overlap.
 
-    `first` is the result of `first_in_band`. If stretches overlap, the longest is kept whole, and the remainders of the
-    others if they are long enough.
+    `time` is in s, Float[samples], and `first` the result of `first_in_band`. If stretches overlap, the longest is kept
+    whole, and the remainders of the others if they are long enough.
 
     >>> find_plateaus(np.arange(8.0), np.array([0, 0, 0, 0, 2, 4, 5, 6]), 2.0)
     [(0, 3)]
@@ -155,6 +158,7 @@ def find_plateaus(time: Float, first: Int, window: float) -> list[tuple[int, int
         if free == (begin, end):
             insort(begins, begin)
             ends[begin] = end
+        # a remainder competes again by its own length: another stretch may be the longest there
         elif free[0] < free[1] and (length := float(time[free[1]] - time[free[0]])) >= least:
             heapq.heappush(heap, (-length, *free))
     return [(begin, ends[begin]) for begin in begins]
@@ -174,14 +178,20 @@ def _uncovered(begin: int, end: int, begins: Sequence[int], ends: dict[int, int]
 
 
 def longest_stretch(time: Float, first: Int) -> tuple[float, float]:
-    """Return the length of the longest stretch and its first time stamp, in s; there must be samples."""
+    """Find the length of the longest stretch and its first time stamp, in s; there must be samples.
+
+    `time` is in s, Float[samples]; `first` is the result of `first_in_band`, Int[samples].
+    """
     lengths = time - time[first]
     last = int(np.argmax(lengths))
     return float(lengths[last]), float(time[first[last]])
 
 
 def least_tolerance(time: Float, values: Float, starts: Int, window: float) -> float:
-    """Return the smallest tolerance that gives a stretch of `window` s; infinite if no segment is that long.
+    """Find the smallest tolerance that gives a stretch of `window` s; infinite if no segment is that long.
+
+    `time` is in s, Float[samples]; `values` Float[samples] are in the unit of the tolerance; `starts` as in
+    `first_in_band`.
 
     >>> least_tolerance(np.arange(4.0), np.array([0.0, 4.0, 5.0, 9.0]), np.array([0]), 1.0)
     0.5
@@ -193,6 +203,7 @@ def least_tolerance(time: Float, values: Float, starts: Int, window: float) -> f
 
 def _narrowest(time: Float, values: list[float], window: float) -> float:
     """Return the width of the narrowest band of any stretch of a segment that is just long enough."""
+    # the latest sample that lies a window before each one; -1 if the segment is not that long yet
     begins = (np.searchsorted(time, time - window + _TIME_TOLERANCE, side="right") - 1).tolist()
     band, least = _SlidingRange(values), np.inf
     for index, begin in enumerate(begins):
@@ -204,15 +215,17 @@ def _narrowest(time: Float, values: list[float], window: float) -> float:
 
 
 def average_plateaus(dataset: Dataset, counts: Bool, ranges: Sequence[tuple[int, int]]) -> Dataset:
-    """Return a steady-state point for each plateau: the mean of each channel, without NaN.
+    """Average each plateau to a steady-state point: the mean of each channel, without NaN.
 
-    `ranges` holds the first and the last sample of each plateau, numbered among the samples that count.
+    `counts` marks the samples that count, Bool[samples]; `ranges` holds the first and the last one of each plateau,
+    numbered among them.
     """
     channels = []
     for channel in dataset.channels:
         values = channel.values[counts]
         means = [_mean(values[begin : end + 1]) for begin, end in ranges]
         channels.append(replace(channel, values=np.array(means, dtype=np.float64)))
+    # a point belongs to the file in which its plateau begins
     firsts = np.flatnonzero(counts)[[begin for begin, _ in ranges]]
     return replace(
         dataset,
@@ -249,6 +262,7 @@ class _PlateauSearch:
             first_in_band(values, condition.tolerance, self.starts)
             for values, condition in zip(self.values, entry.steady, strict=True)
         ]
+        # all channels are in their bands from the latest of these samples on
         self.first: Int = np.maximum.reduce(self.firsts)
 
     def describe(self, ranges: Sequence[tuple[int, int]]) -> str:
@@ -296,5 +310,6 @@ def _round_up(value: float) -> float:
     """
     if not value > 0:
         return value
+    # of the third digit; the quotient below may exceed a whole number by its rounding
     unit = 10.0 ** (np.floor(np.log10(value)) - 2)
     return float(f"{np.ceil(value / unit - 1e-9) * unit:.3g}")

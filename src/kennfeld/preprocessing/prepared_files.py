@@ -89,6 +89,7 @@ class DatasetRecipe:
         settings, request = self.settings, self.request
         texts = settings.channels, settings.calculated, settings.units
         channels = sorted(request.required), sorted(request.optional), request.inputs, request.units, request.step
+        # without settings that leave the samples alone: data that are renamed or become test data are not read again
         entry = replace(self.entry, location=Location(), files=(), name="", use="training", weight=1.0)
         return digest_of(texts, channels, entry, self.units, self.databases, code_digest())
 
@@ -176,7 +177,7 @@ def _extremes(values: Float) -> Int:
 
 
 def cut(data: Dataset, first: int, last: int) -> Dataset:
-    """Return the samples from `first` to before `last`, without copying them."""
+    """Cut out the samples from `first` to before `last`, without copying them."""
     channels = tuple(replace(channel, values=channel.values[first:last]) for channel in data.channels)
     inner = data.starts[(data.starts > first) & (data.starts < last)] - first
     starts = np.concatenate([np.zeros(1, dtype=np.int64), inner])
@@ -209,6 +210,7 @@ class PreparedFiles:
             same = version_of(source) == version  # nobody replaced it while it was read
             if same and not prepared.failed and self.keep(path, _columns(prepared), _notes(prepared)):
                 stored = read_columns(path)
+                # the mapped file takes the place of the arrays that were read, so that they can be freed
                 prepared = (None if stored is None else _from_columns(stored)) or prepared
                 _release_memory()
         else:
@@ -239,6 +241,7 @@ class PreparedFiles:
         for path in self.folder.glob(f"*{ENDING}"):
             with suppress(OSError):  # another process may remove it
                 status = path.stat()
+                # `touch` sets the time of access; an entry that nobody has used again has that of its writing
                 entries.append((max(status.st_atime_ns, status.st_mtime_ns), status.st_size, path))
         total = 0
         for _, size, path in sorted(entries, reverse=True):
@@ -308,6 +311,7 @@ def _from_columns(stored: ColumnFile) -> PreparedFile | None:
 
 
 def _dataset(notes: dict[str, Any], columns: list[NDArray[Any]]) -> Dataset:
+    # from the end, where the columns that may be missing are: the reverse of the order in which they are written
     recorded = columns.pop() if notes["recorded"] else None
     scored = columns.pop() if notes["scored"] else None
     time = columns.pop() if notes["time"] else None

@@ -53,6 +53,7 @@ def _places(column: Float, digits: Digits) -> Int:
     if digits.shift + digits.bits == 64:
         return digit
     prefix = codes >> np.uint64(digits.shift + digits.bits)
+    # of values with a prefix that is not sought nothing is counted
     which = np.searchsorted(digits.prefixes, prefix)
     known = which < digits.prefixes.size
     known[known] = digits.prefixes[which[known]] == prefix[known]
@@ -66,6 +67,8 @@ def _mask(digits: Digits) -> np.uint64:
 def _codes(values: Float) -> Codes:
     """Return integers that sort like the values."""
     bits = np.ascontiguousarray(values).view(np.uint64)
+    # IEEE 754: the bits of negative numbers grow with their magnitude, so all are inverted; a 1 in place of the sign
+    # puts the others above them
     return np.where(bits & _SIGN, ~bits, bits | _SIGN)
 
 
@@ -74,7 +77,7 @@ def _values(codes: Codes) -> Float:
 
 
 def quantiles(run: Pass, probabilities: Sequence[float] | Float) -> Float:
-    """Return the quantiles of all values, as `numpy.quantile` does; an empty array if there are none.
+    """Compute the quantiles of all values, as `numpy.quantile` does; an empty array if there are none.
 
     Args:
         run: counts the digits of all values, in any number of parts.
@@ -89,12 +92,14 @@ def quantiles(run: Pass, probabilities: Sequence[float] | Float) -> Float:
     count = int(totals.counts.sum())
     if not count:
         return np.zeros(0)
+    # numpy's method "linear": q * (n - 1) lies between the order statistics of two neighbouring ranks
     place = np.asarray(probabilities, dtype=np.float64) * (count - 1)
     below = np.floor(place).astype(np.int64)
     ranks = np.unique(np.concatenate([below, np.minimum(below + 1, count - 1)]))
     statistics = _values(_select(run, digits, totals, ranks))
     low, high = (statistics[np.searchsorted(ranks, rank)] for rank in (below, np.minimum(below + 1, count - 1)))
     share, width = place - below, high - low
+    # from the nearer of the two, as numpy interpolates, so that both agree to the last bit
     return np.where(share < 0.5, low + width * share, high - width * (1 - share))
 
 
@@ -112,6 +117,7 @@ def _select(run: Pass, digits: Digits, totals: DigitCounts, ranks: Int) -> Codes
         if not digits.shift:
             return codes
         prefixes, owners = np.unique(codes, return_inverse=True)
+        # the number of a prefix and all bits that remain must fit into the 63 bits of a place
         few = totals.counts[np.unique(place)].sum() <= FEW and prefixes.size < 1 << (63 - digits.shift)
         bits = digits.shift if few else BITS
         digits = Digits(digits.shift - bits, bits, prefixes)

@@ -118,6 +118,7 @@ def _state(system: Any, name: str, facts: Mapping[str, Any]) -> str:
     """Return the state of a file in a store, by what all ways to ask for it tell alike."""
     tags = [str(facts[key]).strip('"') for key in _TAGS if facts.get(key)]
     times = [_time_text(facts[key]) for key in _TIMES if facts.get(key)]
+    # a tag of the content before a time: a file that is written again with the same content stays the same
     known = tags[:1] or times[:1]
     return f"{facts.get('size')}-{known[0]}" if known else str(system.ukey(name))
 
@@ -156,6 +157,7 @@ def state_of(address: str) -> str:
             return _state(system, path, system.info(path))
         except FileNotFoundError:
             return ""
+    # the whole address first: a file may have a # in its own name
     for file in (Path(address), Path(whole)):
         if file.is_file():
             status = file.stat()

@@ -180,6 +180,7 @@ class RecordingReader:
         """Read the channels of a file, without optional ones that it lacks."""
         request = self.channels.recorded or None, self.entry.raster
         try:
+            # the header of a text file says without reading its rows whether a channel is missing
             columns = list_columns(path)
             if columns is not None and any(name not in columns for name in self.channels.recorded):
                 attempt = self._attempt_available(path, columns, cache)
@@ -194,6 +195,7 @@ class RecordingReader:
             except InputError:  # the file cannot be read at all
                 return _Attempt(findings=error.findings)
             names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
+            # so that the next run does not read a large file again to learn that it lacks a channel
             if cache is not None:
                 cache.keep_failed(path, *request, names, self.databases or ())
         return self._attempt_available(path, names, cache)
@@ -220,6 +222,7 @@ class RecordingReader:
         for channel, files in self._missing.items():
             purpose = self.channels.required.get(channel) or self._calculated_purpose(channel)
             remedy = nearest(channel, self._candidates) or f"It has {join_names(self._candidates)}."
+            # an input that no file has and nobody mapped may be meant as a parameter
             if purpose.startswith("the input ") and channel not in self.settings.channels.values():
                 key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
@@ -251,11 +254,13 @@ class _Attempt:
 def find_recordings(folder: Path, pattern: str) -> list[str]:
     """Return the files that a pattern matches, sorted; a sheet behind a `#` stays with each."""
     whole, mark, sheet = pattern.rpartition("#")
+    # a file may have a # in its own name, so that the sheet is split off only if nothing matches
     for part, rest in ((pattern, ""), (whole, f"#{sheet}")):
         if not part or (rest and not mark):
             continue
         if (folder / part).is_file():
             return [f"{folder / part}{rest}"]
+        # a pattern such as **/*.csv must not match the contents of the cache
         files = sorted(p for p in _glob(folder, part) if p.is_file() and p.parts[-3:-1] != CACHE.parts)
         if files:
             return [f"{path}{rest}" for path in files]

@@ -22,7 +22,7 @@ from kennfeld.preprocessing.calculated import holds
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
-    """Return the product of all weights of each sample, Float[samples]; None if there are none. NaN counts as 0.
+    """Multiply all weights of each sample, Float[samples]; None if there are none. NaN counts as 0.
 
     Weights whose channels a dataset does not have are 1: test data need not have them.
     """
@@ -36,7 +36,7 @@ def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
 
 
 def has_weight(criterion: Criterion, bound: BoundDataset) -> Bool:
-    """Return the kept samples with a weight above 0, Bool[kept samples]; samples of weight 0 count as no data."""
+    """Mark the kept samples with a weight above 0, Bool[kept samples]; samples of weight 0 count as no data."""
     weights = None if criterion.internal else sample_weights(criterion, bound.dataset)
     return np.ones(bound.count, dtype=bool) if weights is None else weights[bound.kept] > 0
 
@@ -55,6 +55,7 @@ class SampleWeights:
         weighted = [
             i for i, c in enumerate(criteria) if not c.internal and (everywhere or c.weight_channel or c.regions)
         ]
+        # names that no formula text can have
         return cls(criteria, {i: f"\0weight {i}" for i in weighted})
 
     def extend(self, graph: Graph) -> Graph:
@@ -93,6 +94,7 @@ def weight_findings(
             location = dataset_location(data).within("weight_channel")
             findings += _channel_findings(data.weight_channel, data, location, offered)
     for i, criterion in enumerate(criteria):
+        # a dataset without the target channel is not compared, so that it needs no weights either
         scored = [data for data in datasets if criterion.target.kind != "channel" or criterion.target.name in data]
         for data in scored if criterion.weight_channel else ():
             location = criterion_location(i).within("weight_channel")

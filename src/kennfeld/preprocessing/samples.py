@@ -27,7 +27,7 @@ from kennfeld.preprocessing.binding import BoundDataset
 
 SAMPLES_PER_BLOCK = 2**17  # samples
 SAMPLES_PER_LOOKUP = 2**13  # samples whose cells are computed at once, within the cache
-MAX_CELLS = 2**40
+MAX_CELLS = 2**40  # times SAMPLES_PER_BLOCK, fits into 63 bits
 
 Columns = Mapping[str, Float]
 
@@ -42,7 +42,7 @@ class CellNumbering:
         self._interpreter = Interpreter(lowered, ParameterSet())
 
     def numbers(self, columns: Mapping[str, Float], first: int, last: int) -> Int:
-        """Return a number for each sample of a range that is the same within a cell, Int[last - first]."""
+        """Number the samples of a range by their cells, Int[last - first]."""
         numbers = np.zeros(last - first, dtype=np.int64)
         for begin in range(first, last, SAMPLES_PER_LOOKUP):
             part = slice(begin, min(begin + SAMPLES_PER_LOOKUP, last))
@@ -53,6 +53,7 @@ class CellNumbering:
     def _number(self, numbers: Int, columns: Mapping[str, Float]) -> None:
         with np.errstate(all="ignore"):
             positions = self._interpreter.run(self._graph.nodes, (), columns)
+        # a number in mixed radix, one digit for each axis; beyond either end of an axis is a cell of its own
         cells = 1
         for at, count in self._counts.items():
             cells *= count
@@ -77,12 +78,13 @@ def _data_coordinates(lowered: LoweredGraph) -> dict[int, int]:
 
 
 def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cells: CellNumbering) -> Iterator[Int]:
-    """Return the samples that have a target, block by block, those of a block sorted by cell."""
+    """Sort the samples that have a target by cell, block by block."""
     count = targets[0].size
 
     def sort_block(first: int) -> Int:
         last = min(first + SAMPLES_PER_BLOCK, count)
         numbers = cells.numbers(columns, first, last)
+        # (cell, sample) in one integer: sorted in place, the lower bits are the order, without a second array
         numbers *= SAMPLES_PER_BLOCK
         numbers += np.arange(last - first)
         numbers = numbers[np.any([np.isfinite(target[first:last]) for target in targets], axis=0)]
@@ -169,5 +171,6 @@ def _by_cell(
             end += block.size
         pieces += [Piece(first, end, source.scores)] if end > first else []
         before += source.bound.count
+    # an order that is that of the samples would only cost an indirection in the kernel
     straight = end == total and bool(np.all(order[1:] > order[:-1]))
     return pieces, None if straight else order[:end]

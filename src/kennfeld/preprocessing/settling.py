@@ -39,6 +39,7 @@ class HoldPlan:
 
     def columns(self, points: int) -> dict[str, Float]:
         """Return the clock and averaging inputs of a number of points, one after the other: Float[points * samples]."""
+        # keep is 0 at the first sample of the window, at which the sum begins
         number = np.arange(self.samples)
         inside = number >= self.samples - self.window
         point = {
@@ -50,7 +51,7 @@ class HoldPlan:
         return {name: np.tile(column, points) for name, column in point.items()}
 
     def mean(self, values: Float) -> Float:
-        """Return the mean of each point over its window: Float[..., points * samples] -> Float[..., points]."""
+        """Average each point over its window: Float[..., points * samples] -> Float[..., points]."""
         windows = values.reshape(*values.shape[:-1], -1, self.samples)[..., self.samples - self.window :]
         mean: Float = windows.mean(axis=-1)
         return mean
@@ -95,13 +96,14 @@ def unheld_inputs(graph: Graph, samples: int) -> Mapping[str, Float]:
 
 
 def sample_ages(hold: HoldPlan | None, samples: int) -> dict[str, Float]:
-    """Return the input that a graph from `restart_states` reads."""
+    """Return the input that a graph from `restart_states` reads: steps since the point began, Float[samples]."""
     age = np.full(samples, np.inf) if hold is None else np.arange(samples, dtype=np.float64) % hold.samples
     return {AGE: age}
 
 
 def group_points(starts: Int) -> Int:
-    """Return the starts of at most `MAX_PIECES` pieces of neighbouring points."""
+    """Group neighbouring points, given by their starts Int[points], into at most `MAX_PIECES` pieces; return theirs."""
+    # every nth start, n rounded up
     return starts[:: -(-starts.size // MAX_PIECES)] if starts.size else starts
 
 
@@ -140,6 +142,7 @@ def _restart(b: GraphBuilder, state: int, init: int, latency: int) -> int:
     first = init
     if latency > 1:
         delayed = b.state()
+        # the initial value of the point's first step, kept by a state: the node itself may change in later steps
         first = b.call("select", b.call("lt", age, b.const(1.0)), init, delayed)
         b.close(delayed, init, first)
     return b.call("select", b.call("lt", age, b.const(float(latency))), first, state)

@@ -61,7 +61,7 @@ class SkippedSamples:
     def of(
         cls, bound: BoundDataset, channels: Mapping[str, str], *, restarts: bool, recorded: Bool | None = None
     ) -> "SkippedSamples | None":
-        """Return the samples of a bound dataset that are not kept, None if all are.
+        """Collect the samples of a bound dataset that are not kept, None if all are.
 
         Args:
             bound: the dataset.
@@ -79,6 +79,7 @@ class SkippedSamples:
             channels.get(n, n): int(np.count_nonzero(skips & ~np.isfinite(x[here]))) for n, x in bound.inputs.items()
         }
         inputs = {name: count for name, count in missing.items() if count}
+        # first sample of each gap and first one after it, in turn
         edges = np.flatnonzero(np.diff(np.concatenate([[False], skips, [False]]).astype(np.int8)))
         gaps = tuple(_gap(time, int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)[:MAX_GAPS])
         return cls(dataset.name, skips.size, int(np.count_nonzero(skips)), inputs, edges.size // 2, gaps, restarts)

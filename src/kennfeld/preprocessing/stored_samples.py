@@ -38,6 +38,7 @@ def in_visiting_order(samples: Samples) -> StoredSamples:
 def sample_columns(stored: StoredSamples) -> Iterator[NDArray[Any]]:
     """Yield the columns of samples that are stored as they are visited."""
     samples, order = stored
+    # order of the visits, empty if it is that of the samples; first and last sample of each piece; then all rows
     yield np.zeros(0, dtype=np.uint32) if order is None else order
     yield np.array([[piece.first, piece.last] for piece in samples.pieces], dtype=np.int64).ravel()
     for parts in (*samples.inputs.parts, *samples.wanted.parts):
@@ -50,7 +51,7 @@ def _visited(parts: Sequence[Float], samples: Samples) -> Float:
 
 
 def read_samples(path: Path, inputs: int, scores: Float) -> StoredSamples | None:
-    """Return samples that were written as `sample_columns`; None if there are none at this path.
+    """Read samples that were written as `sample_columns`; None if there are none at this path.
 
     Args:
         path: the file.

@@ -28,7 +28,7 @@ def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
 
 
 def shifted_values(dataset: Dataset, shift: Mapping[str, float], first: int, last: int) -> dict[str, Float]:
-    """Return the channels that move, over the samples from `first` to before `last`; see `shift_channels`.
+    """Move channels over the samples from `first` to before `last`; see `shift_channels`.
 
     Of samples beyond that range, only those from which values move into it are read.
     """
@@ -61,9 +61,11 @@ def _shift_piece(dataset: Dataset, values: Float, piece: slice, by: float, first
         own = dataset.time[piece]
         at = own[begin:end] - by
         low, high = np.searchsorted(own, at[[0, -1]]).tolist()
+    # never empty: a shift beyond the piece gives NaN from its outermost sample
     low, high = min(max(low - _NEIGHBOURS, 0), count - 1), min(max(high + _NEIGHBOURS, 1), count)
     time = np.arange(low, high, dtype=np.float64) if dataset.time is None else own[low:high]
     near = values[piece.start + low : piece.start + high]
+    # by the whole piece: a short range of a continuous channel may look stepped
     return resample_channel(time, near, at, stepped=is_stepped(values[piece]))
 
 
@@ -81,9 +83,16 @@ def inside_pieces(dataset: Dataset, margin: int, first: int, last: int) -> Bool:
 
 
 def resample_channel(time: Float, values: Float, at: Float, *, stepped: bool | None = None) -> Float:
-    """Return a channel at other times: linear, or held if it is stepped; NaN next to a gap and outside.
+    """Interpolate a channel at other times: linear, or held if it is stepped; NaN next to a gap and outside.
 
-    `stepped` says so if the values are a part of the channel only.
+    Args:
+        time: increasing, in s or in samples; Float[samples].
+        values: of the channel, Float[samples].
+        at: times in the same unit, Float[n].
+        stepped: states it if the values are a part of the channel only.
+
+    Returns:
+        Float[n], in the unit of the channel.
     """
     if values.size == 0:
         return np.full(at.shape, np.nan)
@@ -91,6 +100,7 @@ def resample_channel(time: Float, values: Float, at: Float, *, stepped: bool | N
     before = np.maximum(after - 1, 0)
     near = np.where(np.abs(time[before] - at) < np.abs(time[after] - at), before, after)
     step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+    # at a sample's own instant its value counts, which a NaN next to it would hide
     exact = np.abs(time[near] - at) <= _SAME_INSTANT * step
     inside = (at >= time[0]) & (at <= time[-1])
     width = np.where(after > before, time[after] - time[before], 1.0)

@@ -230,6 +230,7 @@ def _unit(meaning: str) -> _Unit:
 
 _WHOLE = {word: _unit(meaning) for word, meaning in _words(_WHOLE_WORDS).items()}
 _PARTS = _words(_PART_WORDS)
+# within products, too, nm is newton metre, not nanometre
 _JOINED: dict[str, _Unit] = {"nm": (("newton", 1), ("meter", 1)), "knm": (("kilonewton", 1), ("meter", 1))}
 
 
@@ -238,6 +239,7 @@ def _parse_unit(text: str) -> _Unit:
     """Return the unit as names with exponents; a text that is no unit as a name of its own."""
     plain = plain_unit(text).translate(_PLAIN)
     folded = re.sub(r"\s", "", plain.casefold())
+    # the words above go without case, those of pint keep theirs: mW is not MW
     unit = None if len(plain) > _MAX_LENGTH else _WHOLE.get(folded) or _product(plain)
     return ((text, 1),) if unit is None else unit
 
@@ -259,8 +261,10 @@ def _product(text: str) -> _Unit | None:
                 return None
             power = sign * int(factor[2] or 1)
             factors += [(name, power * exponent) for name, exponent in _unit_of_word(factor[1])]
+            # a divisor is one factor, unless brackets hold several
             sign = sign if inside else 1
     unit = _multiply(factors)
+    # a temperature alone has a zero; within a product, such as W/°C, it is a difference
     return (unit if len(unit) == 1 and unit[0][1] == 1 else _as_differences(unit)) or None
 
 
@@ -337,6 +341,7 @@ def check_stated_units(
                 message = f"{unit} is not a unit of time, but {name} is the time column"
                 yield Finding(file.location("units", name), message, "Write s, ms, us, ns, min or h.")
             continue
+        # it may be the time column of a file that could not be read
         if not complete and time_unit(name, unit) is not None:
             continue
         if name not in used:

@@ -55,6 +55,7 @@ def axis_location(file: ProjectFile, key: AxisKey) -> Location:
 
 def _permits(entry: GroupAxisEntry, points: Float) -> bool:
     """Return True if the limits of free breakpoints permit these; limits that are violated anyway are reported."""
+    # rounding is optional: it must not turn breakpoints that are valid into ones that are not
     low, high = entry.range or (-np.inf, np.inf)
     return bool(low <= points[0] and points[-1] <= high and np.diff(points).min() >= (entry.min_distance or 0.0))
 
@@ -100,6 +101,7 @@ class Axes:
         if name in self._file.axes:
             if name not in self._groups:
                 own = self._file.axes[name]
+                # built once, so that findings about it are not repeated by each table on it
                 self._groups[name] = (
                     self._free_inherited(own, name)
                     if own.inherits
@@ -126,6 +128,7 @@ class Axes:
             points = self._quantiles(entry, quantity)
         if points is None or not len(points):
             return None
+        # a file that stores the greatest breakpoint first gets new breakpoints in that order, too
         falling = initial is not None and initial.falling
         axis = Axis(points, input=quantity, unit=self._unit(quantity), name=name, falling=falling)
         return free_breakpoints(axis, entry, self._findings)
@@ -136,6 +139,7 @@ class Axes:
         unit = self._function.graph.units.get(quantity, "")
         channel = self._file.channels.get(quantity, quantity)
         units = [data[channel].unit for data in self._datasets or () if channel in data]
+        # the unit of the function precedes those of the data
         return unit or next(filter(None, units), "")
 
     def _quantiles(self, entry: GroupAxisEntry, quantity: str) -> Float | None:
@@ -189,6 +193,7 @@ class Axes:
         if not quantity:
             self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".')
             return None
+        # only inputs have channels of other names; anything else is named as in the data
         channel = self._file.channels.get(quantity, quantity) if quantity in graph.inputs else quantity
         if any(channel in data for data in training):
             return DataColumn(channel)
@@ -201,6 +206,7 @@ class Axes:
 
     def _node(self, entry: GroupAxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> DataColumn | None:
         """Return the values of a node that depends on data alone."""
+        # only what the node depends on, so that parameters elsewhere in the function do not count
         part = GraphBuilder.of(graph).finish({"value": graph.names[name]})
         if part.parameters:
             message = f"the values of {name} depend on parameters ({', '.join(list(part.parameters)[:3])})"

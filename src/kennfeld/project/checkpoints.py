@@ -66,6 +66,7 @@ class Saves:
                 message = "incomplete or damaged checkpoint, skipped"
                 findings.append(Finding(Location(f"{FOLDER}/{path.name}"), message, severity="warning"))
                 continue
+            # several project files may share a results folder; earlier versions did not write the name
             if file not in ("", self.project.name):
                 others.add(file)
                 continue
@@ -93,6 +94,7 @@ class Saves:
         for path in self.folder.glob(".*-*.json"):  # half written by a process that was killed
             path.unlink(missing_ok=True)
         if old:
+            # one previous run is kept, not all of them
             for path in aside.glob("*.json") if aside.is_dir() else ():
                 path.unlink(missing_ok=True)
             aside.mkdir(exist_ok=True)
@@ -112,6 +114,7 @@ class Saves:
         current = with_values(parameters, saved.values)
         values = [current[name] for name in saved.values if name in current]
         note = _note(saved) | {"project": self.mark, "file": self.project.name}
+        # a power failure may leave a file that is valid JSON with other numbers
         note |= {"checksum": _checksum(note, {value.name: value.values for value in values})}
         content = ParameterSet(values, texts=[Text(NOTE, json.dumps(note))])
         last = "end" if saved.ended else f"{saved.iteration:06d}"
@@ -152,6 +155,7 @@ def _checksum(note: Mapping[str, Any], values: Mapping[str, Float]) -> str:
     text = json.dumps({name: value for name, value in note.items() if name != "checksum"}, sort_keys=True)
     digest = hashlib.sha256(text.encode())
     for name in sorted(values):
+        # JSON has no infinity: as a file keeps them, numbers that are not finite are alike
         kept = np.where(np.isfinite(values[name]), values[name], np.nan)
         digest.update(f"{name} {kept.shape}".encode() + kept.tobytes())
     return digest.hexdigest()
@@ -165,6 +169,7 @@ def _read(path: Path) -> tuple[Checkpoint, str, str]:
     if "checksum" in note and note["checksum"] != _checksum(note, values):  # earlier versions wrote none
         raise ValueError("another checksum")
     row: dict[str, Any] | None = note["ended"] if path.stem.endswith("end") else None
+    # null stands for numbers that JSON does not have: an infinite cost
     ended: dict[str, Any] = {name: inf if value is None else value for name, value in (row or {}).items()}
     state = Checkpoint(
         start=note["start"],
@@ -186,11 +191,13 @@ def _latest(saved: list[Checkpoint]) -> dict[int, Checkpoint]:
     latest: dict[int, Checkpoint] = {}
     for start in sorted({state.start for state in saved}):
         own = [state for state in saved if state.start == start]
+        # at the same iteration, the end comes after the intermediate checkpoint
         newest = max(own, key=lambda state: (state.iteration, state.ended is not None))
         own = [state for state in own if state.problem == newest.problem]  # costs of others are not comparable
         step = max(state.step for state in own)
         best = min(
             (state for state in own if state.step == step),
+            # the lowest cost, not the last one: a smoothed stage may raise the cost of the exact model on the way
             key=lambda state: (not _is_end(state, newest), state.cost, -state.iteration),
         )
         ended = best.ended if _is_end(best, newest) else None

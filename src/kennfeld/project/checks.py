@@ -175,6 +175,7 @@ def check_step(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     first = trial.gap(1)
     if first is None or first.share <= STEP_TOLERANCE:
         return
+    # lazily: each trial compiles the model anew
     halvings = (2**k for k in range(1, MAX_HALVINGS))
     parts = next((n for n in halvings if (gap := trial.gap(n)) is not None and gap.share <= STEP_TOLERANCE), 0)
     effect = f"which values of {first.node} are finite"
@@ -227,10 +228,12 @@ class _StepTrial:
     def _run(self, model: Model, parts: int) -> Float:
         """Return the nodes of the criteria at the original samples, Float[nodes, samples]."""
         count = self._count
+        # inputs are held, so that both runs see the same signal
         columns = {name: np.repeat(values[:count], parts) for name, values in self.bound.columns.items()}
         number, fine = np.tile(np.arange(parts), count), columns[NEXT_STEP] / parts
         columns[NEXT_STEP] = fine
         if STEP in columns:
+            # the step before the first fine sample is a part of the original step before it
             columns[STEP] = np.where(number > 0, fine, columns[STEP] / parts)
         if TIME in columns:
             columns[TIME] = columns[TIME] + fine * number
@@ -247,6 +250,7 @@ def _relative_difference(left: Float, right: Float) -> float:
         return np.inf
     if not known.any():
         return 0.0
+    # the rounding of a constant node does not count as a difference
     scale = max(float(np.std(right[known])), 1e-9 * float(np.max(np.abs(right[known]))), 1e-300)
     return float(np.quantile(np.abs(left[known] - right[known]), DIFFERENCE_QUANTILE)) / scale
 
@@ -289,9 +293,11 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *_restarts(problem, locations)]
     warnings += seen_test_data(file, problem, locations)
+    # partitions are represented by excerpts here, in which repeated points say nothing
     if problem.partitions is None:
         warnings += repeat_findings(problem, lambda data: locations[data.name])
     beyond = (Finding(*entry, severity="warning") for entry in _beyond(file, problem))
+    # checks that evaluate the function, lazily: code of other files may be refused
     evaluating = {
         "limits in the wrong order": find_crossed(problem, problem.parameters),
         "samples outside of axes": beyond,
@@ -307,6 +313,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
 def _unless_refused(findings: Iterable[Finding], subject: str, file: ProjectFile) -> list[Finding]:
     """Return the findings of a check; a remark if code that it evaluates was not run."""
     try:
+        # generators raise while they run, that is here
         return list(findings)
     except CodeNotRunError as error:
         [refusal] = error.findings
@@ -371,6 +378,7 @@ def _channels(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_
                 yield locations[data.name], f"channel {name} is missing in {share:.0%} of the samples", ""
             if finite:
                 first = float(values[np.argmax(known)])
+                # NaN marks a channel that varies; a set of all its values would be large
                 levels |= {first, *([np.nan] if np.any(known & (values != first)) else ())}
             count += finite
         if count > 1 and len(levels) == 1:

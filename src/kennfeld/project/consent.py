@@ -12,7 +12,7 @@ from kennfeld.base.errors import InputError, Location
 from kennfeld.base.file_state import while_unchanged
 from kennfeld.base.output_paths import is_below
 from kennfeld.models.code_consent import ConsentRequest, address_request, code_request
-from kennfeld.models.function_files import kind_of, read_function_file, split_reference
+from kennfeld.models.function_files import importer_of_function, read_function_file, split_reference
 from kennfeld.models.model_function import as_model
 from kennfeld.preprocessing.recording_sources import is_remote, store_of
 from kennfeld.project.schema import ProjectFile
@@ -50,8 +50,8 @@ def _formula(file: ProjectFile) -> str | None:
 
 def _code(file: ProjectFile, text: str | None) -> Iterator[ConsentRequest]:
     for name, reference in _references(file, text):
-        kind = kind_of(reference)
-        if kind is None or not kind.runs or not _runs(file, name, reference):
+        importer = importer_of_function(reference)
+        if importer is None or not importer.runs or not _runs(file, name, reference):
             continue
         location = file.location("functions", name) if name else file.location("model", "file")
         request = code_request(file.folder / split_reference(reference)[0], location)
@@ -61,16 +61,17 @@ def _code(file: ProjectFile, text: str | None) -> Iterator[ConsentRequest]:
 
 def _references(file: ProjectFile, text: str | None) -> Iterator[tuple[str, str]]:
     """Yield the functions that may be called, by name; the function of the project has none."""
-    if kind_of(file.model.file) is not None:
+    if importer_of_function(file.model.file) is not None:
         yield "", file.model.file
         return
+    # a name in the text need not be a call: to ask for too much is safe, to ask for too little is not
     yield from ((name, each) for name, each in file.functions.items() if text is None or name in text)
 
 
 def _runs(file: ProjectFile, name: str, reference: str) -> bool:
     """Return True if code of a file runs with a function; False if it is translated, or cannot be read."""
-    kind, path = kind_of(reference), file.folder / split_reference(reference)[0]
-    if kind is None or not kind.translated:
+    importer, path = importer_of_function(reference), file.folder / split_reference(reference)[0]
+    if importer is None or not importer.translated:
         return path.is_file()
     with suppress(OSError, InputError):
         return _is_called(path, reference, str(file.folder), name)

@@ -162,6 +162,7 @@ def _target(
         findings.warning(entry.location.within("target"), message, remedy)
     if having:
         findings.add(*_partly(entry, file.criteria, loaded.datasets))
+    # names of files that could not be read are not known
     elif loaded.complete and loaded.datasets:
         names = {**loaded.offered, **dict.fromkeys(n for data in loaded.datasets for n in data)}
         candidates = [*names, *nodes] if target.kind == "name" else list(names)

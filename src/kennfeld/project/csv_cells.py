@@ -5,6 +5,7 @@ can start programs or send data away. An apostrophe in front makes it a text the
 """
 
 MARK = "'"
+# the list of OWASP, "CSV Injection"
 _BEGINS = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -14,13 +15,13 @@ def neutral_cell(text: str) -> str:
     >>> neutral_cell("=cmd|' /C calc'!A0"), neutral_cell("-"), neutral_cell("1/min")
     ("'=cmd|' /C calc'!A0", '-', '1/min')
     """
-    return f"{MARK}{text}" if len(text) > 1 and text.startswith(_BEGINS) else text
+    return f"{MARK}{text}" if len(text) > 1 and text.lstrip(MARK).startswith(_BEGINS) else text
 
 
 def original_cell(text: str) -> str:
     """Return the text that `neutral_cell` was given.
 
-    >>> original_cell(neutral_cell("=K")), original_cell("K")
-    ('=K', 'K')
+    >>> original_cell(neutral_cell("=K")), original_cell(neutral_cell("'=K")), original_cell("K")
+    ('=K', "'=K", 'K')
     """
-    return text[1:] if text.startswith(MARK) and text[1:].startswith(_BEGINS) else text
+    return text[1:] if text.startswith(MARK) and text.lstrip(MARK).startswith(_BEGINS) else text

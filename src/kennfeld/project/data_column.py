@@ -30,7 +30,7 @@ class DataColumn:
         return self.graph is not None and self.graph.is_timed
 
     def values(self, data: Dataset) -> Float | None:
-        """Return the values over all samples of a dataset; None if it lacks a channel."""
+        """Return the values over all samples of a dataset, Float[samples]; None if it lacks a channel."""
         if self.graph is None:
             return data[self.channel].values if self.channel in data else None
         names = {name: (self.channels or {}).get(name, name) for name in self.graph.inputs}

@@ -45,6 +45,7 @@ class ProjectDocument:
         self._order = {key: form_of(part) for key, part in keys_of(entry).items()}
         self._break = "\r\n" if "\r\n" in text else "\n"
         self._texts: dict[str, str] = {}  # by their values
+        # values -> text that had them, so that an undo brings back comments and notation, too
         for each in (other.removeprefix(_BOM) for other in earlier):
             self._texts.setdefault(_canonical(parse_toml(self._name, each.replace("\r\n", "\n"))), each)
         self._load(text.removeprefix(_BOM))
@@ -105,6 +106,7 @@ class ProjectDocument:
 
     def _has_comment(self, path: KeyPath) -> bool:
         """Return if a section has a comment between its heading and the next one."""
+        # a comment below the heading belongs to it; one after an empty line may belong to the next section
         starts = [start for start, heading in self._keys.headings if heading == path]
         if not starts:
             return False
@@ -117,6 +119,7 @@ class ProjectDocument:
         section = Section(present, KeyLocation(self._name), Findings(), tuple(path))
         before = write_entry(read_entry(type(entry), section, name=path[-1]))
         if not section.findings.has_errors:
+            # a key that did not change keeps its notation, such as a default that the user wrote
             table |= {key: value for key, value in present.items() if before.get(key) == table.get(key)}
         if table or present:
             self.set(path, table)
@@ -160,6 +163,7 @@ class ProjectDocument:
     def _set_tables(self, path: KeyPath, count: int, value: Sequence[Any]) -> None:
         for number, table in enumerate(value, 1):
             self._set((*path, number), table)
+        # from the end, as each removal renumbers the entries behind it
         for number in range(count, len(value), -1):
             self._remove((*path, number))
 
@@ -204,6 +208,7 @@ class ProjectDocument:
         else:
             before = [heading for heading in self._headings() if self._rank(heading) <= self._rank(path)]
         at = self._keys.block_end(before[-1]) if before else 0
+        # an empty line between sections
         lead = "" if at == 0 else "\n" if self._text[:at].endswith("\n") else "\n\n"
         follow = "\n" if at == 0 and self._text else ""
         self._replace(at, at, lead + text + follow)
@@ -219,12 +224,14 @@ class ProjectDocument:
 
     def _insert_line(self, parent: KeyPath, line: str) -> None:
         """Insert a key behind the last one of its table, with the same dotted names and indentation."""
+        # the innermost section around the key; what lies between is written as dotted names
         headings = [heading for heading in self._headings() if heading == parent[: len(heading)]]
         heading = max(headings, key=len, default=())
         names = "".join(f"{format_key(str(name))}." for name in parent[len(heading) :])
         inside = [(at, span) for at, span in self._keys.spans.items() if at[: len(parent)] == parent and names]
         last = max((span.end for _, span in inside), default=0)
         at = self._keys.line_end(last) if names else self._keys.block_end(heading)
+        # that of the line before
         indent = re.match(r"[ \t]*", self._text[self._line_start(at - 1) :]) if at else None
         lead = "" if at == 0 or self._text[:at].endswith("\n") else "\n"
         self._replace(at, at, f"{lead}{indent[0] if indent else ''}{names}{line}\n")
@@ -241,6 +248,7 @@ class ProjectDocument:
         elif span is not None and span.has_value:
             self._replace(*self._extent(path, span), "")
         else:
+            # from the end of the text, so that the offsets of the others stay valid
             for heading in reversed(headings):
                 self._remove_block(heading)
             if isinstance(path[-1], str):
@@ -254,6 +262,7 @@ class ProjectDocument:
         comma = re.compile(r"[ \t]*,[ \t]*").match(self._text, span.end)
         if comma:
             return span.start, comma.end()
+        # the last key of a table in braces takes the comma before it along
         before = self._text[: span.start].rstrip(" \t")
         return (len(before) - 1 if before.endswith(",") else span.start), span.end
 
@@ -266,6 +275,7 @@ class ProjectDocument:
         start, end = self._line_start(start), self._keys.block_end(heading)
         blank = _BLANK_LINES.match(self._text, end)
         end = blank.end() if blank else end
+        # at the end of the text, the blank lines before the section go with it
         if end == len(self._text):
             start = len(self._text[:start].rstrip()) + len(self._break) if self._text[:start].strip() else start
         self._replace(start, end, "")
@@ -306,6 +316,7 @@ def format_toml(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
+        # JSON strings are TOML strings, except that TOML does not allow DEL
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, int | float):
         return repr(value)
@@ -326,5 +337,6 @@ def _with_floats(value: Any) -> Any:
         return {key: _with_floats(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_with_floats(inner) for inner in value]
+    # larger integers would lose digits, and different ones be equal
     is_small = isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53
     return float(value) if is_small else value

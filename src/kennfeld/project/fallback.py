@@ -87,6 +87,7 @@ def _write_temporary(attempt: Callable[[Path], tuple[Path, ...]]) -> tuple[Path,
         temporary = Path(tempfile.mkdtemp(prefix="kennfeld-results-"))
         try:
             return attempt(temporary)
+        # an empty folder would otherwise stay behind each failed attempt
         except BaseException:
             shutil.rmtree(temporary, ignore_errors=True)
             raise

@@ -74,6 +74,7 @@ def _lock(scratch: Path) -> BinaryIO | None:
             import fcntl
 
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # another process may have finished and removed the folder between opening and locking
         if (scratch / LOCK).exists():
             return file
     except OSError:
@@ -86,6 +87,7 @@ def _open_lock(path: Path) -> BinaryIO:
     """Open a lock file, which is created if needed; raise `OSError` for a link, a pipe or a device."""
     if is_link(path):  # for Windows, where the flag is missing
         raise OSError(ELOOP, "it is a symbolic link", str(path))
+    # O_NONBLOCK: opening a pipe would wait for its other end
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     number = os.open(path, flags | getattr(os, "O_BINARY", 0), 0o666)
     if not stat.S_ISREG(os.fstat(number).st_mode):
@@ -130,6 +132,7 @@ def _list_unfinished(scratch: Path) -> list[str]:
         return []
     if not isinstance(names, list) or not all(isinstance(name, str) and is_plain_name(name) for name in names):
         return []
+    # a file that is not here any more was renamed before the process ended
     return [name for name in names if (scratch / name).is_file() and not is_link(scratch / name)]
 
 
@@ -138,6 +141,7 @@ def move(names: Sequence[str], scratch: Path, folder: Path) -> None:
 
     Everything is on the disk before the first file of the folder is replaced. Raises `OSError`.
     """
+    # contents first: after a power failure, a renamed file without them would be empty
     _sync_together(_sync, [scratch / name for name in names])
     (scratch / BEFORE).mkdir()
     for name in names:
@@ -150,9 +154,11 @@ def move(names: Sequence[str], scratch: Path, folder: Path) -> None:
     moved: list[str] = []
     try:
         for name in names:
+            # before the rename, as an interrupt may come right behind it
             moved.append(name)
             (scratch / name).replace(folder / name)
     except BaseException:
+        # first, so that no other process finishes what is being undone
         (scratch / NAMES).unlink(missing_ok=True)
         for name in moved:
             _restore(scratch / BEFORE / name, folder / name)

@@ -133,6 +133,7 @@ class IntegerForm(Form):
 
     def read(self, section: Section, key: str) -> int | None:
         value = section.values[key]
+        # a bool is an int in Python
         if isinstance(value, bool) or not isinstance(value, int) or not self.least <= value <= MOST_INTEGER:
             section.report(key, f"must be an integer >= {self.least}, got {show(value)}")
         elif value > self.most:
@@ -331,6 +332,7 @@ class FilesForm(Form):
         if isinstance(item, dict):
             keys = (key, number) if isinstance(section.values[key], list) else (key,)
             entry = read_entry(self.entry, section.inner(item, key, *keys))
+            # without its file, an entry has been reported and is left out
             required = (part.name for part in keys_of(self.entry).values() if is_required(part))
             return entry if all(getattr(entry, name) for name in required) else None
         if isinstance(item, str) and item.strip():
@@ -446,6 +448,7 @@ def _form_of_type(annotation: Any, metadata: Mapping[str, Any]) -> Form:
     limits = {name: metadata[name] for name in ("least", "above", "most") if name in metadata}
     if origin in (Union, types.UnionType):
         first, *others = (part for part in arguments if part is not type(None))
+        # float | Literal["auto"]: a number or one of these words
         if first is float and others:
             return NumberForm(**limits, words=get_args(others[0]))
         return _form_of_type(first, metadata)
@@ -454,6 +457,7 @@ def _form_of_type(annotation: Any, metadata: Mapping[str, Any]) -> Form:
     if origin is tuple:
         if arguments[0] is str:
             return TextsForm()
+        # tuple[str | Entry, ...]: a file, or a table that describes one
         if str in get_args(arguments[0]):
             entry = next(part for part in get_args(arguments[0]) if is_dataclass(part))
             return FilesForm(entry, metadata.get("word", ""), metadata.get("remedy", ""))  # type: ignore[arg-type]
@@ -491,6 +495,7 @@ def read_entry(entry: type, section: Section, **further: Any) -> Any:
     others = {"location": section.location, **further}
     plain = [part.name for part in fields(entry) if "meaning" not in part.metadata]
     result = entry(**values, **{name: others[name] for name in plain if name in others})
+    # by the keys that are present: a default contradicts nothing
     for key, message, remedy in result.problems(section.values) if hasattr(result, "problems") else ():
         section.report(key, message, remedy)
     return result
@@ -521,6 +526,7 @@ def write_entry(entry: Any) -> dict[str, Any]:
     table = {}
     for key, part in keys_of(type(entry)).items():
         value, default = getattr(entry, part.name), default_of(part)
+        # of one type: 1 and True are equal, and so are 0 and False
         is_default = not is_required(part) and type(value) is type(default) and value == default
         if value is not None and not is_default:
             table[key] = form_of(part).write(value)

@@ -45,6 +45,7 @@ class _InitialFiles:
                 self._take(name, parameters)
         if self.is_valid and any(ending in IMAGE_ENDINGS for ending in self.file.calibration.output):
             self.is_valid = _has_image(self.file, self.image, self.findings)
+            # an image is written as a change of the one that was read
             self.merged = self.merged.from_origin(self.image)
         return self._in_variant() if self.is_valid else None
 

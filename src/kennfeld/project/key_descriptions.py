@@ -134,6 +134,7 @@ def _(form: TextsForm) -> Description:
 
 @describe_form.register
 def _(form: FormatsForm) -> Description:
+    # of the many extensions of images, one of Intel HEX and one of S-records
     shown = [ending for ending in form.endings() if ending not in IMAGE_ENDINGS or ending in (".hex", ".s19")]
     return {"kind": "texts", "options": [ending.removeprefix(".") for ending in shown]}
 

@@ -47,6 +47,7 @@ def expand_lists(
     """
     expanded: list[str] = []
     for pattern in patterns:
+        # a parameter may itself be called @...
         if not pattern.startswith(MARK) or pattern in parameters:
             expanded.append(pattern)
             continue
@@ -79,6 +80,7 @@ def _problems(
         only = f", only measured variables under [RAMCELL]: {measured}" if measured else ""
         yield Finding(place, f"{file} lists no labels{only}", "Write the names under [LABEL].")
         return
+    # lists of other tools name group axes and functions as well
     known = {*used, *(axis.name for axis in parameters.axes), *_functions(chosen, parameters)}
     unknown = [name for name in named if name not in known]
     if not chosen:

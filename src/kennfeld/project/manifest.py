@@ -47,6 +47,7 @@ def check_other_files(folder: Path, result: Mapping[str, Any], read: Collection[
     manifest = result.get(KEY)
     if not manifest:
         return []
+    # also formats that this run did not write: those of an earlier run may still be there
     names = dict.fromkeys([*manifest, *(f"parameters{ending}" for ending in endings())])
     there = [name for name in names if name not in read and (folder / name).is_file()]
     other = [name for name in there if _digest(folder / name) != manifest.get(name)]

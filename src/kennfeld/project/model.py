@@ -4,12 +4,13 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.files.formats import named_format
 from kennfeld.graph import Graph
 from kennfeld.graph.factors import factors
 from kennfeld.models import Model
@@ -18,9 +19,11 @@ from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import Source, is_plain
 from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
-from kennfeld.models.function_files import kind_of, read_function_file, split_reference
-from kennfeld.models.model_function import ModelFunction, as_model
-from kennfeld.project.schema import ESDL, PROTECTED, SIMULINK, ProjectFile, is_esdl_file, is_simulink_file
+from kennfeld.models.function_files import read_function_file, split_reference
+from kennfeld.models.importer import ImportRequest
+from kennfeld.models.importer_registry import importer_of
+from kennfeld.models.model_function import ModelFunction
+from kennfeld.project.schema import ProjectFile
 from kennfeld.project.value_forms import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -28,7 +31,6 @@ if TYPE_CHECKING:
 
 
 _KINDS_REMEDY = "Use formula text (.kf), a Simulink model (.slx, .mdl) or an ASCET class (.esdl, .axl)."
-_PROTECTED_REMEDY = "Obtain the unprotected model, .slx or .mdl."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
 
 
@@ -120,7 +122,7 @@ def read_function(
         known: names of parameters.
         surrogates: data-driven models that formula text may call.
         findings: to be extended.
-        initial: values of the variables of a Simulink model, or of the characteristics of an ESDL class.
+        initial: values from calibration files, which an importer may need.
     """
     if not file.model.file or not _is_readable(file, findings):
         return None
@@ -128,14 +130,11 @@ def read_function(
     if len(functions) < len(file.functions):
         return None  # calls of missing ones would be false errors
     try:
-        if is_simulink_file(file.model.file):
-            model = _read_simulink(file, initial)
-        elif is_esdl_file(file.model.file):
-            model = _read_esdl(file, initial)
-        elif kind_of(file.model.file) is not None:
-            model = as_model(read_function_file(file.model.file, file.folder, step=file.model.step))
-        else:
+        importer = importer_of(split_reference(file.model.file)[0])
+        if importer is None:
             model = _read_formula(file, known, surrogates, functions)
+        else:
+            model = importer.model(_request(file, initial))
     except InputError as error:
         findings.add(*error.findings)
         return None
@@ -144,49 +143,15 @@ def read_function(
 
 def defines_values(file: ProjectFile) -> bool:
     """Return if the function is of a kind that may define parameters with values."""
-    name = file.model.file
-    return is_simulink_file(name) or is_esdl_file(name) or kind_of(name) is not None
+    return importer_of(split_reference(file.model.file)[0]) is not None
 
 
-def _folders(file: ProjectFile) -> list[Path]:
-    """Return the folders of the model's libraries; raises `InputError` if one does not exist."""
+def _request(file: ProjectFile, initial: ParameterSet | None) -> ImportRequest:
+    """Return what to import; raises `InputError` if a folder for further files does not exist."""
     if missing := [name for name in file.model.folders if not (file.folder / name).is_dir()]:
         location = file.location("model", "folders")
         raise InputError(Finding(location, f"folder {name} does not exist", "Check the path.") for name in missing)
-    return [file.folder / name for name in file.model.folders]
-
-
-def _read_esdl(file: ProjectFile, initial: ParameterSet | None) -> Model:
-    """Read an ESDL class or a task; names of parameters follow those of the calibration files."""
-    from kennfeld.importers.ascet.importing import esdl
-
-    entry = file.model
-    return esdl(
-        file.folder / entry.file,
-        entry.class_name,
-        entry.methods,
-        startup=entry.startup or None,
-        task=entry.task,
-        parameters=initial,
-        folders=_folders(file),
-        step=entry.step,
-    )
-
-
-def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
-    """Read a Simulink model; values of the project override those of the files of its variables.
-
-    Literals of blocks that the project names, such as `Torque/Gain1:Gain`, become parameters.
-    """
-    from kennfeld.importers.simulink.importing import simulink
-
-    entry, folders = file.model, _folders(file)
-    files = [file.folder / name for name in entry.parameters]
-    promoted = [name for name in file.parameters if ":" in name]
-    scalars = {name: p.initial for name, p in file.parameters.items() if p.initial is not None and not p.axes}
-    values: list[Any] = [*files, *([] if initial is None else [initial]), scalars]
-    path, subsystem = file.folder / entry.file, entry.subsystem or None
-    return simulink(path, subsystem, values, dict(entry.bind), promoted, folders, entry.step)
+    return file.import_request(initial)
 
 
 def _read_formula(
@@ -225,13 +190,14 @@ def _find_assumed(path: Path, text: str | None, known: Collection[str]) -> list[
 def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     name, location = file.model.file, file.location("model", "file")
     path = file.folder / split_reference(name)[0]
-    kind = path.suffix.casefold()
+    ending = path.suffix.casefold()
+    stated = named_format(ending)
     if not path.is_file() and name not in file.unsaved:
         message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
         findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.")
-    elif kind == PROTECTED:
-        findings.error(location, f"{name} is a protected model; its blocks cannot be read", _PROTECTED_REMEDY)
-    elif kind not in (".kf", *SIMULINK, *ESDL) and kind_of(name) is None:
+    elif stated is not None and stated.remedy:
+        findings.error(location, f"{name} is {stated.phrase}", stated.remedy)
+    elif ending != ".kf" and importer_of(path.name) is None:
         findings.error(location, f"unknown model format {path.suffix or name}", _KINDS_REMEDY)
     else:
         return True

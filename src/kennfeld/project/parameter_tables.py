@@ -86,6 +86,7 @@ def build_tables(
     """Build the parameters of a project; return None, with findings, if one of them is invalid."""
     built: dict[str, Parameter] = {}
     for entry in file.parameters.values():
+        # of each table, so that an error in one does not stop the others
         own = Findings()
         table = _TableBuilder(entry, initial, axes, function, own).build()
         findings.add(*own)
@@ -139,6 +140,7 @@ class _TableBuilder:
         attributes = {key: value for key, value in attributes.items() if value is not None}
         if self.findings.has_errors:
             return None
+        # a value block has positions in place of axes, which `parameter` cannot build
         if self.old is not None and self.old.kind == "block" and not entry.axes:
             table = self.old.changed(values=values, **attributes)
         else:
@@ -221,6 +223,7 @@ class _TableBuilder:
             self._report(*self._missing_values())
             return None
         if self.old.kind != "block" and len(self.old.axes) == len(axes):
+            # new breakpoints for a table of the initial files: its values are interpolated at them
             return regrid(self.old.values, self.old.axes, axes, self.old.extrapolation)
         if self.old.values.shape == shape:
             return self.old.values
@@ -236,6 +239,7 @@ class _TableBuilder:
             self._report(key, f"must be one value for a scalar, got {format_shape(array.shape)}", remedy)
             return None
         message = f"has {format_shape(array.shape)} values, but the axes require {format_shape(shape)}"
+        # DCM, CVX and CDFX have a row for each y
         turned = array.shape == shape[::-1] and len(shape) == 2
         remedy = "It seems to be transposed: write one row per x." if turned else "Write one row per x."
         self._report(key, message, remedy if len(shape) > 1 else "Write one value per breakpoint.")
@@ -302,6 +306,7 @@ def _free(
     for pattern in expand_lists(file.calibration.free, file.folder, parameters, known, place, findings):
         matches = {name for name in parameters if fnmatchcase(name, pattern) or name == pattern}
         chosen |= matches
+        # without any parameter the default `*` matches nothing, and other findings say why there is none
         if not matches and (parameters or pattern != "*"):
             remedy = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
             findings.error(place, f"{pattern} matches no parameter", remedy)
@@ -311,5 +316,6 @@ def _free(
             findings.warning(place, message)
     for name, entry in file.parameters.items():
         if entry.free is not None:
+            # the section of a parameter decides over the patterns
             (chosen.add if entry.free else chosen.discard)(name)
     return tuple(name for name in used if name in chosen and name in parameters)

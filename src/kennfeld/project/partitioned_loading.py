@@ -163,12 +163,14 @@ class PartitionedLoading:
         first = next(((i, files.sources[0]) for i, files in enumerate(listed) if files.sources), None)
         if first is None:
             return recipes
+        # only the units of the first file are wanted here: an excerpt of one sample is enough
         shared = pickle_content((Recordings(tuple(recipes), self._files), None))
         (summary,) = self._runner.map(summarise_file, shared, [pickle_content(first)], pickle_content((1,)))
         return [replace(recipe, units=dict(summary.file.units)) for recipe in recipes]
 
     def _summarise(self, listed: Sequence[_DatasetFiles]) -> list[_DatasetFiles]:
         items = [pickle_content((i, source)) for i, files in enumerate(listed) for source in files.sources]
+        # excerpts of all files together stay of one size, whatever their number
         arguments = pickle_content((max(EXCERPT // max(len(items), 1), LEAST_EXCERPT),))
         shared = pickle_content((self._recordings, None))
         summaries = iter(self._runner.map(summarise_file, shared, items, arguments))
@@ -194,11 +196,12 @@ class PartitionedLoading:
         if problem.graph.clocks.isdisjoint(STEPS):
             return result
         steps = [*replace(problem, partitions=result).each(step_of)]
+        # a step that differs between partitions by rounding alone is one step
         same = steps[0] is not None and all(step is not None and np.isclose(step, steps[0], 1e-6) for step in steps)
         return replace(result, step=steps[0] if same else None)
 
     def quantiles(self, column: DataColumn, probabilities: Float) -> Float:
-        """Return the quantiles of a column over all training samples; an empty array if it has no values."""
+        """Compute quantiles of a column over all training samples, Float[probabilities]; empty if it has no values."""
         partitions = self._partitions(fitted=True, whole_pieces=column.is_timed)
         shared = pickle_content((self._recordings, None))
         items = [pickle_content(partition) for partition in partitions]
@@ -230,6 +233,7 @@ def _add_dataset(loaded: LoadedData, files: _DatasetFiles) -> None:
         return
     recordings = JoinedRecordings(entry.name, entry, len(parts))
     for part in parts:
+        # masks are joined below: one file may have none while another has
         recordings.add(replace(part, scored=None, recorded=None))
     loaded.findings += [*recordings.findings, *_unscored(files)]
     if entry.name in loaded.locations:

@@ -130,19 +130,24 @@ class ProblemBuilder:
     def problem(self) -> Problem | None:
         """Build the problem; return None if a finding is an error."""
         file, findings = self.file, self.findings
+        # first of all: a package that is missing would be noticed after hours of search
         self._check_results()
         calculated = parse_calculated(file)
         self.surrogates = read_surrogates(file, findings)
         initial = self._with_surrogates(read_initial(file, findings))
+        # in formula text, a name that is neither a node nor one of these is an input
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, initial)
         if initial is not None and self.function is not None and self.function.model.values:
             values = self.function.model.values
             origin = values.origin if initial.origin is None else initial.origin
+            # the initial files override the values that the function itself has
             initial = merge_start_values(values, self._without_texts_of(values, initial)).from_origin(origin)
         self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
+        # after the data: an undefined name that is a channel of theirs is a missing declaration
         self._report_undefined()
         findings.add(*calculated.findings, *self.loaded.findings)
+        # quantiles of a part of the data would be wrong breakpoints
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         partitioned = self._load if isinstance(self._load, PartitionedLoading) else None
         quantiles = None if partitioned is None else partitioned.quantiles
@@ -266,6 +271,7 @@ class ProblemBuilder:
         """Return the channels to read. If parameters are unknown, an input may be a scalar and its channel missing."""
         file, function = self.file, self.function
         inputs = function.graph.inputs if function else ()
+        # reversed: of several inputs with one channel, the message names the first
         needed = {file.channels.get(name, name): f"the input {name} of the function" for name in reversed(inputs)}
         axes = [*file.axes.values(), *(axis for entry in file.parameters.values() for axis in entry.axes.values())]
         nodes = {*inputs, *(function.graph.names if function else ())}
@@ -316,6 +322,7 @@ class ProblemBuilder:
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of unused calculated channels."""
+        # a search in the text is enough to keep a needless warning away
         conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
         conditions += " ".join(["", *(part.channel for entry in self.file.datasets for part in entry.steady)])
         if self.function is None:
@@ -374,6 +381,7 @@ class ProblemBuilder:
                     self.findings.error(location, message, 'Write "auto" in a training dataset too, or a number here.')
             if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
                 own = [entry.raster for entry in self.file.datasets if entry.raster]
+                # samples of a finer step lie between the scored ones, whose targets are not known there
                 if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
                     message = f"no shift can be estimated: the model's step of {step:g} s is below that of the data"
                     self.findings.error(location, message, f"Write raster = {step:g}, or a number.")

@@ -14,7 +14,8 @@ from kennfeld.base.output_paths import below, is_below
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
-from kennfeld.project.schema import ProjectFile, is_esdl_file, read_project
+from kennfeld.models.importer_registry import importer_of
+from kennfeld.project.schema import ProjectFile, read_project
 
 if TYPE_CHECKING:
     from kennfeld.base.dask_runner import ClusterAddress
@@ -81,7 +82,9 @@ class Project:
         from kennfeld.optimize.problem.options import Options
 
         shared = {part.name: getattr(self.file.optimizer, part.name) for part in fields(SearchSettings)}
+        # options alone must not read all files
         steps = self._assembly.steps if self.file.steps else ()
+        # with a loader of its own, such as that of the app, the data are in this process
         joins = bool(self.file.cluster.scheduler) and self.load is None
         return Options(**shared, steps=steps, cluster=self._runner if joins else None)
 
@@ -110,7 +113,7 @@ class Project:
         An initial file with the ending takes precedence.
         """
         function, initial = self.file.model.file, self.file.calibration.files
-        own = is_esdl_file(ending) and function.lower().endswith(ending)
+        own = importer_of(function) is not None and function.lower().endswith(ending)
         if not own or any(name.lower().endswith(ending) for name in initial) or self._assembly.problem is None:
             return parameters
         return parameters.from_origin(self._assembly.problem.model.values.origin)
@@ -177,6 +180,7 @@ class Project:
         names = (cluster.tls_authority, cluster.tls_certificate, cluster.tls_key)
         certificates = tuple(str(folder / name) if name else "" for name in names)
         scheduler = cluster.scheduler
+        # a scheduler file of Dask, relative to the project as all files are
         if scheduler and "://" not in scheduler and (folder / scheduler).is_file():
             scheduler = str(folder / scheduler)
         return ClusterAddress(scheduler, cluster.workers or 1, certificates)  # type: ignore[arg-type]
@@ -188,6 +192,7 @@ class Project:
             return self
         project = replace(self)
         partitions = replace(assembly.problem.partitions, runner=runner)
+        # a cached property is set, so that files are not read again
         project.__dict__["_assembly"] = replace(assembly, problem=replace(assembly.problem, partitions=partitions))
         return project
 
@@ -219,6 +224,7 @@ class Project:
         """Return the same project without its scheduler, in processes of this machine if it asks for several."""
         cluster = self.file.cluster
         partition = cluster.partition_size
+        # the size is stated, as its default depends on the scheduler
         here = replace(cluster, scheduler="", partition=partition) if cluster.scheduler else cluster
         return replace(self, file=replace(self.file, cluster=here))
 
@@ -320,12 +326,14 @@ class Project:
         from kennfeld.files.calibrations import IMAGE_ENDINGS
 
         path, calibration = Path(path), self.file.calibration
+        # an A2L file beside the image precedes those of the project
         own = path.with_suffix(".a2l")
         if path.suffix.lower() not in IMAGE_ENDINGS or own.is_file():
             return read(path)
         beside = (str(Path(name).with_suffix(".a2l")) for name in calibration.files if name.endswith(IMAGE_ENDINGS))
         named = calibration.descriptions.values() or beside
         known = {self.file.folder / name for name in named if (self.file.folder / name).is_file()}
+        # of several A2L files it is not known which one describes the image
         return read(path, next(iter(known)) if len(known) == 1 else None)
 
     def simulate(

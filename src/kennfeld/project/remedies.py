@@ -55,6 +55,7 @@ def key_changes(
     writer = _Writer(problem, settings, chosen or {})
     changes, titles, kinds = list[Change](), list[str](), list[str]()
     for kind, title, change in writer.parts(remedy):
+        # a remedy that the file can hold in part only is not offered
         if change is None:
             return None
         kinds.append(kind)
@@ -104,6 +105,7 @@ class _Writer:
     def _pins(self, remedy: Remedy) -> list[Change]:
         lists: dict[str, list[Any]] = {}
         for pin in remedy.pins:
+            # pins that the file has stay, and one at the same place is not written twice
             pins = lists.setdefault(pin.parameter, list(self._own(("parameters", pin.parameter, "pin")) or ()))
             entry = {"at": list(pin.at), "value": float(f"{pin.value:.{DIGITS}g}")}
             if not any(isinstance(other, Mapping) and other.get("at") == entry["at"] for other in pins):
@@ -121,6 +123,7 @@ class _Writer:
             return [(path, True)]
         if table.kind == "rbf":
             return None
+        # this lock and ranges exclude each other: what it locks is written as ranges
         if present == "no-data":
             present, where = None, where | table.locked
         kept = list(present) if isinstance(present, list) else []
@@ -136,6 +139,7 @@ class _Writer:
         if not any(factors):
             return "smoothness", f"Smoothness of {name} from the data", [(path, "auto")]
         more = [float(f"{MORE_SMOOTHNESS * factor:.4g}") for factor in factors]
+        # one number for all axes if they agree, as a user would write it
         value = more[0] if len(set(more)) == 1 else dict(zip(DIRECTIONS, more, strict=False))
         shown = ", ".join(f"{factor:g}" for factor in dict.fromkeys(more))
         return "smoothness", f"Smoothness of {name} {MORE_SMOOTHNESS:g} times as large: {shown}", [(path, value)]
@@ -156,12 +160,13 @@ class _Writer:
             if len(points) < 4:
                 return None
             freed: list[Change] = [((*path, "free"), True)]
+            # every second one, with both ends
             return [*removed, *freed, ((*path, "breakpoints"), [*points[:-1:2], points[-1]])]
         return None
 
 
 def boxes(table: Parameter, where: Bool) -> list[dict[str, list[float]]]:
-    """Return ranges of axis values, as `lock` lists them, that cover exactly the marked grid points.
+    """Cover exactly the marked grid points, Bool of the table's shape, by ranges of axis values as `lock` lists them.
 
     >>> from kennfeld.domain.parameters import Curve
     >>> boxes(Curve("C", [0.0, 1.0, 2.0], [0.0] * 3), np.array([True, True, False]))
@@ -169,6 +174,7 @@ def boxes(table: Parameter, where: Bool) -> list[dict[str, list[float]]]:
     """
     ranges, remaining = [], where.copy()
     while remaining.any():
+        # greedy: from the first marked point, grow along the last axis, then along those before
         begin = tuple(int(i) for i in np.argwhere(remaining)[0])
         end = list(begin)
         for axis in reversed(range(where.ndim)):

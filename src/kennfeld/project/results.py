@@ -185,6 +185,7 @@ def write(
         names += [*(documents or {}), RESULT]
         move(names, scratch, target)
     for ending in project.formats:
+        # an old image beside new results would be flashed as if it were theirs
         if ending in IMAGE_ENDINGS and f"parameters{ending}" not in names:
             (target / f"parameters{ending}").unlink(missing_ok=True)  # of an earlier run
     return tuple(target / name for name in names)
@@ -200,6 +201,7 @@ def write_validation(validation: Mapping[str, Any], folder: Path) -> Path:
     path = folder / RESULT
     if path.is_file():
         content = json.loads(path.read_text(encoding="utf-8"))
+        # the manifest stays the last key
         files = {KEY: content.pop(KEY)} if KEY in content else {}
         write_text(_json_text(content | {VALIDATION: validation} | files), path)
     return written
@@ -293,6 +295,7 @@ def require_room(folder: str | Path) -> None:
         with _scratch(target) as scratch:
             (scratch / "result.json").write_bytes(b"{}")
     finally:
+        # only empty folders can be removed this way
         for path in created:
             with suppress(OSError):
                 path.rmdir()

@@ -5,19 +5,24 @@ Reading, writing, the JSON schema and the tables of the documentation all come f
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
+from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.watch_folder import DEFAULT_LIMIT
 from kennfeld.domain.criteria import ROBUST_LOSSES, RobustLoss
 from kennfeld.domain.file_keys import KeyProblem, key
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
-from kennfeld.files import functions
-from kennfeld.files.calibrations import AMD
-from kennfeld.files.calibrations import ESDL as ESDL_CLASS
+from kennfeld.models.function_files import split_reference
+from kennfeld.models.importer import ImportOptions, ImportRequest
+from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project.forms import (
     EitherForm,
@@ -48,10 +53,6 @@ from kennfeld.project.value_forms import (
     TargetForm,
 )
 
-SIMULINK = functions.SIMULINK.endings
-[PROTECTED] = functions.PROTECTED.endings
-COMPONENTS = AMD.endings
-ESDL = (*ESDL_CLASS.endings, *functions.APPLICATION.endings, *COMPONENTS)
 DEFAULT_PARTITION = 1_000_000  # samples, on a cluster
 _INNER = "calculated"
 _REDUCTION = IntegerForm(least=1)
@@ -59,16 +60,6 @@ _REDUCTIONS = EitherForm(_REDUCTION, TableOfForm(_REDUCTION, names=DIRECTIONS))
 _TERMS_EXAMPLE = 'Write terms = [{ parameter = "...", at = [...], factor = 1 }, ...].'
 _ROBUST = " or ".join(f'`"{loss}"`' for loss in ROBUST_LOSSES)
 _REGION_EXAMPLE = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
-
-
-def is_simulink_file(name: str) -> bool:
-    """Return if a name is that of a Simulink model."""
-    return name.lower().endswith((*SIMULINK, PROTECTED))
-
-
-def is_esdl_file(name: str) -> bool:
-    """Return if a name is that of an ESDL class, a component or an application of ASCET."""
-    return name.lower().endswith(ESDL)
 
 
 @dataclass(frozen=True)
@@ -138,16 +129,21 @@ class ModelEntry:
     )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
-        """Yield keys of another kind of model."""
-        if self.file and (self.subsystem or self.parameters or self.bind) and not is_simulink_file(self.file):
-            yield "file", f"subsystem, parameters and bind require a Simulink model, got {self.file}", ""
-        if self.file and self.folders and not (is_simulink_file(self.file) or is_esdl_file(self.file)):
-            yield "file", f"folders requires a Simulink model or an ASCET project, got {self.file}", ""
-        has_class = self.file.lower().endswith((".esdl", *COMPONENTS))
-        if self.file and (self.class_name or self.methods or self.startup) and not has_class:
-            yield "file", f"class, methods and startup require a class of ASCET (.esdl, .axl), got {self.file}", ""
-        if self.file and self.task and not is_esdl_file(self.file):
-            yield "file", f"task requires an ESDL file or an application (.esdl, .app), got {self.file}", ""
+        """Yield keys that the importer of the function does not take."""
+        used = [part.name for part in fields(ImportOptions) if part.name != "step" and getattr(self, part.name)]
+        if not self.file or not used:
+            return
+        importer = importer_of(split_reference(self.file)[0])
+        taken = () if importer is None else importer.keys
+        keys: dict[tuple[str, ...], list[str]] = {}
+        for name in used:
+            if name not in taken:
+                takers = tuple(each.label for each in importers() if name in each.keys)
+                keys.setdefault(takers, []).append("class" if name == "class_name" else name)
+        for takers, names in keys.items():
+            verb = "requires" if len(names) == 1 else "require"
+            wanted = join_names(takers, len(takers), " or ")
+            yield "file", f"{join_names(names, len(names), ' and ')} {verb} {wanted}, got {self.file}", ""
 
 
 @dataclass(frozen=True)
@@ -527,6 +523,38 @@ class ProjectFile(SectionsFile):
         """The name of the file, or of its folder if it is called `kennfeld.toml`."""
         return self.path.resolve().parent.name if self.path.stem == "kennfeld" else self.path.stem
 
+    def import_request(self, initial: ParameterSet | None = None) -> ImportRequest:
+        """Return what to import as the function, if it is in a file of another tool.
+
+        Args:
+            initial: values from calibration files.
+        """
+        entry = self.model
+        file, choice = split_reference(entry.file)
+        options = ImportOptions(
+            entry.step,
+            tuple(self.folder / name for name in entry.folders),
+            entry.subsystem,
+            tuple(self.folder / name for name in entry.parameters),
+            tuple(entry.bind.items()),
+            entry.class_name,
+            entry.methods,
+            entry.startup,
+            entry.task,
+        )
+        values = {name: None if section.axes else section.initial for name, section in self.parameters.items()}
+        fixed = ((name, _as_tuples(value)) for name, value in values.items() if value is not None or ":" in name)
+        return ImportRequest(self.folder / file, options, choice, tuple(fixed), initial)
+
+
+def _as_tuples(value: Float | None) -> Any:
+    """Return an array as nested tuples, which requests can be compared by."""
+
+    def nested(item: Any) -> Any:
+        return tuple(map(nested, item)) if isinstance(item, list) else item
+
+    return None if value is None else nested(np.asarray(value).tolist())
+
 
 def open_sections(path: Path, text: str | None = None) -> Section:
     """Return the tables of a file, or of another text for it. Raises `InputError` if it is not valid TOML."""
@@ -555,6 +583,13 @@ def read_project(path: Path, unsaved: Mapping[str, str] | None = None) -> Projec
     more = _calculated_channels(root, file.calculated)
     root.findings.finish()
     return replace(file, calculated={**more, **file.calculated})
+
+
+def read_partly(path: Path, tables: Mapping[str, Any]) -> ProjectFile:
+    """Return what the tables of a project file say as far as they are valid; the rest is as if it were not there."""
+    section = Section(dict(tables), KeyLocation(path.name, lines={}), Findings())
+    file: ProjectFile = read_entry(ProjectFile, section, path=path, lines={}, unsaved={})
+    return file
 
 
 def _calculated_channels(root: Section, calculated: Collection[str]) -> dict[str, str]:

@@ -50,6 +50,7 @@ class Section:
         self.values, self.location, self.findings = values, location, findings
         self.keys, self.line_of = keys, line_of
         for name in values:
+            # messages name a section in either notation
             for path in (name, f"[{name}]", f"[[{name}]]") if self.is_root else (name,):
                 self._locate(path, name)
 

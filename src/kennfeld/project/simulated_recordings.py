@@ -63,7 +63,7 @@ def _stretches(simulation: Simulation) -> Iterator[_Stretch]:
 
 
 def numbers_of_pieces(part: SimulatedPart) -> Int:
-    """Return the number of its piece for each sample of a part, from 1 within the dataset; Int[samples]."""
+    """Number the pieces of the samples of a part, from 1 within the dataset; Int[samples]."""
     data = part.data
     begins = np.zeros(data.samples, dtype=np.int64)
     begins[data.starts[data.starts < data.samples]] = 1

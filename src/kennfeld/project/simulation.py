@@ -136,6 +136,7 @@ class Simulation:
 
     def _partitions(self, partitions: Partitions) -> Iterator[SimulatedPart]:
         """Yield the parts of all partitions, which are simulated by their runner."""
+        # a stable sort: partitions of a dataset stay in the order of their samples
         ordered = sorted([*partitions.training, *partitions.test], key=_dataset_of)
         shared = partitions.share((self._problem.skeleton, self._values, self._extent))
         pieces = [0] * len(self._problem.datasets)
@@ -143,6 +144,7 @@ class Simulation:
             number = _dataset_of(partition)
             name = self._problem.datasets[number].name
             for data, continues, skipped in parts:
+                # a part that begins within a piece shares its number with the part before
                 before = max(pieces[number] - continues, 0)
                 self.samples[name] += data.samples
                 if skipped is not None:
@@ -173,6 +175,7 @@ def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Datas
     simulated = []
     for data, part in zip(problem.datasets, parts, strict=True):
         nodes = _simulate_bound(problem, problem.bind(data), values, compiled, extent)
+        # by the whole file, since a part alone would begin a piece
         starts = _starts_in_file(problem.bind(recordings.file(part)).shown, part)
         continues = 0 not in starts or (data.time is None and not problem.model.graph.states)
         nodes = replace(nodes, starts=np.union1d([0], starts).astype(np.int64))
@@ -197,6 +200,7 @@ def _simulate_bound(
     if extent.deviation:
         nodes = nodes.with_channels(*_deviations(problem, bound, values))
     shown, data = bound.shown, bound.dataset
+    # names of inputs are taken only if inputs are written
     taken = {*nodes, *renamed_inputs(problem)} if extent.complete else nodes
     targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, taken)]
     simulated = complete(problem, shown, nodes, targets) if extent.complete else nodes.with_channels(*targets)
@@ -237,6 +241,7 @@ def _largest_deviation(surrogate: "Surrogate", calls: SurrogateCalls, bound: Bou
 
     blocks = (points for _, points in calls.points(bound))  # Float[samples, inputs] of each call
     if isinstance(surrogate, DynamicSurrogate):
+        # a call that begins at another output than the surrogate's own has it from a measurement
         measured = (first != surrogate.start for first in calls.first_outputs)
         runs = [
             _recursion_deviation(surrogate, np.concatenate(parts), bound, measured=known)

@@ -59,6 +59,7 @@ def _schema(units: Mapping[str, str]) -> Any:
     clock = {"time": {"unit": "s"}}
     parts = [pa.field(name, kind, metadata=clock.get(name)) for name, kind in columns.items()]
     for name, unit in units.items():
+        # a node called `time` or `piece` must not hide the column of this name
         label = f"{name} (model)" if name in columns else name
         parts.append(pa.field(label, pa.float64(), metadata={"unit": unit} if unit else None))
     return pa.schema(parts)
@@ -101,6 +102,7 @@ def _array(values: NDArray[Any], known: Bool) -> Any:
     import pyarrow as pa
 
     kind = pa.float64() if values.dtype == np.float64 else pa.int64()
+    # validity bitmap of Arrow: one bit for each value, the first one the least significant
     bits = np.packbits(known, bitorder="little")
     return pa.Array.from_buffers(kind, values.size, [pa.py_buffer(bits), pa.py_buffer(values)])
 
@@ -119,10 +121,12 @@ def _names(spans: Sequence[tuple[str | None, int]]) -> Any:
 
     used = list(dict.fromkeys(name for name, _ in spans if name is not None))
     encoded = [name.encode() for name in used]
+    # a string array of Arrow: int32 offsets, then all bytes in a row
     ends = np.cumsum([0, *(len(name) for name in encoded)], dtype=np.int32)
     texts = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
     numbers = {name: number for number, name in enumerate(used)}
     sizes = [size for _, size in spans]
     known = np.repeat([name is not None for name, _ in spans], sizes)
+    # the code of a null is arbitrary, but must be valid
     codes = np.repeat(np.array([numbers.get(name or "", 0) for name, _ in spans], dtype=np.int64), sizes)
     return pa.DictionaryArray.from_arrays(_array(codes, known), texts)

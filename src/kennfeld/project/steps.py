@@ -27,18 +27,19 @@ def missing_directions(table: Parameter, part: Range) -> list[str]:
 
 
 def grid_points_within(table: Parameter, part: Range) -> Bool:
-    """Return a mask of the grid points within ranges of axis values, both ends included."""
+    """Mark the grid points within ranges of axis values, both ends included; Bool of the table's shape."""
     inside = np.ones(table.values.shape, dtype=bool)
     for direction, (first, last) in part.items():
         which = DIRECTIONS.index(direction)
         points = table.index_axes[which].breakpoints
+        # broadcast along the other axes
         shape = [-1 if i == which else 1 for i in range(table.values.ndim)]
         inside &= ((points >= first) & (points <= last)).reshape(shape)
     return inside
 
 
 def uncovered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
-    """Return masks of the values that no training sample touches, by table; none of an expansion or a layer."""
+    """Mark the values that no training sample touches, Bool of each table's shape; none of an expansion or a layer."""
     kept, layers = {name: problem.parameters[name] for name in names}, problem.model.graph.layers
     seen = {name: np.full(t.values.shape, t.kind == "rbf" or name in layers) for name, t in kept.items()}
     for part in problem.each(_covered_values, tuple(names)):
@@ -73,6 +74,7 @@ def build_steps(file: ProjectFile, problem: Problem, findings: Findings) -> tupl
     """Return the steps of a project file; add findings about them."""
     steps = [_StepBuilder(entry, problem, findings, file.folder).step() for entry in file.steps]
     for number, entry in enumerate(file.steps, 1):
+        # one at a time, so that each finding goes to its own section
         for finding in check_steps(problem, [steps[number - 1]]):
             path = str(finding.location).removeprefix("step 1").strip()
             findings.add(replace(finding, location=entry.location.within(path)))

@@ -227,6 +227,7 @@ class SurrogateEntry:
 
     def model_name(self, path: Path) -> str:
         """Return the name in formula text, for the training file at `path`."""
+        # every folder has a surrogate.toml: its stem would give all surrogates one name
         return self.name or (path.stem if path.stem != "surrogate" else self.output)
 
 
@@ -348,6 +349,7 @@ def read_training(path: str | Path) -> Training:
     file: TrainingFile = read_entry(TrainingFile, root, path=path, lines=root.location.lines)
     _check_datasets(root, file)
     target = path.parent / file.surrogate.target(path)
+    # without its section the name of the target is a guess
     if "surrogate" in root.values:
         for message, remedy in _target_problems(target, file.surrogate.target(path), path):
             root.findings.error(file.location("surrogate", "file"), message, remedy)

@@ -91,6 +91,7 @@ def read_text(path: Path) -> str:
 def _syntax(name: str, text: str, error: str) -> Finding:
     at = _AT.search(error)
     message = error[: at.start()] if at else error
+    # "at end of document" has no number: the last line with text
     line = int(at[1]) if at and at[1] else text.rstrip().count("\n") + 1
     location = Location(name, line)
     if repeated := _find_repetition(message, text.split("\n"), line):
@@ -113,6 +114,7 @@ def _find_repetition(message: str, lines: Sequence[str], line: int) -> tuple[str
         return f"duplicate of section [{name}]{where}", f"Merge the two sections.{several}"
     key = _KEY_TWICE.fullmatch(message)
     if key:
+        # tomllib names the key of a table in braces only
         name = key[1] or lines[line - 1].partition("=")[0].strip() or "this key"
         return f"duplicate key {name}", "Remove one of them."
     return None

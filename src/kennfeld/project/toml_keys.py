@@ -10,6 +10,7 @@ from kennfeld.project.section import KeyPath
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")  # also comments
 _SPACE = re.compile(r"[ \t]*")
+# a multi-line text may end with up to two quotes of its own before the three that close it
 _TEXT = re.compile(
     r'"""(?:\\.|[^\\])*?"{3,5}(?!")|' + r"'''.*?'{3,5}(?!')|" + r'"(?:\\.|[^"\\\n])*"|' + r"'[^'\n]*'", re.DOTALL
 )
@@ -53,6 +54,7 @@ class TomlKeys:
         self.spans: dict[KeyPath, KeySpan] = {}
         self.headings: list[tuple[int, KeyPath]] = []  # in the order of the text
         self._counts: dict[KeyPath, int] = {}
+        # offsets of line breaks, in which `line` searches: counting them anew for each key takes quadratic time
         self._newlines = [match.start() for match in re.finditer("\n", text)]
         self._scan()
 
@@ -96,6 +98,7 @@ class TomlKeys:
         path = self._resolve(names[:-1])
         if is_list:
             count = self._counts[(*path, names[-1])] = self._counts.get((*path, names[-1]), 0) + 1
+            # the first heading of a list stands for the list
             self.spans.setdefault((*path, names[-1]), KeySpan("heading", at, end, end))
             path = (*path, names[-1], count)
         else:
@@ -130,6 +133,7 @@ class TomlKeys:
         names, at = self._names(start)
         value = self._skip(_SPACE, at + 1)
         path = (*prefix, *names)
+        # parts of a dotted key have a place, but no value: start = end
         for length in range(1, len(names)):
             self.spans.setdefault(path[: len(prefix) + length], KeySpan("key", start, start, start))
         end = self._value(path, value)
@@ -138,6 +142,7 @@ class TomlKeys:
 
     def _value(self, path: KeyPath, at: int) -> int:
         """Record the tables within a value; return the offset behind it."""
+        # lists of numbers, which are long, in one match
         for pattern in (_TEXT, _FLAT):
             if match := pattern.match(self.text, at):
                 return match.end()

@@ -341,6 +341,7 @@ class StepCriteriaForm(Form):
         value = section.values[key]
         if isinstance(value, dict):
             weights = TableOfForm(NumberForm(least=0)).read(section, key) or {}
+            # keys of TOML are texts: a number of a criterion is written as "2"
             return {(int(name) if name.isdecimal() else name): weight for name, weight in weights.items()}
         items = value if isinstance(value, list) else [value]
         if all(isinstance(item, str | int) and not isinstance(item, bool) for item in items):
@@ -394,6 +395,7 @@ def as_array(value: Any) -> Float | str:
         if isinstance(part, str):
             return part
         parts.append(part)
+    # in order of appearance, so that the message compares the first two that differ
     shapes = list(dict.fromkeys(part.shape for part in parts))
     if len(shapes) == 1:
         return np.stack(parts)

@@ -17,7 +17,7 @@ LEVEL = 1  # of compression: the bytes of noise cannot be compressed, and others
 
 
 def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any]:
-    """Return numbers as text, each within half a step; NaN stays NaN.
+    """Code numbers as text, each within half a step; NaN stays NaN.
 
     Args:
         values: Float[samples]; infinite values are stored as NaN.
@@ -31,6 +31,7 @@ def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any
     known = np.isfinite(values)
     first = float(values[known].min()) if known.any() else 0.0
     last = float(values[known].max()) if known.any() else 0.0
+    # divided first: the range of doubles may exceed the largest double
     step = max(step, last / MAX_STEPS - first / MAX_STEPS, np.finfo(float).tiny)
     steps = np.zeros(values.size, dtype=np.int64)
     # halves, since the range of doubles may exceed the largest double
@@ -54,9 +55,11 @@ def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any
 
 def _planes(differences: Int) -> np.ndarray[Any, np.dtype[np.uint8]]:
     """Return the bytes of the differences, those of least significance first; small ones of any sign have few bytes."""
+    # 0, -1, 1, -2, 2, ... -> 0, 1, 2, 3, 4, ...: two's complement of small negative numbers has all bytes set
     zigzag = (np.abs(differences) * 2 - (differences < 0)).astype(np.uint64)
     most = int(zigzag.max(initial=0))
     count = max(1, -(-most.bit_length() // 8))
+    # plane by plane, since the upper bytes are nearly all 0, which deflate then finds in a row
     return np.array([(zigzag >> np.uint64(8 * plane)).astype(np.uint8) for plane in range(count)], dtype=np.uint8)
 
 
@@ -65,7 +68,7 @@ def _packed(content: np.ndarray[Any, np.dtype[np.uint8]]) -> str:
 
 
 def decode_numbers(coded: Mapping[str, Any]) -> Float:
-    """Return the numbers that `code_numbers` stored, Float[samples]."""
+    """Decode the numbers that `code_numbers` stored, Float[samples]."""
     count, planes = coded["count"], coded["planes"]
     raw = np.frombuffer(zlib.decompress(base64.b64decode(coded["data"])), np.uint8).reshape(planes, count)
     zigzag = sum((raw[plane].astype(np.int64) << (8 * plane) for plane in range(planes)), np.zeros(count, np.int64))

@@ -44,7 +44,7 @@ class Histogram:
 
     @classmethod
     def of(cls, values: Float, ends: Ends, bins: int = BINS) -> "Histogram":
-        """Count the finite values."""
+        """Count the finite values, Float[samples], between `ends` in their unit."""
         known = values[np.isfinite(values)]
         beyond = int(np.count_nonzero((known < ends[0]) | (known > ends[1])))
         return cls(ends, np.histogram(np.clip(known, *ends), bins, ends)[0].astype(np.int64), beyond)
@@ -56,10 +56,12 @@ class Histogram:
 
 
 def histogram_ends(errors: ErrorRange, search: QuantileSearch) -> Ends:
-    """Return the range of a histogram: that of all errors, or of nearly all if there are outliers."""
+    """Choose the range of a histogram, in the unit of the errors: of all, or of nearly all if there are outliers."""
+    # low is infinite if no error is finite
     if not np.isfinite(errors.low):
         return -1.0, 1.0
     low, high = search.quantile(TAILS), search.quantile(1.0 - TAILS)
+    # > 0 also for errors that are equal, so that outliers beside them are cut off
     spread = max(high - low, 1e-12 * max(abs(low), abs(high), 1e-300))
     low, high = max(errors.low, low - 0.5 * spread), min(errors.high, high + 0.5 * spread)
     size = max(abs(low), abs(high))
@@ -200,10 +202,11 @@ class Drawing:
 
 
 def _scatter(plan: DrawingPlan, place: PartPlace, before: CriterionSeries, after: CriterionSeries) -> Float:
-    """Return number, measurement and model of the chosen samples and of the worst ones of a part."""
+    """Return number, measurement and model before and after at the chosen and the worst samples: Float[4, dots]."""
     scored, first = np.flatnonzero(after.scored), place.scored[plan.criterion]
     numbers = place.begin + after.bound.kept[scored]
     picked = np.isin(numbers, plan.worst)
+    # numbers among the scored samples of the dataset, here those of this part
     chosen = plan.chosen[slice(*np.searchsorted(plan.chosen, [first, first + scored.size]))] - first
     picked[chosen] = True
     at = scored[picked]
@@ -218,6 +221,7 @@ def draw(passes: PartPasses, fits: Sequence[Fit], worst: Mapping[int, Mapping[st
         fits: their statistics, dataset by dataset.
         worst: samples that are drawn in any case, by the number of the criterion and the dataset.
     """
+    # five traces: measured, before, after, and two errors
     most = int(np.clip(TOTAL_POINTS // (5 * max(len(fits), 1)), *TRACE_POINTS))
     views = [TraceEnvelope(fit.data.count, most) for fit in fits]
     room = DetailRoom.of(fits, views)
@@ -226,6 +230,7 @@ def draw(passes: PartPasses, fits: Sequence[Fit], worst: Mapping[int, Mapping[st
         for fit, view, detail in zip(fits, views, room.groups, strict=True)
     ]
     drawings: list[Drawing] = []
+    # one pass over a dataset draws all its criteria
     for data in {id(fit.data): fit.data for fit in fits}.values():
         plans = [plan for own, plan in planned if own is data]
         further = SignalPlan.of(passes.problem, data, room.signals)

@@ -40,6 +40,7 @@ class Pictures:
 
 def strip(drawing: Drawing) -> Figure:
     """Return measured and calculated signal and the error over time or sample number, some pieces marked."""
+    # of many pieces every nth beginning is marked, n rounded up
     x, title, unit, pieces = drawing.points.stamps.along()
     groups, detail = drawing.plan.groups, drawing.points.detail
     details = {}
@@ -125,6 +126,7 @@ def _cells_of_plane(part: CellErrors) -> Figure:
     further = tuple(range(2, part.samples.ndim))
     count = part.samples.sum(axis=further)
     with np.errstate(invalid="ignore", divide="ignore"):
+        # pooled over the further axes by the number of samples; the mean of an empty cell is NaN
         mean = np.nansum(part.samples * part.mean, axis=further) / count
         square = np.nansum(part.samples * part.rmse**2, axis=further) / count
     return {"samples": count.tolist(), "mean": round_digits(mean, 4), "rmse": round_digits(np.sqrt(square), 4)}
@@ -146,6 +148,7 @@ def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
     """Return a table over its `inputs` before and after, with the uncertainty of its values, flat in C order."""
     after, deviation = change.after, change.deviation
     if deviation is not None:
+        # JSON has no infinity, which means a value that is not determined
         deviation = np.where(np.isinf(deviation), -1.0, deviation).ravel()  # an unknown one is None
     counts = {"samples": change.samples, "informed": change.informed, "bySmoothness": change.by_smoothness}
     return {
@@ -179,6 +182,7 @@ def _stages(trace: Sequence[TraceLine]) -> Sequence[Figure]:
     stages: list[dict[str, Any]] = [{}]
     steps: Counter[int] = Counter()
     for line in trace:
+        # a stage that follows one of the same name begins at iteration 1
         if line.iteration == 1 or (stages[-1].get("name"), stages[-1].get("start")) != (line.stage, line.start):
             stages.append({"name": line.stage, "start": line.start, "x": [], "cost": [], "rmse": []})
         steps[line.start] += 1

@@ -146,6 +146,7 @@ def from_folder(project: Project, folder: str | Path, heading: ReportEntry | Non
     if stored is None:
         return page(collect_report_data(project, None, findings, heading=heading))
     result, written = stored
+    # files that the report does not read may be of another run as well
     findings += check_other_files(Path(folder), written, READ)
     contents = {key: value for key, value in written.items() if key != KEY}
     trust, validation = read_trust(Path(folder), result.parameters), read_validation(Path(folder), written)

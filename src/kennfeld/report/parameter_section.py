@@ -42,6 +42,7 @@ def render_parameters(report: ReportData, pictures: Pictures) -> tuple[Html, lis
 
 def _overview(changes: Sequence[ParameterChange]) -> Html:
     head = ["parameter", "kind", "unit", "values", "relative change", "largest change", "without data", "at a bound"]
+    # rows are cut to the length of the heading
     head += ["median std deviation"] if any(c.deviation is not None for c in changes) else []
     rows = [
         [

@@ -61,6 +61,7 @@ def _is_default(value: Any, field: Any) -> bool:
         return False
     if isinstance(value, tuple | Mapping) and not value:
         return True
+    # of one type: 1 and True are equal, and so are 0 and 0.0
     return field.default is not MISSING and type(field.default) is type(value) and bool(field.default == value)
 
 
@@ -70,6 +71,7 @@ def format_setting(value: Any) -> str:
     >>> format_setting((0.0, 600.0)), format_setting({"x": 0.1}), format_setting(np.zeros((20, 20)))
     ('0, 600', 'x 0.1', '20 x 20 values from 0 to 0')
     """
+    # ahead of the numbers, as a bool is an int
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -112,6 +114,7 @@ def sources(project: Project) -> list[SourceFile]:
     addresses: dict[str, str] = {}
     for role, address in _recordings(project):
         addresses.setdefault(address, role)
+    # sheets of one file are listed once
     for address, role in addresses.items() if not project.is_partitioned else ():
         roles.setdefault(_file_of(address), role)
     files = list(map_in_order(partial(_source, folder=project.file.folder), list(roles.items())))

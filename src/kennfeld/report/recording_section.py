@@ -36,6 +36,7 @@ def render_recordings(report: ReportData) -> Html | None:
 
 def _folded(report: ReportData, rows: Sequence[RecordingQuality]) -> list[Html | None]:
     """Return the first rows, and the others behind a heading that unfolds them."""
+    # to fold one or two rows would save no room
     shown = len(rows) if len(rows) <= SHOWN + 2 else SHOWN
     rest, hidden = rows[shown:MOST], rows[MOST:]
     text = f"{count_noun(len(hidden), 'further recording')} with smaller errors; result.json has all of them."

@@ -70,6 +70,7 @@ class ParameterChange:
     def size(self) -> float:
         """Root mean square of the difference, relative to that of the values before or after, whichever is larger."""
         with np.errstate(over="ignore", invalid="ignore"):
+            # of both: a table that begins at 0 would have changed by infinity
             scale = max(_rms(self.before.values), _rms(self.after.values))
             return _rms(self.difference) / scale if scale > 0 else 0.0
 
@@ -146,6 +147,7 @@ class ReportData:
     @property
     def numbered(self) -> dict[int, Residuals]:
         """The residuals by the number of their criterion."""
+        # residuals are in the order of the criteria, without those that score no sample
         return dict(zip(sorted({fit.number for fit in self.fits}), self.residuals, strict=True))
 
     @cached_property
@@ -199,6 +201,7 @@ def collect_report_data(
     Raises:
         InputError: the project does not define a problem that can be evaluated.
     """
+    # shifts that the run estimated, so that errors are those of the run
     problem = project.problem() if result is None else apply_shifts(project.problem(), result.shifts)
     start = problem.parameters if result is None else result.start
     parameters = start if result is None else result.parameters
@@ -259,6 +262,7 @@ def _array_of(table: Parameter, arrays: Mapping[str, Any]) -> Any:
 
 def _resample(before: Parameter, after: Parameter) -> Parameter:
     points = np.meshgrid(*(axis.breakpoints for axis in after.index_axes), indexing="ij")
+    # the old table at the new grid points, so that both can be subtracted
     sides = [
         cell_weights(position(x.ravel(), axis.breakpoints, before.extrapolation), len(axis))[0]
         for x, axis in zip(points, before.index_axes, strict=True)

@@ -31,6 +31,7 @@ class Stamps:
         numbers = (place.begin + bound.kept).astype(np.float64) if time is None else time
         stamps.drawn.append(numbers[at])
         stamps.owners.append(place.piece + np.searchsorted(bound.starts, at, side="right") - 1)
+        # a piece that continues has its first time in the part before
         edges = [*bound.starts[place.continues :].tolist(), bound.count]
         ends = [[numbers[a], numbers[min(a + 1, b - 1)], numbers[b - 1]] for a, b in pairwise(edges)]
         stamps.pieces.append(np.array(ends).reshape(-1, 3).T)
@@ -43,20 +44,23 @@ class Stamps:
         self.pieces += later.pieces
 
     def along(self) -> tuple[Float, str, str, Float]:
-        """Return the x axis with its title and unit, and where pieces begin.
+        """Return the x axis Float[points] with its title and unit, and where pieces begin, Float[pieces - 1].
 
         That is the time, with pieces in a row if it restarts in each, else the sample number.
         """
         drawn, owners = np.concatenate(self.drawn), np.concatenate(self.owners)
         firsts, seconds, lasts = np.concatenate(self.pieces, axis=1)
+        # minimum and maximum of a group are drawn at the time of its first sample
         twice = drawn if self.whole else np.repeat(drawn, 2)
         if not self.timed:
             return twice, "sample", "", firsts[1:]
+        # time goes on from piece to piece, as in one recording with gaps
         if np.all(firsts[1:] > lasts[:-1]):
             return twice, "time", "s", firsts[1:]
         shifts, end = np.empty(firsts.size), 0.0
         for number, (first, second, last) in enumerate(zip(firsts, seconds, lasts, strict=True)):
             shifts[number] = end - first
+            # the next piece begins a step after this one ends
             end = float(last + shifts[number]) + float(second - first)
         row = drawn + shifts[owners]
         return row if self.whole else np.repeat(row, 2), "time, recordings in a row", "s", (firsts + shifts)[1:]

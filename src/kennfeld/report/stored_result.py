@@ -140,6 +140,7 @@ def read_result(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, An
     with _refuse_damaged(paths["result.json"]):
         contents = json.loads(paths["result.json"].read_text(encoding="utf-8"))
         contents = {**contents, KEY: dict(contents.get(KEY, {}))}
+    # first, since files of two runs can be read without an error
     require_one_run(folder, contents, READ)
     parameters = _parameters(paths["parameters.json"], problem)
     trace = _trace(paths["trace.csv"])
@@ -184,6 +185,7 @@ def _parameters(path: Path, problem: Problem) -> ParameterSet:
         elif stored[name].coordinates != count:
             message = f"{name} has {stored[name].coordinates} axes, but the function looks it up with {count}"
             findings.error(location, message, AGAIN)
+        # values on another grid: one pair of bounds that contains those of all values
         elif stored[name].values.shape != own.values.shape:
             spread = {"lower": own.lower.min(), "upper": own.upper.max(), "locked": own.locked.all()}
             parameters.append(stored[name].changed(extrapolation=own.extrapolation, **spread))
@@ -247,6 +249,7 @@ def _select(row: Any, *names: str) -> dict[str, Any]:
 
 
 def _known(value: Any) -> Any:
+    # null stands for NaN
     return float("nan") if value is None else value
 
 

@@ -75,9 +75,11 @@ class DetailRoom:
         detailed = [fit.data.is_timed and not view.whole for fit, view in zip(fits, views, strict=True)]
         needs = [SIGNALS_OF_SAMPLES * fit.data.count if own else 0 for fit, own in zip(fits, detailed, strict=True)]
         scarce = sum(needs) > room
+        # if not all samples fit, the others need room for ranges
         left = room - TOTAL_NUMBERS * RESERVE if scarce else room
         whole = []
         for need in needs:
+            # first come, first served: a strip that does not fit leaves its room to smaller ones
             whole.append(need <= left)
             left -= need if whole[-1] else 0
         others = sum(not each for each in whole)
@@ -156,6 +158,7 @@ def coded_details(stamps: Stamps, traces: Mapping[str, Trace], groups: TraceEnve
     points = {name: trace.points(groups) for name, trace in traces.items()}
     if groups.whole:
         errors = points["after"] - points["measured"]
+        # one step for all columns, fine enough for their differences, which the page draws as errors
         step = min(_range(*points.values()) / LEVELS, _range(errors) / ERROR_LEVELS or np.inf)
         coded = {name: code_numbers(values, step) for name, values in points.items()}
     else:
@@ -180,4 +183,5 @@ def _coded_stamps(stamps: Stamps, groups: TraceEnvelope) -> Mapping[str, Any]:
     x = x if groups.whole else x[::2]  # one for each group
     steps = np.diff(x)
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+    # second differences of an even raster are 0
     return {"whole": groups.whole, "size": groups.size, "x": code_numbers(x, step * 1e-3, order=2)}

@@ -50,6 +50,7 @@ def pool_scores(scores: Sequence[Score]) -> Score:
         return scores[0]
     count = np.array([score.samples for score in scores], dtype=np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
+        # RMSEs are pooled by their squares
         before, after = np.sqrt(count @ np.array([s.rmse for s in scores]) ** 2 / count.sum()).tolist()
     largest_before, largest_after = np.max([s.largest for s in scores], axis=0).tolist()
     return replace(

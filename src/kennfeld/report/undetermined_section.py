@@ -107,6 +107,7 @@ def _linear(report: ReportData) -> Iterator[list[str]]:
         elif labels:
             axis = AXIS_LETTERS[constraint.axis]
             ends = f"from {full_decimal(constraint.lower)} to {full_decimal(constraint.upper)}"
+            # labels begin with what the other cells of the row say
             prefix = f"{constraint.kind} of {constraint.parameter} along {axis} "
             places = join_names([label.removeprefix(prefix) for label in labels], MAX_LISTED, "; ")
             limit = f"{constraint.kind} along {axis} {ends}"

@@ -25,14 +25,16 @@ class LinearRecursion:
 
 
 def plane(x: Float, y: Float) -> Expansion:
-    """Return the plane of least squares through points Float[points, inputs] and values Float[points].
+    """Fit the plane of least squares through points Float[points, inputs] and values Float[points].
 
     >>> flat = plane(np.array([[0.0], [1.0], [2.0]]), np.array([1.0, 3.0, 5.0]))
     >>> round(float(flat(np.array([4.0]))), 9)
     9.0
     """
     middle, spread = x.mean(0), x.std(0)
+    # an input that is constant over these samples, such as those of a block, has the slope 0
     spread = np.where(spread > 0, spread, 1.0)
+    # centred and scaled, so that the cut of small singular values does not depend on units
     coefficients = np.linalg.lstsq((x - middle) / spread, y - y.mean(), rcond=RCOND)[0] / spread
     return _linear(float(y.mean() - coefficients @ middle), coefficients)
 
@@ -55,7 +57,9 @@ def arx(
     """
     inputs = pieces[0].u.shape[1]
     longest = max(len(piece) for piece in pieces) - 1
+    # half of the longest piece at most, so that samples are left to score
     orders = [n for n in ORDERS if 2 * n <= longest] or [1]
+    # first = 0 reads the present input, 1 does not
     tried = [Lags(tuple(range(1, n + 1)), (tuple(range(first, n + 1)),) * inputs) for n in orders for first in (0, 1)]
     models = [LinearRecursion(one_step_plane(Runs.of(pieces, lags), limits), lags) for lags in (*tried, *further)]
     return min(models, key=lambda model: free_run_rmse(model, pieces, limits))
@@ -77,7 +81,7 @@ def free_run_rmse(model: LinearRecursion, pieces: Sequence[Recording], limits: t
 
 
 def free_run_residual(model: LinearRecursion, pieces: Sequence[Recording], limits: tuple[float, float]) -> Float:
-    """Return the residual at the samples that count, Float[samples]."""
+    """Simulate the free run, and return its residual at the samples that count, Float[samples]."""
     runs = Runs.of(pieces, model.lags, max(model.lags.output))
     residual: Float = (simulate(model.expansion, runs, limits).y - runs.target).T[runs.scored.T]
     return residual

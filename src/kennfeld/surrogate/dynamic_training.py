@@ -130,6 +130,7 @@ class _DynamicTraining:
             return self._of_filtered(alternative)
         if alternative is not None:
             self.remarks.append("a linear ARX model has the smallest error on held-out blocks, and is used")
+            # without basis functions, the lengths only say how far the validity reaches
             lengths = np.full(alternative.lags.size, MIDDLE)
             linear = ModelChoice(lengths, TrainingSettings(), np.nan)
             return self._of_recursion(alternative.lags, alternative.expansion, linear)
@@ -209,6 +210,7 @@ class _DynamicTraining:
         if self.settings.limits != "auto" or stability.bounded == stability.runs:
             return str(stability)
         low, high = float(runs.one_step_target.min()), float(runs.one_step_target.max())
+        # one range of the output beyond either end, as the check of stability allows
         lower, upper = (float(f"{end:.4g}") for end in (2 * low - high, 2 * high - low))
         self.limits = max(self.limits[0], lower), min(self.limits[1], upper)
         far = f"{stability.runs - stability.bounded} of {stability.runs} free runs left the training data far behind"
@@ -221,6 +223,7 @@ class _DynamicTraining:
         lags = self._select_lags()
         if not remarks:
             return lags
+        # with the same lags, so that the limits alone make the difference
         limited, free = (lag_error(self.pieces, lags, TrainingSettings(limits=e)) for e in (self.limits, UNLIMITED))
         if limited <= free:
             self.remarks = remarks
@@ -228,6 +231,7 @@ class _DynamicTraining:
         seen = remarks[0].split(";")[0]
         self.remarks = [f"{seen}; limits there raise the error on held-out blocks and are not used"]
         self.limits = UNLIMITED
+        # again: the lags were selected with limits that are dropped
         return self._select_lags()
 
     def _saturation(self) -> tuple[Limits, list[str]]:
@@ -269,6 +273,7 @@ class _DynamicTraining:
             limits=self.limits, moves_centres=settings.moves_centres, iterations=settings.iterations
         )
         if settings.hold is not None:
+            # NaN: without an error on held-out blocks, no other structure is compared
             return ModelChoice(np.minimum(lengths, MIDDLE), replace(stated, hold=settings.hold), np.nan)
         divisions = folds(self.pieces, lags) if settings.free_run else []
         if not divisions:
@@ -325,6 +330,7 @@ def _linear_error(training: Sequence[Recording], linear: LinearRecursion, limits
 
 def _scores(surrogate: DynamicSurrogate | FilteredSurrogate, recordings: _Recordings) -> Iterator[SurrogateQuality]:
     """Yield one step ahead and in free run, from the first measured outputs of each piece on."""
+    # the measured outputs that start the run are not scored
     back = max(surrogate.output_lags) if isinstance(surrogate, DynamicSurrogate) else 0
     for data, pieces in recordings:
         ahead, free = [], []  # (residual, target) of each piece

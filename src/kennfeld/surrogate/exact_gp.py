@@ -40,12 +40,14 @@ def _solve(kernel: Float, noise: float, points: TrainingPoints, plane: Plane) ->
     padded = kernel.copy()
     padded.flat[:: len(points) + 1] += noise / points.weights
     root: Float = np.asarray(np.linalg.cholesky(padded), dtype=np.float64)
+    # K^-1 from its factor; LAPACK fills the lower triangle only
     lower, _ = lapack.dpotri(root, lower=1)
     inverse = np.tril(lower) + np.tril(lower, -1).T
     coupled = inverse @ plane.basis  # K^-1 U
     plane_root: Float = np.asarray(np.linalg.cholesky(plane.basis.T @ coupled), dtype=np.float64)
     half = np.linalg.solve(plane_root, coupled.T)
     inverse -= half.T @ half
+    # inverse is P from here on
     weights = inverse @ points.y
     square = float(points.y @ weights) + float(points.scatter.sum()) / noise
     variance = max(square / max(_free(points, plane), 1), LEAST_VARIANCE)
@@ -58,9 +60,10 @@ def _free(points: TrainingPoints, plane: Plane) -> float:
 
 
 def exact_likelihood(values: Float, points: TrainingPoints, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
-    """Return the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
+    """Compute the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
 
-    The points are in units of their spread. Raises `LinAlgError` if the matrix is not positive definite.
+    `values` and the gradient are Float[inputs + 1]. The points are in units of their spread. Raises `LinAlgError` if
+    the matrix is not positive definite.
     """
     x, lengths, noise = points.x, np.exp(values[:-1]), float(np.exp(values[-1]))
     near, declines = kernel_matrix(x, x, lengths, kernel)
@@ -68,6 +71,7 @@ def exact_likelihood(values: Float, points: TrainingPoints, plane: Plane, kernel
     repeats, scatter = float(points.repeats.sum()), float(points.scatter.sum()) / (noise * at.variance)
     logarithm = 2 * np.sum(np.log(np.diag(at.root))) + 2 * np.sum(np.log(np.diag(at.plane_root)))
     likelihood = -0.5 * (_free(points, plane) * np.log(at.variance) + logarithm + repeats * values[-1])
+    # d log L / dK = 1/2 (P y y'P / s^2 - P)
     slope = np.outer(at.weights, at.weights / at.variance) - at.projected
     by_noise = 0.5 * (noise * float(np.sum(np.diag(slope) / points.weights)) + scatter - repeats)
     return float(likelihood), np.append(0.5 * scaled_second_moment(slope * declines, x, x, lengths), by_noise)
@@ -95,16 +99,18 @@ class Exact:
         """Return offset, slopes, weights and centres of the mean."""
         x, weights = self.points.x, self.system.weights
         near = kernel_matrix(x, x, self.lengths, self.kernel)[0]
+        # y - K P y = U beta: what the kernel and the noise leave lies in the plane
         rest = self.points.y - near @ weights - self.noise / self.points.weights * weights
         flat = self.plane.back @ (self.plane.basis.T @ rest)
         return float(flat[0]), flat[1:], weights, x
 
     def left_out(self, blocks: Sequence[Int] | None = None) -> Float:
-        """Return the residual at each point of the process trained without the points of its block, Float[points].
+        """Compute the residual at each point of the process trained without the points of its block, Float[points].
 
         `blocks` are the numbers of points that are left out together; by default each point is left out alone.
         """
         projected, weights = self.system.projected, self.system.weights
+        # blocks of one point each: P_ii^-1 (P y)_i
         residual: Float = weights / np.diag(projected)
         for block in blocks or ():
             residual[block] = np.linalg.solve(projected[np.ix_(block, block)], weights[block])

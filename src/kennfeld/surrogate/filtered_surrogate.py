@@ -95,6 +95,7 @@ class FilteredSurrogate:
         """Return the output, Float[samples], over inputs Float[samples, inputs]; the first ones are `y0` if given."""
         y = np.clip(self.expansion(self.points(u)), *self.limits)
         known = np.zeros(0) if y0 is None else np.asarray(y0, dtype=np.float64).reshape(-1)[: y.size]
+        # without feedback, measured outputs do not change the others
         y[: known.size] = known
         return y
 

@@ -65,6 +65,7 @@ def train_filtered(
 ) -> FilteredModel | None:
     """Return the filtered model; None if the recordings are too short for held-out blocks, or once `stopped`."""
     lags = Lags((1,), ((0, 1),) * pieces[0].u.shape[1])
+    # the error that is compared with that of recursions is on blocks like theirs, which may skip samples
     blocks, all_blocks = held_out_blocks(pieces, lags), held_out_blocks(pieces, lags, samples=ALL)
     if len(blocks) < 2 or stopped():
         return None
@@ -125,9 +126,11 @@ def _uncertainty(
 ) -> Uncertainty:
     """Return the uncertainty, scaled to the residuals of the process without the block of each sample."""
     point = process.points.point
+    # a point of several rows is in the block of its first row
     first = block[np.unique(point, return_index=True)[1]]
     left_out = process.left_out([np.flatnonzero(first == number) for number in np.unique(first)])
     target = (y - scaling.level) / scaling.height
+    # of each row: its distance from the mean of its point, and the residual of that mean
     residual = scaling.height * (target - process.points.y[point] + left_out[point])
     signal = scaling.height * float(np.sqrt(process.variance))
     noise = signal * float(np.sqrt(process.noise))
@@ -190,6 +193,7 @@ def _time_constants(
             break
         best, least = trial, rmse
     # an input that is read one sample late permits closed loops
+    # averaged samples cannot tell one original sample of delay from none, so that it is taken for free there
     delay = 1 if error(best, 1 if every == 1 else 0) <= least / WORTH else 0
     return delay, tuple(float(f"{step * every * samples:.6g}") for samples in np.sort(np.exp(best)))
 
@@ -206,8 +210,10 @@ def _descend(error: "_PolynomialError", start: Float, most: float) -> tuple[Floa
     """Return the logarithms of time constants of least error, and the error, by the simplex of Nelder and Mead."""
     from scipy.optimize import minimize
 
+    # edges of a factor of 2, as the arguments are logarithms
     simplex = np.vstack([start, start + 0.7 * np.eye(start.size)])
     options = {"maxfev": EVALUATIONS * start.size, "initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-6}
+    # below 0.3 samples a filter passes nearly all of its input: 1 - exp(-1 / 0.3) = 0.96
     result = minimize(lambda x: error(np.clip(x, np.log(0.3), most)), start, method="Nelder-Mead", options=options)
     return np.clip(result.x, np.log(0.3), most), float(result.fun)
 
@@ -244,15 +250,18 @@ def _error_without(sums: Sequence[BlockSums], number: int) -> float:
     matrix = np.sum([part[0] for part in others], axis=0)
     right = np.sum([part[1] for part in others], axis=0)
     ridge = np.full(len(right), RIDGE * sum(part[3] for part in others))
+    # the offset is not shrunk
     ridge[0] = 0.0
     weights = np.linalg.solve(matrix + np.diag(ridge), right)
-    inner, aimed, square, _ = sums[number]
-    return max(float(weights @ inner @ weights - 2 * aimed @ weights + square), 0.0)
+    own_matrix, own_right, square, _ = sums[number]
+    # |A w - y|^2 = w'A'A w - 2 y'A w + y'y, by the sums alone; rounding may make it negative
+    return max(float(weights @ own_matrix @ weights - 2 * own_right @ weights + square), 0.0)
 
 
 def _polynomial(x: Float, inputs: int) -> Float:
     """Return 1, all numbers, and the squares and products of inputs with the same filter: Float[samples, terms]."""
     columns = [np.ones((len(x), 1)), x]
+    # all products of n inputs would be n (n + 1) / 2 terms for each filter
     i, j = np.triu_indices(inputs) if inputs <= MOST_PRODUCTS else (np.arange(inputs), np.arange(inputs))
     columns += [x[:, first + i] * x[:, first + j] for first in range(0, x.shape[1], inputs)]
     return np.concatenate(columns, axis=1)

@@ -32,7 +32,7 @@ FEW_ITERATIONS = 3  # of these models, if there are more samples than the regula
 LONGEST = 4000  # steps of a block that errors are compared over
 LEFT_OUT = 0.632  # weight of errors over blocks that are left out; errors of the training have the others
 RATIOS = ((0.0, 1.0), (0.05, 1.0), (0.2, 1.0), (1.0, 0.05))  # process noise and noise > 0, in units of the error
-SIGNALS = (0.3, 1.0, 3.0, 10.0)  # in units of the spread of the bells
+SIGNALS = (0.3, 1.0, 3.0, 10.0)  # in units of the spread of the model about its plane
 ROUNDS = 6  # in which deviations are scaled: limits bound them, so that one round need not suffice
 CLOSE = 0.01  # relative change of the scale with which the rounds end
 
@@ -53,6 +53,7 @@ class _BlockRun:
         error, counted = np.abs(y - block.target)[:LONGEST, 0], block.scored[:LONGEST, 0]
         if not np.isfinite(y).all() or not counted.any():
             return None
+        # shares come from one kernel matrix for all centres, which needs equal widths
         points, shares = block.visited(y)[:LONGEST], has_equal_widths(model)
         return cls(error, counted, weight, LinearisedRun.along(model, points, block.lags.output, limits, shares=shares))
 
@@ -68,6 +69,7 @@ class _WeightedErrors:
     @classmethod
     def of(cls, runs: Sequence[_BlockRun], uncertainty: FreeRunUncertainty) -> "_WeightedErrors":
         parts = [
+            # the weight of a block is spread over its errors, so that a long block counts as much as a short one
             (run.error[run.counted], np.full(run.counted.sum(), run.weight / run.counted.sum()), deviation[run.counted])
             for run in runs
             for deviation in [run.linearised.deviation(uncertainty)[:, 0]]
@@ -100,7 +102,7 @@ def calibrated_uncertainty(
     trains: bool = True,
     stopped: Stopped = never,
 ) -> FreeRunUncertainty | None:
-    """Return the uncertainty of a model, calibrated on free runs over blocks that are left out.
+    """Calibrate the uncertainty of a model on free runs over blocks that are left out.
 
     For each block, a model with the same length scales and regularisation is trained without it.
 
@@ -122,10 +124,11 @@ def calibrated_uncertainty(
         return None
     errors = np.concatenate([run.error[run.counted] for run in runs])
     unit = float(np.sqrt(np.mean(errors**2)))
+    # an output before the run that is not measured may be any of the recorded ones, while the run begins at `start`
     unmeasured = float(np.sqrt(np.mean(np.concatenate([(piece.y - start)[piece.scored] for piece in pieces]) ** 2)))
     if unit == 0:
         return FreeRunUncertainty(0.0, 0.0, 0.0, unmeasured)
-    signals = [signal * _spread_of_bells(model, Runs.of(pieces, lags).points) for signal in SIGNALS]
+    signals = [signal * _nonlinear_spread(model, Runs.of(pieces, lags).points) for signal in SIGNALS]
     trials = [
         _scaled(FreeRunUncertainty(signal, unit * noise, unit * process_noise, unmeasured), runs)
         for (process_noise, noise), signal in product(RATIOS, signals if any(signals) else (0.0,))
@@ -133,7 +136,7 @@ def calibrated_uncertainty(
     return min(trials, key=lambda trial: _WeightedErrors.of(runs, trial).score)
 
 
-def _spread_of_bells(model: Expansion, points: Float) -> float:
+def _nonlinear_spread(model: Expansion, points: Float) -> float:
     if not model.size or not has_equal_widths(model):
         return 0.0
     return float(np.std(model(points) - points @ model.slopes))
@@ -162,6 +165,7 @@ def _block_runs(
     stopped: Stopped,
 ) -> list[_BlockRun]:
     """Return the runs over each block of a model that is trained without it, and of the model itself."""
+    # the models without a block cost most: many samples get fewer iterations, and more blocks of which few are run
     large = sum(map(len, pieces)) > SAMPLES
     iterations = min(settings.iterations, FEW_ITERATIONS) if large else settings.iterations
     few = replace(settings, iterations=iterations if trains else 0, moves_centres=False)
@@ -186,6 +190,7 @@ def _runs_over(
         _BlockRun.of(without, fold.held_out, limits, LEFT_OUT),
     ]
     most = float(np.ptp(fold.training.one_step_target))
+    # the full range of the output as RMSE is worse than any constant within it
     for run in runs:
         if run is None or np.sqrt(np.mean(run.error[run.counted] ** 2)) > most:
             return

@@ -19,11 +19,11 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import JITTER
-from kennfeld.surrogate.recursion import bells_of, input_slopes
+from kennfeld.surrogate.recursion import basis_values, input_slopes
 from kennfeld.surrogate.recursion_code import LARGEST, covariance_code
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty, has_equal_widths
 
-BLOCK = 1024  # points whose bells stay in the cache
+BLOCK = 1024  # points whose basis functions stay in the cache
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,11 @@ class LinearisedRun:
         for first in range(0, len(flat), BLOCK):
             part = slice(first, first + BLOCK)
             x = flat[part]
-            bells = bells_of(expansion, x)
-            free[part] = expansion.offset + x @ expansion.slopes + bells @ expansion.weights
-            slopes[part] = input_slopes(expansion, x, bells, own)
+            near = basis_values(expansion, x)
+            free[part] = expansion.offset + x @ expansion.slopes + near @ expansion.weights
+            slopes[part] = input_slopes(expansion, x, near, own)
             if process is not None:
-                open_shares[part] = process.open_share(x, bells)
+                open_shares[part] = process.open_share(x, near)
         return cls(tuple(lags), limits, free.reshape(shape), slopes.reshape(*shape, own), open_shares.reshape(shape))
 
     def repeated(self, times: int) -> "LinearisedRun":
@@ -112,7 +112,7 @@ class LinearisedRun:
         return replace(self, free=free, slopes=slopes, shares=shares)
 
     def deviation(self, uncertainty: FreeRunUncertainty, unknown: Bool | None = None) -> Float:
-        """Return the standard deviation of a new measurement from each step, Float[steps, runs].
+        """Propagate the standard deviation of a new measurement from each step, Float[steps, runs].
 
         It is infinite where errors grow beyond all bounds, and NaN where the output is not a number.
 
@@ -123,6 +123,7 @@ class LinearisedRun:
         """
         steps, runs = self.free.shape
         back = max(self.lags)
+        # rows[back + k, :, j] = cov(e_k, e_{k-j}), as the code of `covariance_code` reads and writes them
         rows = np.zeros((back + steps, runs, back + 1))  # covariances with the error so many steps before
         if unknown is not None:
             for age in range(back):  # what is not measured has one common error
@@ -132,6 +133,7 @@ class LinearisedRun:
         arrays = [np.ascontiguousarray(number, dtype=np.float64) for number in numbers]
         covariance_code(self.lags)(steps * runs, runs, *(array.ctypes.data for array in arrays), rows.ctypes.data)
         variance = rows[back:, :, 0]
+        # the code cuts covariances off at LARGEST, which stands for infinity
         deviation = np.sqrt(np.where(variance < LARGEST, variance, np.inf) + uncertainty.noise**2)
         return np.where(np.isnan(self.free), np.nan, deviation)
 

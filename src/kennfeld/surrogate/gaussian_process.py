@@ -119,6 +119,7 @@ def gaussian_process(
     rows, values = check_points(x, y, names)
     _check_choices(method, kernel, noise, centres)
     far = far_inputs(rows)
+    # suspects are left out of the search, and taken back below unless the model trained without them rejects them
     outliers = far | _suspects(rows, values, ~far)
     if outliers.any():
         check_points(rows[~outliers], values[~outliers], names)
@@ -127,6 +128,7 @@ def gaussian_process(
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
     kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)
     candidates = training.search(kernels, starts, stopped)
+    # a value that a steep function explains is a suspect by its neighbours, but near to the model
     wrong = far | (outliers & training.is_certain(candidates, blocks))
     if np.any(wrong != outliers):
         training = _Training(rows, values, ~wrong, method, centres, seed)
@@ -209,7 +211,7 @@ class _Training:
         return Sparse.at(self.points, z, at.lengths, at.noise, at.kernel)
 
     def is_certain(self, candidates: Sequence[Hyperparameters], blocks: Int | None) -> Bool:
-        """Return the rows whose value is far from the model that was trained without them, Bool[rows]."""
+        """Mark the rows whose value is far from the model that was trained without them, Bool[rows]."""
         if self.used.all():
             return np.zeros(len(self.y), dtype=bool)
         best = self.choose(candidates, blocks, ~self.used)
@@ -228,6 +230,7 @@ class _Training:
         """
         at, robust, before = normal.tried, normal, normal.left_out[self.used]
         sigma = student_scale(before)
+        # on the same residuals a gain costs no training: without one, tails are not wide
         if sigma == 0 or not (forced or student_gain(before, before) > 0):
             return normal
         for round_ in range(REWEIGHTED):
@@ -235,6 +238,7 @@ class _Training:
             training = _Training(
                 self.x, self.measured, self.used, self.method, self.given, self.seed, weights, self.hinges
             )
+            # a new search of length scales is by far the most expensive step: last, and only if it may pay
             if round_ == REWEIGHTED - 1:
                 gain = student_gain(before, robust.left_out[self.used])
                 if not forced and gain < PROMISING * LIKELIER:
@@ -259,6 +263,7 @@ class _Training:
         bent = self._by_row(choice.left_out)
         if not choice.hinges or not self._is_better(straight, bent, blocks):
             return self, smooth
+        # ahead of a search of length scales about the kinked plane, which kinks that explain too little do not pay for
         if np.nanmean(bent**2) > HOPELESS**2 * np.nanmean(smooth.left_out**2):
             return self, smooth
         hinges = self.scaling.outward(choice.hinges)
@@ -277,6 +282,7 @@ class _Training:
 
     def _is_better(self, before: Float, after: Float, blocks: Int | None) -> bool:
         """Return if the squares of residuals Float[rows] are smaller by more than chance, by points or blocks."""
+        # paired: the difference at each point scatters less than the two sums
         gain: Float = (before**2 - after**2)[self.used]
         if blocks is not None:
             own = blocks[self.used]
@@ -286,7 +292,7 @@ class _Training:
         return bool(is_worth and gain.sum() > SIGNIFICANT * scatter)
 
     def choose(self, candidates: Sequence[Hyperparameters], blocks: Int | None, outliers: Bool) -> GaussianProcess:
-        """Return the process, or the plane, with the smallest residuals of points or blocks left out."""
+        """Choose the process, or the plane, with the smallest residuals of points or blocks left out."""
         together = self._together(blocks)
         plane = _plane_left_out(self.points, together)
         processes = [self.process(at) for at in candidates]
@@ -295,6 +301,7 @@ class _Training:
         process, residual = processes[best], residuals[best]
         if together is not None:
             process, residual = self._smoothed(process, residual, together)
+        # so that NaN is a plane, too
         is_plane = not self._rmse(residual) <= WORTH * self._rmse(plane)
         residual = self._by_row(plane if is_plane else residual)
         flat = _plane_through(self.points, self.scaling)
@@ -333,6 +340,7 @@ class _Training:
             if isinstance(process, Exact):
                 trial = Exact.at(self.points, process.lengths, noise, process.kernel)
             else:
+                # refine would move the noise back to where the likelihood is highest
                 trial = Sparse.at(self.points, process.z, process.lengths, noise, process.kernel, refine=False)
             changed = trial.left_out(together)
             if self._rmse(changed) >= self._rmse(residual):
@@ -367,8 +375,10 @@ class _Training:
         nugget = np.full(expansion.size, JITTER)
         noise = float(signal * np.sqrt(process.noise))
         if not expansion.size:
+            # of a plane: all of its residual is noise
             signal, noise = 0.0, float(np.sqrt(np.mean(residual**2)))
         elif isinstance(process, Exact):
+            # every point is a centre, with the noise of its own weight
             nugget = np.maximum(process.noise / process.points.weights, JITTER)
         some = np.arange(len(residual))
         if len(some) > CALIBRATED:
@@ -400,9 +410,11 @@ def _plane_left_out(points: TrainingPoints, blocks: Sequence[Int] | None) -> Flo
     plane = Plane.over(points.x, points.weights)
     roots = np.sqrt(points.weights)
     rest = plane.without(points.y * roots)
+    # leave-one-out of a linear smoother H = QQ': r_i / (1 - H_ii); for blocks (I - H_BB)^-1 r_B
     residual: Float = rest / np.maximum(1 - np.einsum("ij,ij->i", plane.basis, plane.basis), 1e-12)
     for block in blocks or ():
         own = plane.basis[block]
+        # Woodbury: a system of the size of the plane's rank instead of the block's
         inside = np.eye(plane.rank) * (1 + 1e-12) - own.T @ own
         residual[block] = rest[block] + own @ np.linalg.solve(inside, own.T @ rest[block])
     residual /= roots

@@ -45,7 +45,7 @@ class Plane:
         return int(self.basis.shape[1])
 
     def without(self, values: Float) -> Float:
-        """Return Float[points, ...] without its projection onto the plane."""
+        """Remove from Float[points, ...] its projection onto the plane."""
         rest: Float = values - self.basis @ (self.basis.T @ values)
         return rest
 
@@ -61,7 +61,7 @@ def greedy_centres(
 
 
 def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Kernel = "gaussian") -> Int:
-    """Return indices of points, each the one with the largest remaining variance given those before.
+    """Select points by index, each the one with the largest remaining variance given those before.
 
     `x` Float[points, inputs] in the units of `lengths`. It is the pivoted Cholesky factorisation of the kernel matrix
     (D. R. Burt, C. E. Rasmussen, M. van der Wilk: Convergence of Sparse Variational Inference in Gaussian Processes
@@ -70,6 +70,7 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Ker
     scaled = x / lengths
     square = 0.5 * np.einsum("id,id->i", scaled, scaled)
     variance = np.ones(len(x))
+    # all variances are 1 at first: begin in the middle, whatever the order of the points
     pivot = int(np.argmin(np.sum((scaled - scaled.mean(0)) ** 2, axis=1)))
     rows = np.empty((min(count, len(x)), len(x)))
     chosen: list[int] = []
@@ -77,9 +78,11 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Ker
         if variance[pivot] <= left:
             break
         near = kernel_of_square(np.maximum(2 * (square + square[pivot] - scaled @ scaled[pivot]), 0.0), kernel)[0]
+        # pivoted Cholesky: row_k = (K[pivot] - sum over j < k of row_j[pivot] row_j) / sqrt(variance[pivot])
         near -= rows[:k, pivot] @ rows[:k]
         rows[k] = near / np.sqrt(variance[pivot])
         variance -= rows[k] ** 2
+        # exactly, so that rounding cannot choose it twice
         variance[pivot] = 0.0
         chosen.append(pivot)
         pivot = int(np.argmax(variance))
@@ -87,7 +90,7 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Ker
 
 
 def k_means(x: Float, count: int, seed: int) -> Float:
-    """Return `count` cluster means: Float[points, inputs] -> Float[count, inputs]; fewer if points coincide.
+    """Compute `count` cluster means: Float[points, inputs] -> Float[count, inputs]; fewer if points coincide.
 
     Lloyd's algorithm, begun with k-means++ (D. Arthur, S. Vassilvitskii, 2007).
     """
@@ -108,28 +111,31 @@ def _scatter(x: Float, count: int, rng: "np.random.Generator") -> Float:
     centres = [x[rng.integers(len(x))]]
     distance = np.sum((x - centres[0]) ** 2, axis=1)
     while len(centres) < count and distance.max() > 0:
+        # k-means++: the next one with a probability proportional to the squared distance from those before
         centres.append(x[rng.choice(len(x), p=distance / distance.sum())])
         distance = np.minimum(distance, np.sum((x - centres[-1]) ** 2, axis=1))
     return np.array(centres)
 
 
-def bells(x: Float, z: Float, lengths: Float) -> Float:
-    """Return exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) of points and centres: Float[points, centres]."""
+def gaussian_kernel(x: Float, z: Float, lengths: Float) -> Float:
+    """Compute exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) of points and centres: Float[points, centres]."""
     a, b = x / lengths, z / lengths
+    # |a - b|^2 = a'a - 2 a'b + b'b, one matrix product instead of an array [points, centres, inputs]
     exponent = a @ b.T
     exponent -= 0.5 * np.einsum("id,id->i", a, a)[:, None]
     exponent -= 0.5 * np.einsum("id,id->i", b, b)
+    # of equal points, rounding may leave a small positive number
     np.minimum(exponent, 0.0, out=exponent)
     return np.exp(exponent, out=exponent)
 
 
 def kernel_matrix(x: Float, z: Float, lengths: Float, kernel: Kernel) -> tuple[Float, Float]:
-    """Return the kernel K between points and centres, and its decline G: both Float[points, centres].
+    """Compute the kernel K between points and centres, and its decline G: both Float[points, centres].
 
     dK_ij / d log lengths_d = G_ij ((x_id - z_jd) / lengths_d)^2; see `kernel_of_square`.
     """
     if kernel == "gaussian":
-        near = bells(x, z, lengths)
+        near = gaussian_kernel(x, z, lengths)
         return near, near
     a, b = x / lengths, z / lengths
     square = -2 * (a @ b.T)
@@ -139,18 +145,20 @@ def kernel_matrix(x: Float, z: Float, lengths: Float, kernel: Kernel) -> tuple[F
 
 
 def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
-    """Return sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d.
+    """Compute sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d, Float[inputs].
 
-    With `weighted` = dF/dK times the decline of K, this is the derivative of F by the logarithms of the lengths.
+    With `weighted` Float[points, centres] = dF/dK times the decline of K, this is the derivative of F by the logarithms
+    of the lengths.
     """
     a, b = x / lengths, z / lengths
+    # the square is expanded here, too, so that no array [points, centres, inputs] is needed
     across = np.einsum("id,id->d", a, weighted @ b)
     moment: Float = weighted.sum(1) @ (a * a) + weighted.sum(0) @ (b * b) - 2 * across
     return moment
 
 
 def factor(matrix: Float) -> Float:
-    """Return the lower Cholesky factor of a kernel matrix, with the smallest sufficient jitter on its diagonal."""
+    """Factor a kernel matrix Float[n, n] by Cholesky, with the smallest sufficient jitter; return the lower factor."""
     jitter = JITTER
     while True:
         padded = matrix.copy()

@@ -36,15 +36,18 @@ class HingeChoice:
 
 
 def select_hinges(points: TrainingPoints, groups: Sequence[Int]) -> HingeChoice:
-    """Return the hinges of points in units of spread; `groups` are the numbers of points that are left out together."""
+    """Select the hinges of points in units of spread; `groups` are the numbers of points that are left out together."""
     residuals = np.empty((MOST + 1, len(points)))
     everything = np.arange(len(points))
     for group in groups:
         kept = points.part(np.setdiff1d(everything, group))
         for count, hinges in enumerate(_paths(kept)):
+            # from this count on, in case the selection of this group ends before the others
             residuals[count:, group] = points.y[group] - _kinked(kept, hinges, points.x[group])
+    # a point counts once for each of its measurements
     count = int(np.argmin((1 + points.repeats) @ (residuals**2).T))
     *_, hinges = _paths(points, count)
+    # after offset and slopes
     heights = _coefficients(points, hinges)[1 + points.x.shape[1] :]
     chosen = (Hinge(hinge.input, hinge.position, float(height)) for hinge, height in zip(hinges, heights, strict=True))
     return HingeChoice(tuple(chosen), residuals[len(hinges)])
@@ -57,11 +60,13 @@ def _paths(points: TrainingPoints, most: int = MOST) -> list[list[Hinge]]:
     plane = Plane.over(points.x, points.weights)
     columns = _columns(candidates, points.x) * roots[:, None]
     size = np.einsum("ij,ij->j", columns, columns)
+    # from here on, columns and residual are orthogonal to the plane and to all hinges that were selected (Gram-Schmidt)
     columns = plane.without(columns)
     rest = plane.without(points.y * roots)
     paths: list[list[Hinge]] = [[]]
     for _ in range(most if candidates else 0):
         unexplained = np.einsum("ij,ij->j", columns, columns)
+        # by how much a column lowers the squared residual on its own: (c'r)^2 / c'c
         explains = (columns.T @ rest) ** 2 / np.maximum(unexplained, 1e-300)
         gain = np.where(unexplained > COLLINEAR * size, explains, 0.0)
         best = int(np.argmax(gain))

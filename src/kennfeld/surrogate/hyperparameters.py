@@ -70,6 +70,7 @@ def exact_hyperparameters(
 ) -> Hyperparameters:
     """Return length scales and eta of the exact process; those `near` are a further start."""
     best = _screen_starts(points, kernel, starts, np.random.default_rng(seed), iterations, stopped, near)
+    # with fewer points, the screening was the search over all of them
     if len(points) > SCREENED and not stopped():
         plane = Plane.over(points.x)
         search = [best] if near is None else [best, near.values]
@@ -97,11 +98,13 @@ def sparse_hyperparameters(
     if near is None:
         screened = _screen_starts(points, kernel, starts, rng, iterations, stopped)
         search += [screened + np.append(np.full(screened.size - 1, np.log(factor)), 0.0) for factor in FACTORS]
+    # lengths are searched on a sample of the points; the noise is refined on all of them by `Sparse.at`
     points = points.draw(SEARCHED, rng)
     plane = Plane.over(points.x, points.weights)
     count = min(centres, SEARCHED_CENTRES)
 
     def bound_at(values: Float) -> Likelihood:
+        # inducing inputs are chosen at the start of a search and stay: the bound is smooth in the lengths only then
         z = points.x[greedy(points.x, count, np.exp(values[:-1]), LEFT, kernel)]
         return lambda changed: sparse_bound(changed, points, z, plane, kernel)
 
@@ -117,6 +120,7 @@ def sparse_hyperparameters(
 
 def _first_values(inputs: int, starts: int, rng: np.random.Generator) -> list[Float]:
     """Return starts of a search: equal lengths of several scales, and `starts` - 1 that are drawn around the middle."""
+    # distances grow with the root of the number of inputs, and with them the lengths at which points are neighbours
     root = 0.5 * np.log(max(inputs, 2))
     equal = [
         np.append(np.full(inputs, root + np.log(scale)), np.log(noise)) for scale in SCALES for noise in FIRST_NOISES
@@ -184,6 +188,7 @@ def _maximise(likelihood: Likelihood, start: Float, iterations: int, stopped: St
         try:
             value, slope = likelihood(values)
         except np.linalg.LinAlgError:
+            # finite, so that the line search can interpolate a shorter step
             return 1e25, np.zeros(values.size)
         prior = shortest * np.exp(-values[:-1])
         return float(prior.sum()) - value, -slope - np.append(prior, 0.0)

@@ -22,7 +22,7 @@ def filter_share(step: float, time_constant: float) -> float:
 
 
 def filtered_points(u: Float, delay: int, step: float, time_constants: Sequence[float]) -> Float:
-    """Return the inputs, then the inputs filtered by each time constant: Float[samples, inputs * (1 + filters)].
+    """Filter inputs by each time constant; the inputs themselves come first: Float[samples, inputs * (1 + filters)].
 
     `u` Float[samples, inputs] is read `delay` samples late, and has its first value before the recording.
     """
@@ -33,6 +33,7 @@ def filtered_points(u: Float, delay: int, step: float, time_constants: Sequence[
 
 def _low_passed(u: Float, share: float) -> Float:
     """Return x_k = (1 - share) x_{k-1} + share u_k, which begins at the first u: Float[samples, inputs]."""
+    # the state before the first sample is the first u, which the first step then returns unchanged
     rows = np.concatenate([u[:1], share * u])[:, None, :]
     run_through(rows, np.full((len(u), 1, 1), 1.0 - share), (1,))
     return rows[1:, 0]

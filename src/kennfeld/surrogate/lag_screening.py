@@ -51,6 +51,7 @@ def screen_lags(
     `model` reads `lags`, which are left out. Each candidate adds its value, its square, and its products with the
     numbers that the model reads. A model that diverges ranks nothing: the result is empty.
     """
+    # both sets of points begin at the same sample, so that their rows match
     first = max(lags.longest, pool.longest)
     if not any(len(piece) > first for piece in pieces):
         return {}
@@ -62,6 +63,7 @@ def screen_lags(
         return {}
     values = TrainedValues(model, runs, settings)
     near, candidates = runs.visited(run.y), wide.visited(run.y)
+    # terms of a candidate: itself, its square, and a product with each number that the model reads
     some = max(COLUMNS // (2 + near.shape[-1]), 1)
     gains: list[float] = []
     for first in range(0, len(new), some):
@@ -132,8 +134,10 @@ def _derivatives(
         part = slice(first, min(first + block, steps))
         direct, slopes = values.direct(model, visited[part].reshape(-1, model.inputs), len(own))
         added = [direct.reshape(-1, pieces, values.first.size), terms.of_steps(part)]
+        # the last rows of the block before feed the first ones of this
         rows = np.concatenate([rows[-back:], np.concatenate(added, axis=-1)])
         held = run.held[part][:, :, None]
+        # an output at a limit does not change with any value
         rows[back:] *= ~held
         run_through(rows, np.where(held, 0.0, slopes.reshape(-1, pieces, len(own))), own)
         yield part, rows[back:]
@@ -143,6 +147,7 @@ def _gains(matrix: Float, gradient: Float, hold: Float, ridge: Float) -> list[fl
     """Return r' C^-1 r of each candidate."""
     size, terms = hold.size, ridge.size
     across = matrix[:size, size:]
+    # A^-1 [J's, J'e] for all candidates at once
     solved = np.linalg.solve(matrix[:size, :size] + np.diag(hold), np.column_stack([across, gradient[:size]]))
     rest = gradient[size:] - across.T @ solved[:, -1]
     gains = []

@@ -79,10 +79,12 @@ def folds(
     """
     blocks = held_out_blocks(pieces, lags, count, samples)
     thinned = sum(len(piece) for piece in pieces) > samples
+    # each fold is a training of its own: of many samples, only every so many blocks are held out
     step = max(len(blocks) // FEW, 1) if thinned or few else 1
     result = []
     for number in range(0, len(blocks), step) if len(blocks) > 1 else ():
         i, first, end = blocks[number]
+        # the run starts from the first outputs of the block itself; before it only inputs are read
         begin = max(first - lags.longest + max(lags.output), 0)
         held_out = Runs.of([pieces[i].part(begin, end)], lags, None if begin else max(lags.output))
         training = _cut_runs(pieces, [*blocks[:number], *blocks[number + 1 :]], lags)
@@ -129,7 +131,7 @@ def choose_regularisation(
     report: Callable[[str], None] = lambda line: None,
     stopped: Stopped = never,
 ) -> ModelChoice:
-    """Return the length scales and `hold` with the least RMSE over the blocks left out.
+    """Choose the length scales and `hold` with the least RMSE over the blocks left out.
 
     `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses. Beside them,
     equal lengths are tried: what is likely one step ahead need not run freely, and others may be nearly as likely.
@@ -169,6 +171,7 @@ def _length_rows(lengths: Float) -> list[tuple[str, Float]]:
 def _lowest(table: Float) -> tuple[int, int]:
     """Return the minimum of the table smoothed along its rows: a single low among high values is chance."""
     with np.errstate(divide="ignore"):
+        # a diverged run is infinite; a large number instead keeps its neighbours in the mean finite
         logarithm = np.minimum(np.log(table), 1e3)
     wide = np.pad(logarithm, ((0, 0), (1, 1)), mode="edge")
     smooth = (wide[:, :-2] + 2 * wide[:, 1:-1] + wide[:, 2:]) / 4
@@ -250,6 +253,7 @@ class _LagSearch:
     def promising(self, neighbours: Sequence[Lags], best: Lags) -> list[Lags]:
         """Return the few neighbours of `best` that bring the lags which explain most of its residual."""
         gains = self._gains(best, neighbours)
+        # the run diverged and ranks nothing: all neighbours are trained, in a fixed order
         if not gains:
             return sorted(neighbours, key=repr)
         return _most_gain(neighbours, best, gains)
@@ -258,6 +262,7 @@ class _LagSearch:
         stretches = cut_recordings(self._pieces, lags, HORIZONS[-1])
         parts = max(sum(map(len, stretches)) // SCREENED, 1)
         runs = Runs.of(stretches[::parts], lags)
+        # as small as the models that are compared, so that its residual is theirs
         start = one_step_expansion(runs, np.full(lags.size, LENGTH), LAG_CENTRES, self._settings.limits)
         model = train_free_run(start, runs, self._settings, stopped=self._stopped)
         pool = _union([lags, *neighbours])
@@ -311,6 +316,7 @@ def _neighbours(lags: Lags, reach: int, outputs: bool, inputs: bool) -> Iterator
 def _change_lags(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]]:
     """Return one lag more; a lag one sample earlier or later; a single lag replaced."""
     more = {(*lags, lag) for lag in among if lag not in lags}
+    # lags are never removed: else the first one would stay near where the search began
     if len(lags) == 1:
         more |= {(lag,) for lag in among if lag not in lags}
     for at, lag in enumerate(lags):

@@ -25,7 +25,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.rbf import Expansion
-from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
+from kennfeld.surrogate.gp_kernel import factor, gaussian_kernel, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, input_slopes, run_through, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
@@ -75,11 +75,15 @@ class TrainedValues:
         self.centre, self.spread = runs.points.mean(0), runs.points.std(0)
         self.spread[self.spread <= 0] = 1.0
         self.lengths = start.widths[0] if start.size else np.ones(start.inputs)
-        self.root = factor(bells(start.centres, start.centres, self.lengths)) if start.size else np.empty((0, 0))
+        self.root = (
+            factor(gaussian_kernel(start.centres, start.centres, self.lengths)) if start.size else np.empty((0, 0))
+        )
+        # values: offset and slopes of the scaled inputs, whitened weights L'w, then moves and growths of the centres
         plane = [start.offset + float(start.slopes @ self.centre), *(start.slopes * self.spread)]
         moves = np.zeros(2 * start.size * start.inputs if self.moves_centres else 0)
         self.first = np.concatenate([np.array(plane) / self.height, self.root.T @ start.weights / self.height, moves])
         self.hold = settings.hold * np.ones(self.first.size)
+        # the plane is nearly free; a little hold keeps the matrix regular if inputs are collinear
         self.hold[: start.inputs + 1] *= PLANE
         self.goal = self.first.copy()
         if settings.toward_plane:
@@ -89,6 +93,7 @@ class TrainedValues:
         from scipy.linalg import solve_triangular
 
         start, d = self.start, self.start.inputs
+        # back from units of spread to those of the channels
         slopes = self.height * values[1 : d + 1] / self.spread
         weights = self.height * solve_triangular(self.root, values[d + 1 : d + 1 + start.size], lower=True, trans="T")
         centres, widths = start.centres, start.widths
@@ -98,17 +103,18 @@ class TrainedValues:
         return Expansion(self.height * values[0] - float(slopes @ self.centre), slopes, weights, centres, widths)
 
     def direct(self, expansion: Expansion, x: Float, own: int) -> tuple[Float, Float]:
-        """Return df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
+        """Compute df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
         from scipy.linalg import solve_triangular
 
         plane = [np.ones((len(x), 1)), (x - self.centre) / self.spread]
         if not self.moves_centres:
-            near = bells(x, expansion.centres, self.lengths)
+            near = gaussian_kernel(x, expansion.centres, self.lengths)
             whitened = solve_triangular(self.root, near.T, lower=True).T
             return np.concatenate([*plane, whitened], axis=1), input_slopes(expansion, x, near, own)
         distance = (x[:, None, :] - expansion.centres) / expansion.widths
         near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         columns = [*plane, solve_triangular(self.root, near.T, lower=True).T]
+        # df/dz_md = w_m k_m (x_d - z_md) / s_md^2; a move is in widths of the start, a growth is d log s
         steep = (near * (expansion.weights / self.height))[:, :, None] * distance
         columns.append((steep * (self.start.widths / expansion.widths)).reshape(len(x), -1))
         columns.append((steep * distance).reshape(len(x), -1))
@@ -140,6 +146,7 @@ def train_free_run(
         matrix, gradient = _normal(values, expansion, run, runs)
         matrix.flat[:: at.size + 1] += values.hold
         gradient += values.hold * (at - values.goal)
+        # Marquardt's scaling; the floor damps values that no sample depends on
         scale = np.diag(matrix) + 1e-9 * np.diag(matrix).max()
         before, growth = cost, 4.0
         while damping < MOST_DAMPING:
@@ -190,6 +197,7 @@ def _normal(values: TrainedValues, expansion: Expansion, run: FreeRun, runs: Run
         part = slice(first, min(first + block, steps))
         direct, slopes = values.direct(expansion, visited[part].reshape(-1, expansion.inputs), len(lags))
         rows = np.concatenate([rows[-back:], direct.reshape(-1, pieces, size)])
+        # an output at a limit does not change with any value, nor with the outputs before
         rows[back:][run.held[part]] = 0.0
         run_through(rows, np.where(run.held[part][:, :, None], 0.0, slopes.reshape(-1, pieces, len(lags))), lags)
         counted = rows[back:][runs.scored[part]]
@@ -213,8 +221,10 @@ def cut_recordings(pieces: Sequence[Recording], lags: Lags, horizon: int) -> lis
 
 def horizon_ranges(first: int, end: int, lags: Lags, horizon: int) -> Iterator[tuple[int, int]]:
     """Return first and end of each stretch."""
+    # a stretch is about five times what it repeats of the one before, or longer
     parts = max(round((end - first) / max(horizon, 5 * lags.longest)), 1)
     edges = np.linspace(first, end, parts + 1).astype(int).tolist()
+    # each begins earlier by the longest lag: the samples at a cut are predicted as well
     yield from ((max(a - lags.longest, first), b) for a, b in pairwise(edges))
 
 
@@ -243,7 +253,7 @@ def train_over_horizons(
 def one_step_lengths(
     runs: Runs, centres: int, limits: tuple[float, float], starts: int, seed: int, stopped: Stopped = never
 ) -> Float:
-    """Return the length scale of each number of a point, in units of its spread, by the highest likelihood."""
+    """Search the length scale of each number of a point, in units of its spread, by the highest likelihood."""
     x, y = _within_limits(runs, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height

@@ -14,19 +14,21 @@ NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviati
 
 
 def far_inputs(x: Float) -> Bool:
-    """Return the rows of Float[rows, inputs] in which an input is far from all others, Bool[rows].
+    """Mark the rows of Float[rows, inputs] in which an input is far from all others, Bool[rows].
 
     >>> np.flatnonzero(far_inputs(np.append(np.arange(50.0), 1e6)[:, None]))
     array([50])
     """
+    # observed values: interpolated towards a value of 1e6, a quantile of few rows would be far out itself
     lowest, highest = np.quantile(x, MIDDLE, axis=0, method="closest_observation")
     far = np.abs(x - np.median(x, axis=0)) > FAR * (highest - lowest)
+    # an input that is constant nearly everywhere has no range to compare with
     far &= (highest > lowest) & (far.sum(axis=0) <= MOST_FAR)
     return np.asarray(far.any(axis=1), dtype=np.bool_)
 
 
 def gross_errors(x: Float, y: Float) -> Bool:
-    """Return the rows whose value differs from those of its neighbours by far more than these differ, Bool[rows].
+    """Mark the rows whose value differs from those of its neighbours by far more than these differ, Bool[rows].
 
     A value is compared with the median over the nearest points, in robust deviations of these or, if it is larger, of
     all such differences. `x` Float[rows, inputs] is in units of spread.
@@ -37,11 +39,13 @@ def gross_errors(x: Float, y: Float) -> Bool:
     if count < 3:
         return np.zeros(len(y), dtype=bool)
     neighbours = cKDTree(x).query(x, count + 1)[1][:, 1:]  # of equal points, any of them may be the first
+    # a point that is still among its own neighbours is replaced by another of them
     beside = np.where(neighbours == np.arange(len(y))[:, None], np.roll(neighbours, 1, axis=1), neighbours)
     middle = np.median(y[beside], axis=1)
     local = NORMAL * np.median(np.abs(y[beside] - middle[:, None]), axis=1)
     difference = np.abs(y - middle)
     general = NORMAL * float(np.median(difference))
+    # at least half of the values equal their neighbours' median: the mean of all but the largest differences instead
     if general == 0:
         general = float(np.mean(np.sort(difference)[: int(0.95 * len(y))]))
     gross: Bool = difference > GROSS * np.maximum(local, max(general, 1e-12 * float(np.abs(y).max())))

@@ -88,6 +88,7 @@ def _spacing(centres: Float) -> Float:
         return np.ones(1)
     squared = np.sum((centres[:, None, :] - centres) ** 2, axis=2)
     near = np.sqrt(np.sort(squared, axis=1)[:, 1 : NEIGHBOURS + 1]).mean(axis=1)
+    # centres that coincide would have widths of 0
     least: Float = np.maximum(near, 1e-3 * max(float(near.max()), 1e-3))
     return least
 
@@ -100,19 +101,24 @@ class _RidgeFit:
         distance = (x[:, None, :] - centres) / widths
         self.near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         self.plane = np.column_stack([np.ones(len(x)), x])
+        # the plane is fitted without a ridge: it is projected out of basis functions and target
         basis = np.linalg.qr(self.plane)[0]
         u, self.s, self.v = np.linalg.svd(self.near - basis @ (basis.T @ self.near), full_matrices=False)
         target = y - basis @ (basis.T @ y)
-        self.aimed = u.T @ target
-        self.rest = max(float(target @ target - self.aimed @ self.aimed), 0.0)
+        self.coordinates = u.T @ target
+        self.rest = max(float(target @ target - self.coordinates @ self.coordinates), 0.0)
         self.free = y.size - basis.shape[1]
         self.score, self.ridge = min((self._score(ridge), float(ridge)) for ridge in RIDGES)
 
     def _score(self, ridge: float) -> float:
+        # filter factors of the ridge; their sum is the trace of the smoother
         shares = self.s**2 / (self.s**2 + ridge)
-        return float((self.rest + np.sum(((1 - shares) * self.aimed) ** 2)) / max(self.free - shares.sum(), 1e-9) ** 2)
+        return float(
+            (self.rest + np.sum(((1 - shares) * self.coordinates) ** 2)) / max(self.free - shares.sum(), 1e-9) ** 2
+        )
 
     def expansion(self, scaling: Scaling) -> Expansion:
-        weights = self.v.T @ (self.s / (self.s**2 + self.ridge) * self.aimed)
+        weights = self.v.T @ (self.s / (self.s**2 + self.ridge) * self.coordinates)
+        # the weights are of functions without their plane, which this fit puts back
         flat: Float = np.asarray(np.linalg.lstsq(self.plane, self.y - self.near @ weights, rcond=None)[0], np.float64)
         return scaling.expansion(float(flat[0]), flat[1:], weights, self.centres, self.widths)

@@ -14,7 +14,7 @@ from kennfeld.base.machine_code.ir import LANES
 from kennfeld.domain.rbf import Expansion
 
 UNLIMITED = (-np.inf, np.inf)
-BLOCK = 1 << 19  # bells whose input part is computed in advance: 4 MB
+BLOCK = 1 << 19  # basis functions whose input part is computed in advance: 4 MB
 
 
 @dataclass(frozen=True)
@@ -118,6 +118,7 @@ class Runs:
         target = np.full((steps, len(usable)), np.nan)
         for i, (piece, part) in enumerate(zip(usable, parts, strict=True)):
             inputs[: len(part), i] = part
+            # padding: any finite input keeps the run going, and no target scores it
             inputs[len(part) :, i] = part[-1]
             target[: len(part), i] = np.where(piece.scored, piece.y, np.nan)[first:]
         history = np.stack([piece.y[first - back : first] for piece in usable], axis=1)
@@ -165,11 +166,14 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
     past = np.empty((back + steps, pieces))
     past[:back] = runs.history
     free = np.empty((steps, pieces))
+    # results are numbered step by step, the pieces of a step side by side: y_{k-l} of result n is number
+    # n + pieces * (back - l) of `past`
     offsets = pieces * (back - np.array(runs.lags.output, dtype=np.int64))
     padding = [(0, -expansion.size % LANES), (0, 0)]
     sides = [np.pad(part[:, :own], padding).T for part in (expansion.centres, 1 / expansion.widths)]
     weights = np.pad(expansion.weights, padding[0])
     model = np.concatenate([expansion.slopes[:own], limits, weights, *(side.ravel() for side in sides)])
+    # what the inputs give to the plane, for all steps at once: only the outputs need the recursion
     flat = np.ascontiguousarray(expansion.offset + runs.inputs @ expansion.slopes[own:])
     code = free_run_code(own)
     for first, ahead in _ahead(expansion, runs.inputs, own):
@@ -182,7 +186,7 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
 
 
 def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int, Float]]:
-    """Yield, by block, the share of the inputs in the exponents of all bells: Float[steps, pieces, centres].
+    """Yield, by block, the share of the inputs in the exponents of all basis functions: Float[steps, pieces, centres].
 
     The last centres fill up a multiple of eight.
     """
@@ -207,21 +211,26 @@ class _Exponents:
         self._constant[:used] = 0.5 * np.sum(distances**2 * steep, axis=1)
 
     def at(self, x: Float) -> Float:
-        """Return the exponents at points Float[points, inputs] -> Float[points, size]."""
+        """Compute the exponents at points Float[points, inputs] -> Float[points, size]."""
+        # -1/2 (x - z)^2 / s^2 = x z / s^2 - 1/2 x^2 / s^2 - 1/2 z^2 / s^2
         shifted = x - self._middle
         exponent: Float = np.concatenate([shifted, shifted**2], axis=-1) @ self._table
         exponent -= self._constant
         return np.minimum(exponent, 0.0, out=exponent)
 
 
-def bells_of(expansion: Expansion, x: Float) -> Float:
-    """Return the Gaussian bell of each centre at points Float[points, inputs] -> Float[points, centres]."""
+def basis_values(expansion: Expansion, x: Float) -> Float:
+    """Evaluate the Gaussian basis function of each centre at points Float[points, inputs] -> Float[points, centres]."""
     exponent = _Exponents(expansion.centres, expansion.widths, expansion.size).at(x)
     return np.exp(exponent, out=exponent)
 
 
 def input_slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
-    """Return df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+    """Differentiate the function by the first `own` inputs at points Float[points, inputs]: Float[points, own].
+
+    `near` Float[points, centres] are the values of the basis functions there.
+    """
+    # sum_m w_m k_m (z_md - x_d) / s_md^2, as two matrix products
     steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
     pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
     return expansion.slopes[:own] + pulled

@@ -88,11 +88,13 @@ def write_free_run(lags: int) -> FunctionWriter:
                 distance = v("fmul", v("fsub", y, v.load(z, first)), v.load(s, first))
                 square = v("fadd", square, v("fmul", distance, distance))
             exponent = v("fsub", v.load(exponents, first), v("fmul", square, v.all(0.5)))
+            # maxnum of NaN is the other argument, so that a run that diverged stays NaN by its plane alone
             near = f.new(f"call {EIGHT} @llvm.maxnum.v8f64({EIGHT} {exponent}, {EIGHT} {v.all(LEAST)})")
             total.set(v("fadd", total.get(), v("fmul", v.load(weights, first), v.exp(near))))
             position.set(f.add(first, LANES))
         y = v.reduce(f.fadd(f.load("%flat", at), f.dot(list(zip(plane, lagged, strict=True)))), total.get())
         f.store(y, "%free", at)
+        # ordered comparisons: NaN fails both and stays NaN
         above = f.select(f.new(f"fcmp olt double {y}, {lower}"), lower, y)
         within = f.select(f.new(f"fcmp ogt double {above}, {upper}"), upper, above)
         f.store(within, "%past", f.add(at, "%back"))
@@ -112,6 +114,7 @@ def write_derivatives(lags: int) -> FunctionWriter:
     f = FunctionWriter("derivatives", parameters)
     v = Vector(f)
     offsets = [f.load("%offsets", i, "i64") for i in range(lags)]
+    # derivatives in whole vectors; the rest one by one
     whole = f.new(f"and i64 %width, -{LANES}")
     with f.loop(0, "%count") as at:
         row = f.at("%rows", f.new(f"mul i64 {f.add(at, '%back')}, %width"))
@@ -159,9 +162,12 @@ def write_covariances(lags: Sequence[int]) -> FunctionWriter:
             j: f.dot([(a, f.load(rows[min(lag, j)], abs(lag - j))) for a, lag in zip(slopes, lags, strict=True)])
             for j in range(1, width)
         }
+        # by the covariances of this step, which are complete for all j > 0
         fed_back = f.dot([(a, across[lag]) for a, lag in zip(slopes, lags, strict=True)])
+        # rounding may make it negative; beyond LARGEST, the products of the next steps would be infinite
         variance = _clamp(f, f.fadd(fed_back, f.load("%added", at)), literal(0.0), literal(LARGEST))
         share = _share_within(f, f.load("%free", at), variance, limits)
+        # the limited error is share * e_k: its variance has the square, its covariances with earlier errors the share
         f.store(f.fmul(f.fmul(share, share), variance), rows[0], 0)
         for j in range(1, width):
             f.store(_clamp(f, f.fmul(share, across[j]), literal(-LARGEST), literal(LARGEST)), rows[0], j)

@@ -29,7 +29,7 @@ class Saturation:
 
 
 def find_saturation(outputs: Sequence[Float]) -> list[Saturation]:
-    """Return where the outputs of recordings, Float[samples] each, saturate: at most one minimum and one maximum.
+    """Find where the outputs of recordings, Float[samples] each, saturate: at most one minimum and one maximum.
 
     An output saturates where many more samples lie at the end of its range than just inside of it, which also holds for
     a level with noise. An output that jumps between levels has gaps beside all of them, not only at the ends, and does
@@ -53,6 +53,7 @@ def _saturation(outputs: Sequence[Float], band: float, sign: float) -> Saturatio
     below = whole.max() - whole
     there = int(np.count_nonzero(below <= band))
     beside = int(np.count_nonzero((below > band) & (below <= (1 + BESIDE) * band)))
+    # an output that arrives there only once may have reached the end of a run-up
     visits = sum(int(np.count_nonzero(np.diff((whole.max() - y <= band).astype(int), prepend=0) > 0)) for y in outputs)
     if there < max(FEWEST, SHARE * whole.size) or visits < VISITS or there * BESIDE < PEAK * beside:
         return None

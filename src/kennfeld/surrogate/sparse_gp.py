@@ -25,10 +25,10 @@ BLOCK = 4096
 
 
 def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
-    """Return the bound F and its gradient, by the logarithms of the lengths and of eta, the last.
+    """Compute the bound F and its gradient, by the logarithms of the lengths and of eta, the last.
 
-    The points and the inducing inputs `z` Float[centres, inputs] are in units of spread; `plane` is weighted. Raises
-    `LinAlgError` if a matrix is not positive definite.
+    `values` and the gradient are Float[inputs + 1]. The points and the inducing inputs `z` Float[centres, inputs] are
+    in units of spread; `plane` is weighted. Raises `LinAlgError` if a matrix is not positive definite.
     """
     from scipy.linalg import cho_solve, solve_triangular
 
@@ -38,6 +38,7 @@ def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, 
     inner, inner_declines = kernel_matrix(z, z, lengths, kernel)
     columns, declines = (part * roots[:, None] for part in kernel_matrix(x, z, lengths, kernel))
     root = factor(inner)
+    # C~ and y~
     flat, target = plane.without(columns), plane.without(points.y * roots)
     across = columns.T @ columns
     # Whitened before they are squared: the other way round, digits of M below eta are lost.
@@ -57,9 +58,10 @@ def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, 
     logarithm = 2 * np.sum(np.log(np.diag(outer))) + (count - len(z)) * np.log(noise)
     bound = -0.5 * (count * np.log(variance) + logarithm + unexplained / noise)
 
+    # dF/dC, then dF/dKzz; the declines of the kernel turn them into derivatives by the lengths
     by_columns = np.outer(rest, weights / (noise * variance)) - flat @ inverse + columns @ (inside / noise)
-    spent = inside @ across @ inside / noise
-    by_inner = -0.5 * (noise * inverse - inside + np.outer(weights, weights / variance) + spent)
+    trace_slope = inside @ across @ inside / noise
+    by_inner = -0.5 * (noise * inverse - inside + np.outer(weights, weights / variance) + trace_slope)
     by_lengths = scaled_second_moment(by_columns * declines, x, z, lengths)
     by_lengths += scaled_second_moment(by_inner * inner_declines, z, z, lengths)
     steeper = (weights @ inner @ weights - misfit) / (noise * variance)
@@ -78,29 +80,30 @@ class _DataSums:
 
     root: Float  # L, lower Cholesky factor of Kzz
     whitened: Float  # L^-1 C~'C~ L^-T
-    aimed: Float  # L^-1 C~'y~
+    right_side: Float  # L^-1 C~'y~
     square: float  # y~'y~ + c
     explained: float  # tr(Kzz^-1 C'C)
-    crossed: Float  # basis'C L^-T
-    based: Float  # basis'y
+    coupling: Float  # basis'C L^-T
+    on_plane: Float  # basis'y
 
 
 def _sum_data(points: TrainingPoints, z: Float, lengths: Float, plane: Plane, kernel: Kernel) -> _DataSums:
     """Return one pass over the data, block by block."""
     root = factor(kernel_matrix(z, z, lengths, kernel)[0])
-    crossed = np.zeros((plane.rank, len(z)))
+    coupling = np.zeros((plane.rank, len(z)))
     for part, features in _features(points, z, lengths, root, kernel):
-        crossed += plane.basis[part].T @ features.T
-    whitened, aimed, explained = np.zeros((len(z), len(z))), np.zeros(len(z)), 0.0
+        coupling += plane.basis[part].T @ features.T
+    whitened, right_side, explained = np.zeros((len(z), len(z))), np.zeros(len(z)), 0.0
     y = points.y * np.sqrt(points.weights)
     target = plane.without(y)
     for part, features in _features(points, z, lengths, root, kernel):
         explained += float(np.sum(features**2))
-        features -= crossed.T @ plane.basis[part].T
+        # a second pass, as the projection on the plane needs the whole columns first
+        features -= coupling.T @ plane.basis[part].T
         whitened += features @ features.T
-        aimed += features @ target[part]
+        right_side += features @ target[part]
     square = float(target @ target) + float(points.scatter.sum())
-    return _DataSums(root, whitened, aimed, square, explained, crossed, plane.basis.T @ y)
+    return _DataSums(root, whitened, right_side, square, explained, coupling, plane.basis.T @ y)
 
 
 def _features(
@@ -123,12 +126,13 @@ def best_noise(sums: _DataSums, free: float, total: float, start: float) -> floa
     """
     from scipy.optimize import minimize_scalar
 
+    # in the eigenvectors of L^-1 C~'C~ L^-T the bound is a sum over numbers for any eta
     roots, directions = np.linalg.eigh(sums.whitened)
-    roots, aimed = np.maximum(roots, 0.0), (directions.T @ sums.aimed) ** 2
+    roots, squares = np.maximum(roots, 0.0), (directions.T @ sums.right_side) ** 2
 
     def negative(logarithm: float) -> float:
         noise = np.exp(logarithm)
-        misfit = max((sums.square - np.sum(aimed / (roots + noise))) / noise, 1e-300)
+        misfit = max((sums.square - np.sum(squares / (roots + noise))) / noise, 1e-300)
         grown = np.sum(np.log(roots + noise)) + (free - roots.size) * logarithm
         return float(free * np.log(misfit / free) + grown + max(total - sums.explained, 0.0) / noise)
 
@@ -151,7 +155,7 @@ class Sparse:
     root: Float  # L of Kzz
     outer: Float  # lower Cholesky factor of eta I + L^-1 C~'C~ L^-T
     whitened_weights: Float
-    crossed: Float  # basis'C L^-T
+    coupling: Float  # basis'C L^-T
     level: Float  # coefficients of the plane
 
     @classmethod
@@ -174,10 +178,10 @@ class Sparse:
         if refine:
             noise = best_noise(sums, free, float(points.weights.sum()), noise)
         outer: Float = np.asarray(np.linalg.cholesky(sums.whitened + noise * np.eye(len(z))), dtype=np.float64)
-        weights = cho_solve((outer, True), sums.aimed)
-        level = sums.based - sums.crossed @ weights
-        variance = max((sums.square - float(sums.aimed @ weights)) / (noise * free), LEAST_VARIANCE)
-        return cls(points, z, plane, lengths, noise, kernel, variance, sums.root, outer, weights, sums.crossed, level)
+        weights = cho_solve((outer, True), sums.right_side)
+        level = sums.on_plane - sums.coupling @ weights
+        variance = max((sums.square - float(sums.right_side @ weights)) / (noise * free), LEAST_VARIANCE)
+        return cls(points, z, plane, lengths, noise, kernel, variance, sums.root, outer, weights, sums.coupling, level)
 
     def terms(self) -> tuple[float, Float, Float, Float]:
         """Return offset, slopes, weights and centres of the mean."""
@@ -188,7 +192,7 @@ class Sparse:
         return float(flat[0]), flat[1:], weights, self.z
 
     def left_out(self, blocks: Sequence[Int] | None = None) -> Float:
-        """Return the residual at each point of the process without its block, with fixed lengths and inducing inputs.
+        """Compute the residual at each point of the process without its block, with fixed lengths and inducing inputs.
 
         `blocks` are the numbers of points that are left out together; by default each point is left out alone. With
         H = rows rows' of the rows of `_projections`, the residual is (I - H_BB)^-1 (y - mean)_B.
@@ -199,13 +203,14 @@ class Sparse:
                 residual[part] = rest / np.maximum(1 - np.einsum("ij,ij->i", rows, rows), 1e-12)
         for block in blocks or ():
             points = self.points.part(block)
-            moment, aimed = np.eye(len(self.z) + self.plane.rank), np.zeros(len(self.z) + self.plane.rank)
+            moment, right_side = np.eye(len(self.z) + self.plane.rank), np.zeros(len(self.z) + self.plane.rank)
             for _, rows, rest in self._projections(points):
                 moment -= rows.T @ rows
-                aimed += rows.T @ rest
+                right_side += rows.T @ rest
             # Woodbury: (I - R R')^-1 r = r + R (I - R'R)^-1 R'r
+            # a block that alone determines a direction would make it singular
             moment.flat[:: len(moment) + 1] += 1e-12
-            change = np.linalg.solve(moment, aimed)
+            change = np.linalg.solve(moment, right_side)
             for part, rows, rest in self._projections(points):
                 residual[block[part]] = rest + rows @ change
         return residual / np.sqrt(self.points.weights)
@@ -222,5 +227,5 @@ class Sparse:
             x = points.x[part]
             basis = np.column_stack([np.ones(len(x)), x]) @ self.plane.back * roots[part, None]
             rest = points.y[part] * roots[part] - self.whitened_weights @ near - basis @ self.level
-            half = solve_triangular(self.outer, near - self.crossed.T @ basis.T, lower=True)
+            half = solve_triangular(self.outer, near - self.coupling.T @ basis.T, lower=True)
             yield part, np.concatenate([half.T, basis], axis=1), rest

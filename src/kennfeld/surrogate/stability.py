@@ -58,6 +58,7 @@ def _trials(runs: Runs, target: Float, rng: np.random.Generator) -> Runs:
     """Return constant inputs, then random steps between inputs that occur together in the training data."""
     lags = runs.lags
     samples = STEPS + lags.longest
+    # lags increase, so that the first coordinate of each input is its latest sample
     heads = np.cumsum([len(lags.output), *map(len, lags.inputs)])[:-1]
     present = np.zeros((len(runs.points), len(lags.inputs)))  # the latest sample of each input that the model reads
     for j, (head, own) in enumerate(zip(heads, lags.inputs, strict=True)):
@@ -80,8 +81,10 @@ def _eigenvalues(expansion: Expansion, runs: Runs, limits: tuple[float, float], 
     points = runs.points[:: max(len(runs.points) // most, 1)]
     slopes = expansion.gradient(points)[:, : len(lags)]
     value = expansion(points)
+    # at a limit, nothing of an earlier error passes on
     slopes[(value <= limits[0]) | (value >= limits[1])] = 0.0
     companion = np.zeros((len(points), max(lags), max(lags)))
+    # companion matrix of e_k = sum over lags l of df/dy_{k-l} e_{k-l}: slopes in row 0, ones below the diagonal
     companion[:, np.arange(1, max(lags)), np.arange(max(lags) - 1)] = 1.0
     companion[:, 0, np.array(lags) - 1] = slopes
     largest: Float = np.abs(np.linalg.eigvals(companion)).max(axis=1)

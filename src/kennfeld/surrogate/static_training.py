@@ -97,7 +97,7 @@ def train_static(
 
 
 def recording_blocks(training: Sequence[_UsableSamples], seed: int) -> Int | None:
-    """Return the number of the block of each row; None for steady-state points, each of which is left out alone.
+    """Number the block of each row; None for steady-state points, each of which is left out alone.
 
     Neighbouring samples of a recording are nearly the same, so that leaving out one of them says nothing. Rows of
     steady-state points beside a recording are distributed over the blocks by chance.
@@ -110,6 +110,7 @@ def recording_blocks(training: Sequence[_UsableSamples], seed: int) -> Int | Non
         if part.dataset.time is None:
             blocks.append(rng.integers(BLOCKS, size=len(part.y)))
         else:
+            # blocks of equal size along all recordings one after another, whatever the lengths of these
             blocks.append((first + np.arange(len(part.y))) * min(BLOCKS, count) // count)
             first += len(part.y)
     return np.concatenate(blocks).astype(np.int64)

@@ -122,6 +122,7 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
             "start_inputs": list(surrogate.start_inputs),
         }
     if not isinstance(surrogate, StaticSurrogate):
+        # JSON has no infinity
         result["limits"] = [None if math.isinf(limit) else limit for limit in surrogate.limits]
     result |= {"remarks": list(surrogate.remarks)} if surrogate.remarks else {}
     result["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
@@ -341,6 +342,7 @@ def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[An
     if "hinges" in inner.values:
         expected = "a list of rows of input, position and height"
         values["hinges"] = inner.check("hinges", inner.get("hinges"), _is_rows, expected) or ()
+    # an empty list in the file has one axis, an expansion without centres two
     if key == "expansion" and not values["weights"].size:
         empty = np.empty((0, values["slopes"].size))
         values |= {"centres": empty, "widths": empty}

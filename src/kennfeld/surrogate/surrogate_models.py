@@ -46,7 +46,7 @@ class SurrogateQuality:
 
 
 def quality_of(dataset: str, use: Use, mode: Mode, residual: Float, target: Float) -> SurrogateQuality:
-    """Return the quality for residuals and targets, each Float[samples]; R2 is NaN if the target is constant."""
+    """Score residuals against targets, each Float[samples]; R2 is NaN if the target is constant."""
     with np.errstate(over="ignore", invalid="ignore"):
         square = float(np.sum(residual**2))
         varying = target - target[:1]  # exactly 0 if the target is constant
@@ -250,6 +250,7 @@ class DynamicSurrogate:
             return np.full(len(inputs), np.nan if self.uncertainty is None else 0.0)
         points = runs.visited(simulate(self.expansion, runs, self.limits).y)
         back = max(self.output_lags)
+        # by sample number, oldest first: those before sample 0 were extended, not measured
         unmeasured = np.arange(first.size - back, first.size)[:, None] < 0
         deviation = self._linearised(points).deviation(self.uncertainty, unmeasured)
         return np.concatenate([np.zeros(first.size), deviation[:, 0]])
@@ -277,10 +278,12 @@ class DynamicSurrogate:
     def _runs(self, inputs: Float, first: Float) -> Runs | None:
         """Return the free run after measured outputs; None if there is nothing to run."""
         back = max(self.output_lags)
+        # `back` outputs and inputs are put before the recording, so that a run may begin at its sample 0
         known = np.concatenate([np.full(back, first[0] if first.size else self.start), first])
         padded = np.concatenate([np.repeat(inputs[:1], back, axis=0), inputs])
         if known.size == len(padded):
             return None
+        # the zeros are never read: the run begins after the known outputs
         recording = Recording(padded, np.concatenate([known, np.zeros(len(padded) - known.size)]))
         return Runs.of([recording], self._lags, known.size)
 

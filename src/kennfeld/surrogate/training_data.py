@@ -33,7 +33,7 @@ def _location(dataset: Dataset) -> Location:
 
 
 def extract_points(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float, Int]:
-    """Return points Float[points, inputs], values Float[points] and sample numbers Int[points], the first being 0.
+    """Extract points Float[points, inputs], values Float[points] and sample numbers Int[points], the first being 0.
 
     They are the scored samples without missing values.
     """
@@ -103,6 +103,7 @@ def split_recordings(
     for piece in dataset.pieces:
         assert dataset.time is not None
         time = dataset.time[piece]
+        # samples that are on the raster already are taken as they are, without interpolation
         even = time.size < 2 or bool(np.abs(np.diff(time) - step).max() <= EVEN * step)
         at = time if even else even_grid(time, step)
         columns = [
@@ -111,8 +112,7 @@ def split_recordings(
         ]
         scored = np.ones(at.size, dtype=bool)
         if dataset.scored is not None:
-            nearest_sample = np.clip(np.searchsorted(time, at - 0.5 * step), 0, time.size - 1)
-            scored = dataset.scored[piece][nearest_sample]
+            scored = dataset.scored[piece][_nearest_samples(time, at)]
         table = np.column_stack(columns)
         complete = np.isfinite(table).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], complete.astype(int), [0]])))
@@ -120,6 +120,17 @@ def split_recordings(
             if end - first >= SHORTEST:
                 recordings.append(Recording(table[first:end, :-1], table[first:end, -1], scored[first:end]))
     return recordings
+
+
+def _nearest_samples(time: Float, at: Float) -> Int:
+    """Return the number of the sample nearest to each time.
+
+    >>> _nearest_samples(np.array([0.0, 1.0, 2.0]), np.array([-1.0, 0.4, 0.6, 9.0])).tolist()
+    [0, 0, 1, 2]
+    """
+    later = np.minimum(np.searchsorted(time, at), time.size - 1)
+    before = np.maximum(later - 1, 0)
+    return np.where(at - time[before] < time[later] - at, before, later)
 
 
 def _resample(values: Float, time: Float, at: Float, max_gap: float, held: bool) -> Float:
@@ -134,6 +145,7 @@ def _resample(values: Float, time: Float, at: Float, max_gap: float, held: bool)
     after = np.searchsorted(stamps, at - 1e-9)
     before, later = stamps[np.maximum(after - 1, 0)], stamps[np.minimum(after, stamps.size - 1)]
     exact = np.abs(later - at) <= 1e-9
+    # 1.5 usual steps between known samples do not count as a gap, even if max_gap is 0
     gap = later - before > max(max_gap, 1.5 * float(np.median(np.diff(time))))
     return np.where(gap & ~exact, np.nan, filled)
 
@@ -149,7 +161,7 @@ class Scaling:
 
     @classmethod
     def of(cls, x: Float, y: Float) -> "Scaling":
-        """Return the scaling of points Float[points, inputs] and values Float[points]; 1 for a constant output."""
+        """Measure the scaling of points Float[points, inputs] and values Float[points]; 1 for a constant output."""
         height = float(y.std())
         return cls(x.mean(0), x.std(0), float(y.mean()), height if height > 0 else 1.0)
 
@@ -187,7 +199,7 @@ class Scaling:
 
 
 def check_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float, Float]:
-    """Return points and values as arrays, after the checks that every training needs.
+    """Check points and values as every training needs, and return them as arrays.
 
     Args:
         x: Float[points, inputs].
@@ -212,6 +224,7 @@ def check_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float, 
     if bad.size or not np.isfinite(values).all():
         message = named[bad[0]] if bad.size else "the output"
         raise ArgumentError(f"{message} has values that are not finite; remove these samples")
+    # relative: the standard deviation of equal numbers need not be exactly 0
     constant = np.flatnonzero(~(points.std(0) > 1e-14 * np.abs(points).max(0)))
     if constant.size:
         first = int(constant[0])

@@ -41,6 +41,7 @@ class TrainingPoints:
         (array([3.5, 5. ]), array([2., 1.]))
         """
         _, firsts, inverse = np.unique(x, axis=0, return_index=True, return_inverse=True)
+        # np.unique sorts the points; ranks bring them back into the order of their first rows
         order = np.argsort(firsts)
         rank = np.empty(len(order), dtype=np.int64)
         rank[order] = np.arange(len(order))

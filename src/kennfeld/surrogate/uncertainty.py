@@ -101,17 +101,19 @@ class Deviation:
         deviation[~np.isfinite(points).all(axis=1)] = np.nan
         return deviation.reshape(shape)
 
-    def open_share(self, x: Float, bells: Float | None = None) -> Float:
-        """Return the share of `signal` that the centres leave open at points Float[points, inputs] -> Float[points].
+    def open_share(self, x: Float, near: Float | None = None) -> Float:
+        """Compute the share of `signal` that the centres leave open at points Float[points, inputs] -> Float[points].
 
-        `bells` Float[points, centres] are those of the centres, if they are known.
+        `near` Float[points, centres] is the kernel between points and centres, if it is known.
         """
         e = self.expansion
+        # clipped, since squares of huge inputs overflow; NaN is marked by the caller
         scaled = np.nan_to_num(np.clip(self._scale(x), -1e6, 1e6))
-        if bells is None:
-            bells = kernel_matrix(scaled, self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
-        explained = bells @ self._inverse.T
+        if near is None:
+            near = kernel_matrix(scaled, self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
+        explained = near @ self._inverse.T
         basis = np.column_stack([np.ones(len(x)), scaled]) @ self._plane.back
+        # u in coordinates in which U'K^-1 U is the identity
         tilted = (explained @ self._half - basis) @ self._plane_inverse.T
         squares = np.einsum("ij,ij->i", tilted, tilted) - np.einsum("ij,ij->i", explained, explained)
         share: Float = np.sqrt(np.maximum(1 + squares, 0.0))
@@ -133,7 +135,7 @@ def _inverse(root: Float) -> Float:
 
 
 def calibrated(uncertainty: Uncertainty, expansion: Expansion, x: Float, residual: Float) -> Uncertainty:
-    """Return the uncertainty scaled so that two deviations cover 95.45 % of left-out residuals Float[points] at x.
+    """Scale the uncertainty so that two deviations cover 95.45 % of left-out residuals Float[points] at x.
 
     V. Vovk, A. Gammerman, G. Shafer: Algorithmic Learning in a Random World, 2005 (conformal prediction).
     """
@@ -141,5 +143,6 @@ def calibrated(uncertainty: Uncertainty, expansion: Expansion, x: Float, residua
     if not np.any(residual) or not np.all(deviation > 0):
         return uncertainty
     count = len(residual)
+    # the conformal quantile for a new measurement beside `count` known ones
     share = min(TWO_DEVIATIONS * (count + 1) / count, 1.0)
     return uncertainty.scaled(float(np.quantile(np.abs(residual) / deviation, share)) / 2)

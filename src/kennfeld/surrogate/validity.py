@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, readonly
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.surrogate.gp_kernel import bells, greedy_centres
+from kennfeld.surrogate.gp_kernel import gaussian_kernel, greedy_centres
 
 THRESHOLD = 0.2  # share of the prior deviation
 MARGIN = 1.25
@@ -45,12 +45,12 @@ class Validity:
             raise ArgumentError(f"lengths of a validity range must be > 0, the smallest is {self.lengths.min():g}")
         if not 0 < self.threshold <= 1:
             raise ArgumentError(f"threshold={self.threshold} of a validity range must be > 0 and <= 1")
-        kernel = bells(self._scale(self.centres), self._scale(self.centres), np.ones(self.lengths.size))
+        kernel = gaussian_kernel(self._scale(self.centres), self._scale(self.centres), np.ones(self.lengths.size))
         object.__setattr__(self, "_root", np.linalg.cholesky(kernel + NUGGET * np.eye(len(kernel))))
 
     @classmethod
     def around(cls, x: Float, lengths: Float, seed: int = 0) -> "Validity":
-        """Return the range of training points Float[points, inputs].
+        """Measure the range of training points Float[points, inputs].
 
         Distances are in units of the length scales, limited to one octave below the spread times sqrt(inputs / 2): even
         a model that does not depend on an input knows nothing of values outside the data.
@@ -65,7 +65,7 @@ class Validity:
         return replace(result, threshold=threshold)
 
     def distance(self, x: Float) -> Float:
-        """Return the measure at points Float[..., inputs], from 0 to 1."""
+        """Compute the measure at points Float[..., inputs], from 0 to 1."""
         from scipy.linalg import solve_triangular
 
         shape = np.shape(x)[:-1]
@@ -74,7 +74,8 @@ class Validity:
         measure = np.empty(len(points))
         for first in range(0, len(points), BLOCK):
             part = slice(first, first + BLOCK)
-            near = bells(np.nan_to_num(np.clip(points[part], -1e6, 1e6), nan=1e6), centres, ones)
+            # a missing input counts as far away
+            near = gaussian_kernel(np.nan_to_num(np.clip(points[part], -1e6, 1e6), nan=1e6), centres, ones)
             explained = solve_triangular(self._root, near.T, lower=True)
             measure[part] = np.sqrt(np.maximum(1 - np.sum(explained**2, axis=0), 0.0))
         return measure.reshape(shape)
@@ -82,6 +83,7 @@ class Validity:
     def _distance_without_itself(self) -> Float:
         """Return the measure at each centre, by the others."""
         inverse = np.linalg.inv(self._root @ self._root.T)
+        # leave-one-out variance of a Gaussian process: 1 / (K^-1)_ii (Rasmussen and Williams, equation 5.12)
         share: Float = np.sqrt(np.clip(1 / np.diag(inverse) - NUGGET, 0.0, 1.0))
         return share
 

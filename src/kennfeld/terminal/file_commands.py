@@ -16,11 +16,11 @@ from kennfeld.base.formatting import nearest
 from kennfeld.base.garbage_collection import no_collection
 from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option, require_new
-from kennfeld.terminal.model_selection import ModelSelection, model_options
+from kennfeld.terminal.model_selection import model_options
 from kennfeld.terminal.output import print_findings, print_lines
 
 if TYPE_CHECKING:
-    from kennfeld.domain.parameter_set import ParameterSet
+    from kennfeld.models.importer import ImportOptions
 
 
 @click.command
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 @option("--dbc", "CAN database that decodes a bus log; repeat it for several.", "FILE", multiple=True)
 @command_line.description_file
 @model_options
-def info(
-    address: str, as_json: bool, search: str, dbc: Sequence[str], a2l: Path | None, selection: ModelSelection
-) -> int:
+def info(address: str, as_json: bool, search: str, dbc: Sequence[str], a2l: Path | None, part: "ImportOptions") -> int:
     """Show the contents of a file.
 
     --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model or an
@@ -40,16 +38,16 @@ def info(
     s3://fleet/drive.mf4, is copied for the time of reading. --dbc engine.dbc@1 decodes only channel 1 of the
     logger, and --dbc body.dbc@LIN its LIN frames.
     """
-    from kennfeld.terminal.file_info import describe_file
+    from kennfeld.terminal.file_info import describe_file, text_lines
     from kennfeld.terminal.label_search import find_entries
 
     # an FMU may have very many variables, and leaves nothing to collect
     with no_collection() if ".fmu" in address.casefold() else nullcontext():
         with _on_this_machine(address) as path:
-            contents = describe_file(path, a2l, selection, dbc)
+            contents = describe_file(path, a2l, part, dbc)
         if search.strip():
             contents = find_entries(contents, search)
-        print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
+        print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else text_lines(contents)))
     return DONE
 
 
@@ -77,7 +75,7 @@ def _on_this_machine(address: str) -> Iterator[Path]:
 @model_options
 @command_line.force
 def convert(
-    source: Path, target: Path, image: Path | None, a2l: Path | None, selection: ModelSelection, force: bool
+    source: Path, target: Path, image: Path | None, a2l: Path | None, part: "ImportOptions", force: bool
 ) -> int:
     """Convert a calibration file, a Simulink model or an ASCET class; write the start values of an FMU.
 
@@ -86,30 +84,25 @@ def convert(
     .amd) becomes formula text (.kf), with its parameters in a .json file of the same name.
     """
     from kennfeld import calfiles
-    from kennfeld.files import Role, calibrations, functions, identify
+    from kennfeld.files import identify
+    from kennfeld.models.function_files import split_reference
+    from kennfeld.models.importer import ImportRequest
+    from kennfeld.models.importer_registry import importer_of_format
+    from kennfeld.models.model_export import write_formula
 
     _require_known_ending(target, [".kf"])
-    is_formula, known = target.suffix.lower() == ".kf", identify(source).format
-    is_simulink = known in (functions.SIMULINK, functions.PROTECTED)
-    is_values = known in (calibrations.ESDL, calibrations.AMD) and not is_formula
-    is_program = known.role is Role.PROGRAM and not is_values
-    companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
-    require_new(force, target, *companion)
-    if is_program:
-        from kennfeld.importers.ascet.formula_export import write_esdl_formula
-
-        class_name, methods, tasks, folders, step = selection.esdl
-        paths = write_esdl_formula(source, target, class_name, methods, task=tasks, folders=folders, step=step)
+    file, choice = split_reference(str(source))
+    known = identify(file).format
+    importer, is_formula = importer_of_format(known), target.suffix.lower() == ".kf"
+    has_values = known.calibration is not None or (importer is not None and importer.reads)
+    becomes_text = importer is not None and (is_formula or not has_values)
+    require_new(force, target, *([target.with_suffix(".json")] if becomes_text and is_formula else []))
+    if importer is not None and becomes_text:
+        paths = write_formula(importer, ImportRequest(Path(file), part, choice), target)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
-    if is_simulink:
-        from kennfeld.importers.simulink.formula_export import write_formula
-
-        paths = write_formula(source, target, *selection.simulink)
-        print_lines(*(f"Written to {path}" for path in paths))
-        return DONE
-    if known is functions.FMU:
-        parameters = _read_fmu_values(source, is_formula)
+    if importer is not None and importer.reads and (choice or not importer.named):
+        parameters = importer.model(ImportRequest(Path(file), part, choice)).carried
     else:
         [parameters], remarks = calfiles.read_several([source], a2l)
         print_findings(*remarks)
@@ -126,18 +119,6 @@ def _require_known_ending(target: Path, others: Sequence[str] = ()) -> None:
     if ending not in known:
         message = f"unknown ending {ending}" if ending else "the name has no ending, which selects the format"
         raise InputError.of(Location(str(target)), message, nearest(ending, known) or f"Known are {', '.join(known)}.")
-
-
-def _read_fmu_values(source: Path, is_formula: bool) -> "ParameterSet":
-    """Return the parameters of an FMU with their start values."""
-    from kennfeld.importers.fmu.importing import fmu
-
-    model = fmu(source)
-    if is_formula:
-        message = "holds machine code, which cannot be written as formula text"
-        remedy = f'Formula text can call it: write NAME = "{source.name}" under [functions] of a project file.'
-        raise InputError.of(Location(source.name), message, remedy)
-    return model.carried
 
 
 @click.command

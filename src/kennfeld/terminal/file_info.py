@@ -3,39 +3,46 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from kennfeld.calfiles.file_info import describe_calibration
 from kennfeld.files.file_format import Role, call
+from kennfeld.files.file_info import DescribedFile, FileInfo
 from kennfeld.files.identification import identify
-from kennfeld.models.function_files import kind_of, split_reference
-from kennfeld.terminal.describers import DescribedFile, FileInfo, describe_calibration, describe_recording
-from kennfeld.terminal.model_selection import WHOLE, ModelSelection
+from kennfeld.models.function_files import split_reference
+from kennfeld.models.function_info import describe_function
+from kennfeld.models.importer import NO_OPTIONS, ImportOptions
+from kennfeld.models.importer_registry import importer_of, importer_of_format
+from kennfeld.terminal.describers import describe_recording
+from kennfeld.terminal.output import align, separate
 
 
 def describe_file(
-    path: str | Path, a2l: str | Path | None = None, selection: ModelSelection = WHOLE, dbc: Sequence[str] = ()
+    path: str | Path, a2l: str | Path | None = None, options: ImportOptions = NO_OPTIONS, dbc: Sequence[str] = ()
 ) -> FileInfo:
     """Describe a measurement, calibration, A2L, formula, Simulink, ASCET, ONNX, project or training file.
 
     Args:
         path: the file; a sheet of a workbook as `bench.xlsx#Sheet1`, a function as `engine.py:torque`.
         a2l: the description of an image; by default the A2L file of the same name.
-        selection: what to import of a Simulink model or an ASCET project.
+        options: what to import of a model.
         dbc: CAN databases of a bus log, see `kennfeld.measurement.read`.
 
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
     """
-    kind, (name, choice) = kind_of(str(path)), split_reference(str(path))
-    if kind is not None and kind.named and choice:
-        from kennfeld.terminal.function_info import describe_function
-
-        return describe_function(str(path))
-    if kind is not None and choice in kind.choices:
-        from kennfeld.terminal.fmu_info import describe_fmu
-
-        return describe_fmu(Path(name), choice)
-    described = DescribedFile(Path(path), a2l, selection, dbc)
-    identity = identify(path)
+    file, choice = split_reference(str(path))
+    importer = importer_of(file)
+    is_chosen = importer is not None and bool(choice) and (importer.named or choice in importer.choices)
+    described = DescribedFile(Path(file if is_chosen else path), a2l, dbc, choice if is_chosen else "", options)
+    identity = identify(described.path)
     if identity.format.describe:
         info: FileInfo = call(identity.format.describe, described)
         return info
+    if (reader := importer_of_format(identity.format)) is not None:
+        return describe_function(reader, described)
     return describe_calibration(described) if identity.role is Role.CALIBRATION else describe_recording(described)
+
+
+def text_lines(info: FileInfo) -> list[str]:
+    """Return the contents of a file as text for a person."""
+    blocks = [[info.summary], *(align(table) for table in info.tables if len(table) > 1), info.notes]
+    return separate(filter(None, blocks))

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from kennfeld.base.errors import InputError, Location
-from kennfeld.terminal.describers import FileInfo, Table
+from kennfeld.files.file_info import FileInfo, Table
 
 _NAMES = ("name", "node")  # keys whose value is a name
 _DESCRIPTIONS = ("description", "long_name")

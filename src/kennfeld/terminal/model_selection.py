@@ -1,50 +1,16 @@
 """The part of a model that a command looks at, and the options that select it."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import wraps
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.models.importer import ImportOptions
 from kennfeld.terminal.command_line import PATH, option
-
-
-class SimulinkSelection(NamedTuple):
-    """Part of a Simulink model to import: subsystem, files with values, folders of libraries, replaced blocks, and a
-    step in s that replaces the model's own.
-    """
-
-    subsystem: str = ""
-    parameters: Sequence[str | Path] = ()
-    folders: Sequence[str | Path] = ()
-    bind: Mapping[str, str] = MappingProxyType({})
-    step: float | None = None
-
-
-class EsdlSelection(NamedTuple):
-    """Part of an ASCET project to import: class, methods, tasks, folders of further projects, and a step in s that
-    replaces the one of its tasks.
-    """
-
-    class_name: str = ""
-    methods: Sequence[str] = ()
-    tasks: Sequence[str] = ()
-    folders: Sequence[Path] = ()
-    step: float | None = None
-
-
-class ModelSelection(NamedTuple):
-    """Part of a model of either kind."""
-
-    simulink: SimulinkSelection = SimulinkSelection()
-    esdl: EsdlSelection = EsdlSelection()
-
-
-WHOLE = ModelSelection()
 
 _OPTIONS = (
     option("--subsystem", "Path of a subsystem of a Simulink model.", "PATH", default=""),
@@ -81,24 +47,32 @@ _OPTIONS = (
 
 
 def model_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Give a command the options that select a part of a model; it receives them as `selection`."""
+    """Give a command the options that select a part of a model; it receives them as `part`."""
 
     @wraps(command)
     def select(
         *arguments: Any,
         subsystem: str,
-        values: Sequence[Path],
-        folders: Sequence[Path],
+        values: tuple[Path, ...],
+        folders: tuple[Path, ...],
         bind: Sequence[str],
         step: float | None,
         class_name: str,
-        methods: Sequence[str],
-        tasks: Sequence[str],
+        methods: tuple[str, ...],
+        tasks: tuple[str, ...],
         **others: Any,
     ) -> int:
-        simulink = SimulinkSelection(subsystem, values, folders, _bindings(bind), step)
-        esdl = EsdlSelection(class_name, methods, tasks, folders, step)
-        return command(*arguments, selection=ModelSelection(simulink, esdl), **others)
+        part = ImportOptions(
+            step=step,
+            folders=folders,
+            subsystem=subsystem,
+            parameters=values,
+            bind=tuple(_bindings(bind)),
+            class_name=class_name,
+            methods=methods,
+            task=tasks,
+        )
+        return command(*arguments, part=part, **others)
 
     decorated: Callable[..., int] = select
     for add_option in reversed(_OPTIONS):
@@ -106,10 +80,10 @@ def model_options(command: Callable[..., int]) -> Callable[..., int]:
     return decorated
 
 
-def _bindings(texts: Sequence[str]) -> Mapping[str, str]:
-    """Return formulas by the path of the block that each replaces, from texts of the form `PATH=FORMULA`."""
+def _bindings(texts: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the path of each block with the formula that replaces it, from texts of the form `PATH=FORMULA`."""
     pairs = [text.partition("=") for text in texts]
     if incomplete := [path for path, sign, _ in pairs if not sign]:
         remedy = 'Write "PATH=FORMULA", such as "Sensor/Radiation=0.15 * (t - 20)".'
         raise InputError(Finding(Location("--bind", path=path), "has no formula", remedy) for path in incomplete)
-    return {path.strip(): formula.strip() for path, _, formula in pairs}
+    yield from ((path.strip(), formula.strip()) for path, _, formula in pairs)

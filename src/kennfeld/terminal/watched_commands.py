@@ -48,7 +48,7 @@ def _limit_of_project(path: Path) -> float | None:
 def _runs(reference: str) -> bool:
     if reference.lower().endswith(".kf"):
         return False  # the most frequent case, without loading the other kinds
-    from kennfeld.models.function_files import kind_of
+    from kennfeld.models.function_files import importer_of_function
 
-    kind = kind_of(reference)
-    return kind is not None and kind.runs
+    importer = importer_of_function(reference)
+    return importer is not None and importer.runs

@@ -6,7 +6,7 @@ import pytest
 from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.importing import import_simulink, simulink
 from kennfeld.importers.simulink.variables.data_dictionary import read_dictionary
-from kennfeld.importers.simulink.variables.enumerations import enumeration_of
+from kennfeld.matlab.enumerations import enumeration_of
 from tests.draws import mostly_slow
 from tests.importers.simulink.simulink_code import function
 from tests.importers.simulink.simulink_data import sldd

@@ -7,9 +7,12 @@ import pytest
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.integration import SOLVERS
-from kennfeld.importers.simulink.formula_export import formula_lines, write_formula
+from kennfeld.importers.simulink.formula_export import formula_lines
+from kennfeld.importers.simulink.importer import IMPORTER
 from kennfeld.models.formula import formula
 from kennfeld.models.formula import read as read_formula
+from kennfeld.models.importer import ImportOptions, ImportRequest
+from kennfeld.models.model_export import write_formula
 from tests.draws import mostly_slow
 from tests.importers.simulink.simulink_files import Model
 from tests.importers.simulink.simulink_runs import imported, run, slopes
@@ -220,9 +223,15 @@ def test_inner_nodes_of_a_block_have_its_name(tmp_path):
     ]
 
 
+def exported(source, target, step=None):
+    script = target.with_name("values.m")
+    script.write_text("".join(f"{name} = {value};\n" for name, value in VALUES.items()), encoding="utf-8")
+    return write_formula(IMPORTER, ImportRequest(source, ImportOptions(step, parameters=(script,))), target)
+
+
 def test_the_file_that_is_written_is_read_as_the_model(tmp_path):
     source = transfer("ode2").write(tmp_path, "slx parts")
-    target, values = write_formula(source, tmp_path / "plant.kf", parameters=[VALUES])
+    target, values = exported(source, tmp_path / "plant.kf")
     read = read_formula(target)
     assert (read.step, read.solver, values.name) == (0.1, "ode2", "plant.json")
     model = imported(transfer("ode2"), tmp_path, parameters=[VALUES])
@@ -232,5 +241,5 @@ def test_the_file_that_is_written_is_read_as_the_model(tmp_path):
 
 def test_a_step_can_be_chosen_for_the_text(tmp_path):
     source = transfer("ode2").write(tmp_path, "slx parts")
-    write_formula(source, tmp_path / "plant.kf", parameters=[VALUES], step=0.025)
+    exported(source, tmp_path / "plant.kf", step=0.025)
     assert read_formula(tmp_path / "plant.kf").step == 0.025

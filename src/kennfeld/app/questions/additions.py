@@ -5,17 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.app.folders import confined
-from kennfeld.app.questions.program_files import main_program, place_by_package
-from kennfeld.app.session.esdl_source import EsdlSource
-from kennfeld.app.session.function_source import completed_reference, has_no_functions
+from kennfeld.app.session.function_source import ImportSource, completed_reference, has_no_functions
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.calibrations import IMAGE_ENDINGS
-from kennfeld.files.file_format import Role
+from kennfeld.files.file_format import Role, call
 from kennfeld.files.identification import identify
-from kennfeld.project.schema import is_esdl_file
+from kennfeld.models.importer import DroppedFiles, Importer
+from kennfeld.models.importer_registry import importer_of
 
 
 @dataclass(frozen=True)
@@ -36,26 +35,60 @@ def add_files(session: Session, asked: AddedFiles) -> FileKinds:
     """Add files of the folder to the project, as one change: recordings, a function, or initial values.
 
     CAN databases decode the recordings that come with them; alone, those of all datasets.
-    Files of an ASCET project are moved into the folders of their packages; if the function is such a project already,
-    they only add to it.
+    Where several files make up a function, as in ASCET projects, they are moved to where the import searches them; if
+    the function is of this kind already, they only add to it.
     """
     folder = session.path.parent
     names = [confined(folder, name).relative_to(folder.resolve()).as_posix() for name in asked.files]
     if not names:
         raise ArgumentError("no file is chosen")
-    present = EsdlSource.of(session.settings, folder)
-    programs = [name for name in names if is_esdl_file(name)]
-    placed = place_by_package(folder, folder if present is None else present.root, programs)
-    kinds = kinds_of(folder, (*placed, *(name for name in names if name not in programs)))
     settings = session.settings
+    placed = _place(session, names)
+    kinds = kinds_of(folder, [name for moved in placed.values() for name in moved])
     changes = [*_datasets(settings, kinds), *_function(folder, kinds), *_initial(settings, kinds)]
-    if placed and (present is None or not present.path.is_file()) and (main := main_program(folder, placed)):
-        changes.append((("model", "file"), main))
+    changes += _assembled(session, placed)
     if changes:
         session.do(SetKeys(f"Added {', '.join([*kinds][:3])}", session.path.name, changes))
-    if placed or Role.COMPANION.value in kinds.values():
+    if any(placed) or Role.COMPANION.value in kinds.values():
         session.refresh()  # packages or included files that were missing
     return FileKinds(kinds)
+
+
+def _place(session: Session, names: list[str]) -> dict[Importer | None, list[str]]:
+    """Return files by the importer that has moved them, with their new names; None for those that stay."""
+    files: dict[Importer | None, list[str]] = {}
+    for name in names:
+        importer = importer_of(name)
+        files.setdefault(importer if importer is not None and importer.dropped else None, []).append(name)
+    folder = session.path.parent
+    return {
+        importer: own if importer is None else call(_dropped(importer).place, folder, _present(session, importer), own)
+        for importer, own in sorted(files.items(), key=lambda item: item[0] is None)
+    }
+
+
+def _assembled(session: Session, placed: dict[Importer | None, list[str]]) -> list[tuple[tuple[str | int, ...], Any]]:
+    """Return the function that such files make up, if the project has none of this kind."""
+    changes: list[tuple[tuple[str | int, ...], Any]] = []
+    for importer, names in placed.items():
+        if importer is None:
+            continue
+        present = _present(session, importer)
+        if present is None or not present.is_file():
+            main = call(_dropped(importer).main, session.path.parent, names)
+            changes += [(("model", "file"), main)] if main else []
+    return changes
+
+
+def _dropped(importer: Importer) -> DroppedFiles:
+    assert importer.dropped is not None
+    return importer.dropped
+
+
+def _present(session: Session, importer: Importer) -> Path | None:
+    """Return the file of the function if this importer reads it."""
+    source = ImportSource.of(session.settings, session.path)
+    return source.request.path if source is not None and source.importer is importer else None
 
 
 def kinds_of(folder: Path, names: Iterable[str]) -> dict[str, str]:

@@ -1,39 +1,30 @@
 """The function of the project: formula text or a file of another tool, and the way from one to the other."""
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import free_path
-from kennfeld.app.questions.esdl_program import converted as converted_program
-from kennfeld.app.questions.function_files import converted as converted_function
-from kennfeld.app.questions.program_files import program_files
+from kennfeld.app.questions.imported import converted
 from kennfeld.app.questions.recordings import channel_ranges
 from kennfeld.app.session.function_source import completed_reference, read_called
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import Command, SetKeys, SetText, Several
-from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.errors import InputError, Location
 from kennfeld.base.formatting import most_similar, nearest
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.files.file_format import Role
+from kennfeld.files.file_format import Role, call
 from kennfeld.files.formats import endings_of
 from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
 from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
-from kennfeld.models.function_files import kind_of
-from kennfeld.project.schema import is_esdl_file, is_simulink_file
+from kennfeld.models.function_files import split_reference
+from kennfeld.models.importer_registry import importer_of, importers
+from kennfeld.project.forms import keys_of
+from kennfeld.project.schema import ModelEntry
 
-if TYPE_CHECKING:  # half a second, for Simulink models only
-    from kennfeld.importers.simulink.diagram import Diagram
-    from kennfeld.importers.simulink.import_report import ImportReport
-    from kennfeld.models.model import Model
-
-SIMULINK_KEYS = ("subsystem", "parameters", "bind")  # of [model], for Simulink models only
-ESDL_KEYS = ("class", "methods", "startup", "task")  # for ASCET models only
 FUNCTIONS = endings_of(Role.FUNCTION)
 _WORD = re.compile(r"[A-Za-z_][\w.]*")
 NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
@@ -43,7 +34,7 @@ def functions(session: Session, given: Given) -> Answer:
     """Return the files that can be the function: those of the project's folder, and ASCET models within it."""
     folder = session.path.parent
     known = {path.name for path in folder.iterdir() if path.suffix.lower() in FUNCTIONS}
-    known |= set(program_files(folder))
+    known |= {name for each in importers() if each.dropped for name in call(each.dropped.search, folder)}
     known |= {name for name in session.state.texts if name.lower().endswith(".kf")}
     return Answer({"files": sorted(known), "chosen": _model(session).get("file", "")})
 
@@ -61,10 +52,13 @@ def choose_function(session: Session, given: Given) -> Answer:
 
 def _choice(session: Session, file: str, *further: tuple[tuple[str, ...], Any]) -> SetKeys:
     before = str(_model(session).get("file", ""))
-    same = file == before and (is_simulink_file(file) or is_esdl_file(file))
-    folders = () if is_esdl_file(before) and is_esdl_file(file) else ("folders",)
-    keys = () if same else (*SIMULINK_KEYS, *ESDL_KEYS, *folders)
-    obsolete = (name for name in keys if name in _model(session))
+    importer = importer_of(split_reference(file)[0])
+    remaining: Sequence[str] = ()
+    if importer is not None and importer is importer_of(split_reference(before)[0]):
+        remaining = importer.keys if file == before else importer.shared_keys
+    known = keys_of(ModelEntry)
+    taken = {name for each in importers() for name in each.keys if name not in remaining}
+    obsolete = (name for name, part in known.items() if part.name in taken and name in _model(session))
     changes = [(("model", "file"), file), *((("model", name), None) for name in obsolete), *further]
     return SetKeys(f"The function is {file}", session.path.name, changes)
 
@@ -102,15 +96,9 @@ def convert_function(session: Session, given: Given) -> Answer:
 
     The values of its parameters are written to a file that becomes the first of the initial files.
     """
-    present = str(_model(session).get("file", ""))
-    if is_esdl_file(present):
-        name, model, text = converted_program(session)
-    elif kind_of(present) is not None:
-        name, model, text = converted_function(session)
-    else:
-        name, model, text = _converted_diagram(session)
+    name, model, text = converted(session)
     file = _free_name(session, f"{Path(name).stem}.kf")
-    lines = [f"# {Path(name).name}, converted by Kennfeld", *text, ""]
+    lines = [f"# {name}, converted by Kennfeld", *(line.text for line in text), ""]
     initial: list[tuple[tuple[str, ...], Any]] = []
     if model.values:
         values = free_path(session.path.parent, f"{Path(file).stem}.json")
@@ -121,95 +109,10 @@ def convert_function(session: Session, given: Given) -> Answer:
     return Answer({"file": file})
 
 
-def _converted_diagram(session: Session) -> tuple[str, "Model", list[str]]:
-    """Return the name of the Simulink model, the model, and its formula text; raises `InputError` if it is stopped."""
-    from kennfeld.importers.simulink.formula_export import formula_lines
-
-    source = _require_source(session)
-    diagram = source.diagram()
-    if diagram.model is None:
-        raise InputError(_reasons(diagram))
-    return source.file, diagram.model, [line.text for line in formula_lines(diagram.model)]
-
-
 def _initial_files(session: Session) -> list[Any]:
     calibration = session.settings.get("calibration")
     files = calibration.get("initial", []) if isinstance(calibration, dict) else []
     return files if isinstance(files, list) else [files]
-
-
-def _require_source(session: Session) -> SimulinkSource:
-    source = SimulinkSource.of(session.settings, session.path.parent)
-    if source is None:
-        raise ArgumentError("the function of the project is not a Simulink model")
-    return source
-
-
-def diagram(session: Session, given: Given) -> Answer:
-    """Return the blocks of the imported part of the Simulink model, its formula text, and what stops it."""
-    from kennfeld.importers.simulink.formula_export import formula_lines
-
-    source = _require_source(session)
-    files = list(source.parameters[: len(source.parameters) - len(_initial_files(session))])
-    head = {"file": source.file, "subsystem": source.subsystem, "bind": dict(source.bind)}
-    refused = tuple(
-        each for each in session.findings if each.severity == "error" and each.location.path == "[model] file"
-    )
-    if refused:
-        return Answer({**head, "problems": _problems(refused)})
-    try:
-        own = source.diagram()
-    except InputError as error:
-        return Answer({**head, "problems": _problems(error.findings)})
-    lines = [] if own.model is None else [asdict(line) for line in formula_lines(own.model)]
-    return Answer(
-        {
-            **head,
-            "name": own.name,
-            "version": own.version,
-            "blocks": [asdict(block) for block in own.blocks],
-            "subsystems": list(own.subsystems),
-            "lines": lines,
-            "problems": _problems(own.findings),
-            "files": files,
-            **({} if own.report is None else _of_report(own.report, own.model)),
-        }
-    )
-
-
-def _of_report(report: "ImportReport", model: "Model | None") -> dict[str, Any]:
-    integrates = model is None or model.equations is not None  # without continuous states, no solver is used
-    return {
-        "total": report.total,
-        "supported": report.supported,
-        "unreached": len(report.unreached),
-        "whole": report.whole,
-        "solver": report.solver if integrates else "",
-        "step": report.step,
-        "blocking": [asdict(block) for block in report.unsupported if not block.undefined],
-        "undefined": [
-            {"name": name, "paths": list(paths), "reason": report.reasons.get(name, "")}
-            for name, paths in report.undefined.items()
-        ],
-        "loops": [list(loop) for loop in report.loops],
-        "stopped": _problems((*report.stopped, *report.missing)),
-        "parameters": [asdict(parameter) for parameter in report.parameters],
-        "inputs": [asdict(port) for port in report.inputs],
-        "outputs": [asdict(port) for port in report.outputs],
-        "notes": [*report.substitutions, *report.fixed, *(str(remark) for remark in report.remarks)],
-    }
-
-
-def _problems(findings: tuple[Finding, ...]) -> list[dict[str, str]]:
-    return [
-        {"place": finding.location.path, "message": finding.message, "remedy": finding.remedy, "text": str(finding)}
-        for finding in findings
-    ]
-
-
-def _reasons(own: "Diagram") -> tuple[Finding, ...]:
-    reasons = own.findings if own.report is None else own.report.findings
-    return reasons or (Finding(Location(own.name), "the model cannot be imported"),)
 
 
 def spellings(session: Session, given: Given) -> Answer:
@@ -230,7 +133,7 @@ def _known_names(session: Session) -> set[str]:
     function, view = session.function, session.view
     own = () if function is None else (*function.graph.names, *function.graph.inputs)
     last = () if view is None else (*view.model.problem.model.graph.inputs, *view.model.problem.model.graph.names)
-    called = (name for each in read_called(session.settings, session.path.parent) for name in each.calls)
+    called = (name for each in read_called(session.settings, session.path) for name in each.calls)
     return {*FUNCTION_NAMES, *called, *session.initial_names, *session.settings.get("parameters", {}), *own, *last}
 
 
@@ -250,11 +153,6 @@ def flow(session: Session, given: Given) -> Answer:
         for name, at in graph.names.items()
     ]
     return Answer({"inputs": list(graph.inputs), "nodes": nodes, "outputs": list(graph.outputs)})
-
-
-def parts(session: Session, given: Given) -> Answer:
-    """Return the subsystems of the Simulink model that can be imported by themselves, largest first."""
-    return Answer({"parts": [asdict(part) for part in _require_source(session).parts()]})
 
 
 def formula_reads(session: Session, given: Given) -> Answer:

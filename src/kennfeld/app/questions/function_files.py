@@ -1,6 +1,5 @@
 """Functions in files of other tools: as the function of the project, and as functions that formula text calls."""
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -11,20 +10,21 @@ from kennfeld.app.session.function_source import FunctionSource, completed_refer
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import ArgumentError, Finding, InputError
-from kennfeld.base.formatting import count_noun
-from kennfeld.graph import Graph
+from kennfeld.base.formatting import join_names
+from kennfeld.files.file_format import call
 from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.node import CLOCK
 from kennfeld.models import Model
-from kennfeld.models.formula import to_lines
 from kennfeld.models.formula.functions import FUNCTIONS, BuiltinFunction, functions_of_files
 from kennfeld.models.formula.lexer import is_plain
-from kennfeld.models.function_files import kind_of
+from kennfeld.models.function_files import callable_endings, importer_of_function
+from kennfeld.models.import_view import problem_views
+from kennfeld.models.importer import FileFacts
+from kennfeld.models.model_export import formula_lines, is_formula
 from kennfeld.models.model_function import ModelFunction, as_model
 from kennfeld.models.quantities import calibratable
 
 MAX_CHARACTERS = 2_000_000  # of a source text
-_TEXTS = (".c", ".py")
 _KINDS = ("scalar", "curve", "map")  # by number of axes
 
 
@@ -36,76 +36,59 @@ def function_file(session: Session, given: Given) -> Answer:
     try:
         function = source.read()
         model = as_model(function)
-        head["facts"] = list(_facts(source))
+        head["facts"] = list(_facts(source).rows)
     except InputError as error:
         findings = [f for f in refused if not source.path.is_file()] or _reasons(source, error)
-        return Answer({**head, "whole": False, "problems": _problems(findings)})
+        return Answer({**head, "whole": False, "problems": problem_views(findings)})
     return Answer({**head, **_of_function(source, function, model), "whole": True, "problems": []})
 
 
 def _reasons(source: FunctionSource, error: InputError) -> Sequence[Finding]:
     """Return what has to be solved so that a function can be read; empty if it has to be chosen only."""
-    if source.kind is not None and source.kind.named and not source.function:
+    if source.importer is not None and source.importer.named and not source.function:
         return source.listing_problems
     return error.findings
 
 
 def require_function(session: Session) -> FunctionSource:
     """Return the function of the project. Raises `ArgumentError` if it is not in a file of another tool."""
-    source = FunctionSource.of(session.settings, session.path.parent)
+    source = FunctionSource.of(session.settings, session.path)
     if source is None:
-        raise ArgumentError("the function of the project is not an FMU, a network, or a function in C or Python")
+        raise ArgumentError("the function of the project is not in a file of functions")
     return source
 
 
-def converted(session: Session) -> tuple[str, Model, list[str]]:
-    """Return the file of the function, its model, and its formula text; raises `InputError` if it has none."""
-    source = require_function(session)
-    model = as_model(source.read())
-    if not is_formula(model.graph):
-        raise ArgumentError(f"{source.reference} cannot be written as formula text")
-    return source.file, model, [line["text"] for line in _lines(model)]
-
-
-def is_formula(graph: Graph) -> bool:
-    """Return if formula text can express a graph: it calls no foreign code, and has no layers of networks."""
-    return not any(node.op in ("external", "dense") for node in graph.nodes)
-
-
-def _lines(model: Model) -> list[dict[str, str]]:
-    lines = to_lines(model.equations or model.graph, model.step, solver=model.solver)
-    return [{"text": line.text, "node": line.node, "path": ""} for line in lines]
+def _lines(source: FunctionSource, model: Model) -> list[dict[str, str]]:
+    importer = source.importer
+    return [] if importer is None else [asdict(line) for line in formula_lines(importer, model)]
 
 
 def _file_of(source: FunctionSource) -> dict[str, Any]:
-    kind = source.kind
+    importer = source.importer
     return {
         "file": source.file,
         "reference": source.reference,
-        "kind": "" if kind is None else kind.label.partition(" ")[2],
-        "named": kind is not None and kind.named,
+        "kind": "" if importer is None else importer.name,
+        "named": importer is not None and importer.named,
         "function": source.function,
         "functions": list(source.names),
-        "choices": _choices(source),
+        "choices": list(_facts(source).choices),
     }
 
 
-def _choices(source: FunctionSource) -> list[str]:
-    """Return the ways in which an FMU can be used; empty if there is one only."""
-    if source.path.suffix.casefold() != ".fmu" or source.kind is None:
-        return []
-    from kennfeld.importers.fmu.fmu_archive import read_archive
-
+def _facts(source: FunctionSource) -> FileFacts:
+    """Return what the file says of itself; nothing if it cannot be read."""
+    if source.importer is None or not source.importer.facts:
+        return FileFacts()
     try:
-        description = read_archive(source.path)
+        facts: FileFacts = call(source.importer.facts, source.path)
     except InputError:
-        return []
-    offered = [choice for choice in source.kind.choices if getattr(description, choice.replace("-", "_")) is not None]
-    return offered if len(offered) > 1 else []
+        return FileFacts()
+    return facts
 
 
 def _text(source: FunctionSource) -> str:
-    if source.path.suffix.casefold() not in _TEXTS:
+    if source.importer is None or not source.importer.is_text:
         return ""
     try:
         text = source.path.read_text("utf-8-sig", errors="replace")
@@ -124,7 +107,7 @@ def _of_function(source: FunctionSource, function: ModelFunction, model: Model) 
         "step": source.step or model.step,
         "solver": model.solver,
         "runs": source.runs,
-        "lines": _lines(model) if is_formula(model.graph) else [],
+        "lines": _lines(source, model) if is_formula(model.graph) else [],
     }
 
 
@@ -138,51 +121,15 @@ def _states(source: FunctionSource, model: Model) -> list[dict[str, Any]]:
         return []
     nodes = [graph.nodes[state.init] for state in graph.states]
     starts = [finite(float(node.payload)) if node.op == "const" else None for node in nodes]
-    names = _state_names(source)
+    names = list(_facts(source).states)
     if len(names) != len(starts):
         names = [f"state {number}" for number in range(1, len(starts) + 1)]
     return [{"name": name, "initial": start} for name, start in zip(names, starts, strict=True)]
 
 
-def _state_names(source: FunctionSource) -> list[str]:
-    if source.path.suffix.casefold() != ".fmu":
-        return []
-    from kennfeld.importers.fmu.fmu_archive import read_archive
-
-    return [element for state in read_archive(source.path).states for element in state.elements]
-
-
-def _facts(source: FunctionSource) -> Iterator[tuple[str, str]]:
-    """Yield what the file of an FMU or a network says of itself."""
-    if source.path.suffix.casefold() == ".fmu":
-        from kennfeld.importers.fmu.fmu_archive import read_archive
-
-        description = read_archive(source.path)
-        offered = {"model exchange": description.model_exchange, "co-simulation": description.co_simulation}
-        yield "standard", f"FMI {description.version} for {' and '.join(n for n, own in offered.items() if own)}"
-        yield "model", description.name
-        yield "exported by", description.tool
-        yield "platforms", ", ".join(description.platforms)
-        yield "variables", str(len(description.variables))
-    elif source.path.suffix.casefold() == ".onnx":
-        from kennfeld.importers.onnx.reading import read_network
-
-        network = read_network(source.path)
-        yield "network", network.name
-        yield "exported by", network.producer
-        yield "operator sets", ", ".join(f"{domain or 'ai.onnx'} {n}" for domain, n in network.opsets.items())
-        yield "constants", str(sum(array.size for array in network.constants.values()))
-        for kind, count in Counter(operator.label for operator in network.operators).items():
-            yield kind, count_noun(count, "operator")
-
-
-def _problems(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    return [{"line": f.location.line, "message": f.message, "remedy": f.remedy, "text": str(f)} for f in findings]
-
-
 def called_functions(session: Session, given: Given) -> Answer:
     """Return the functions that formula text may call: how they are called, and what is wrong with them."""
-    sources = FunctionSource.called(session.settings, session.path.parent)
+    sources = FunctionSource.called(session.settings, session.path)
     return Answer({"functions": [{"name": source.name, **_file_of(source), **_calls(source)} for source in sources]})
 
 
@@ -191,7 +138,7 @@ def _calls(source: FunctionSource) -> dict[str, Any]:
         function = source.read()
     except InputError as error:
         findings = source.listing_problems or error.findings
-        return {"calls": [], "parameters": [], "notes": [], "problems": _problems(findings)}
+        return {"calls": [], "parameters": [], "notes": [], "problems": problem_views(findings)}
     units = [output.unit for output in function.outputs]
     rules = _rules(function)
     return {
@@ -220,8 +167,8 @@ def add_functions(session: Session, given: Given) -> Answer:
     changes: list[tuple[tuple[str, ...], Any]] = []
     files = [confined(folder, str(name)).relative_to(folder.resolve()).as_posix() for name in given["files"]]
     for file in files:
-        if kind_of(file) is None:
-            raise ArgumentError(f"{file} holds no functions; use .fmu, .onnx, .c or .py")
+        if importer_of_function(file) is None:
+            raise ArgumentError(f"{file} holds no functions; use {join_names(callable_endings(), 99, ' or ')}")
     for file in [each for each in files if not has_no_functions(folder / each)] or files:
         name = _free_name(file, taken)
         taken.add(name)
@@ -260,7 +207,7 @@ def completions(session: Session, given: Given) -> Answer:
 
 
 def _completions(session: Session) -> Iterator[tuple[str, str, str]]:
-    called = read_called(session.settings, session.path.parent)
+    called = read_called(session.settings, session.path)
     calls = functions_of_files(called)
     for rule in (*FUNCTIONS.values(), *(rule for each in called for rule in _rules(each))):
         yield rule.name, "function", rule.signature

@@ -16,7 +16,8 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
 from kennfeld.graph import Graph
-from kennfeld.models.function_files import kind_of
+from kennfeld.models.function_files import importer_of_function, split_reference
+from kennfeld.models.importer_registry import importer_of
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
@@ -153,6 +154,14 @@ class CriterionRow:
 
 
 @dataclass(frozen=True)
+class ShownFunction:
+    """The file of the function, and the screen that shows it: `formula`, or the one of its importer."""
+
+    file: str
+    screen: str
+
+
+@dataclass(frozen=True)
 class AppState:
     """What all pages show of the open project; numbers follow once it can be evaluated.
 
@@ -176,6 +185,7 @@ class AppState:
     seconds: float
     changed_on_disk: bool
     recoverable: bool
+    function: ShownFunction
     nodes: Sequence[NamedUnit] | Absent = ABSENT
     inputs: Sequence[str] | Absent = ABSENT
     scores: Sequence[ScoreRow] | Absent = ABSENT
@@ -218,6 +228,7 @@ def overview(session: Session) -> AppState:
         session.seconds,
         session.changed_on_disk,
         session.recoverable,
+        _function(session),
     )
     if session.view is not None:
         return _with_view(state, session, session.view)
@@ -225,6 +236,13 @@ def overview(session: Session) -> AppState:
         return state
     graph = session.function.graph
     return replace(state, nodes=_nodes(graph), inputs=graph.inputs)
+
+
+def _function(session: Session) -> ShownFunction:
+    model = session.settings.get("model")
+    file = str(model.get("file", "")) if isinstance(model, dict) else ""
+    importer = importer_of(split_reference(file)[0])
+    return ShownFunction(file, "formula" if importer is None else importer.screen)
 
 
 def _nodes(graph: Graph) -> list[NamedUnit]:
@@ -298,7 +316,7 @@ SCREENS: Mapping[str, Screen] = {
 
 def _screen_of(location: Location) -> Screen:
     """Return the screen on which a problem is solved."""
-    if location.file.lower().endswith(FUNCTIONS) or kind_of(location.file) is not None:
+    if location.file.lower().endswith(FUNCTIONS) or importer_of_function(location.file) is not None:
         return "function"
     if location.file.lower().endswith(RECORDINGS) and not location.path:
         return "data"

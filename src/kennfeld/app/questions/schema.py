@@ -16,14 +16,14 @@ from kennfeld.calfiles import describe, endings
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
-from kennfeld.models.function_files import KINDS
+from kennfeld.models.function_files import callable_endings
 from kennfeld.project.key_descriptions import describe_sections
 from kennfeld.project.schemas import ENDING
 
 MAX_FILES = 2000  # of the folder that are listed
 _FILES = {
     "function file": FUNCTIONS,
-    "file of functions": tuple(suffix for kind in KINDS for suffix in kind.suffixes),
+    "file of functions": callable_endings(),
     "surrogate file": endings_of(Role.SURROGATE),
     "recording": RECORDINGS,
     "CAN database": endings_of(Role.DATABASE),

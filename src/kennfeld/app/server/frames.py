@@ -30,6 +30,7 @@ def pack(head: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
     counts = [[name, int(np.size(values))] for name, values in arrays.items()]
     text = json.dumps({**head, "arrays": counts}, allow_nan=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
+    # numbers beyond the range of 32 bits become infinite
     with np.errstate(over="ignore"):
         parts = [np.asarray(values, dtype="<f4").tobytes() for values in arrays.values()]
     return b"".join([struct.pack("<I", len(text)), text, *parts])

@@ -64,6 +64,7 @@ def known_server(project: Path | None) -> KnownServer | None:
 
 def _read_private(path: Path) -> dict[str, Any]:
     """Read a JSON file that belongs to the user and to nobody else. Raises `OSError` or `ValueError`."""
+    # opened first, then checked by its handle: the file cannot be exchanged in between
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
     with os.fdopen(handle, encoding="utf-8") as file:
         state = os.fstat(handle)
@@ -95,6 +96,7 @@ class Handshake:
 
     def __init__(self, port: int, key: str) -> None:
         self._port, self._key = port, key
+        # bounded, as anybody on this machine may ask for challenges
         self._challenges: deque[str] = deque(maxlen=MAX_CHALLENGES)
 
     def proof(self, side: str, text: str) -> str:
@@ -113,5 +115,6 @@ class Handshake:
         """Check the proof of a page; each challenge counts once."""
         if not isinstance(challenge, str) or not isinstance(proof, str) or challenge not in self._challenges:
             return False
+        # before the comparison, so that a challenge cannot be tried twice
         self._challenges.remove(challenge)
         return secrets.compare_digest(self.proof("page", challenge).encode(), proof.encode("utf-8", "replace"))

@@ -77,6 +77,7 @@ class RequestGuard:
             await self._application(scope, receive, send)
             return
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        # foreign names and origins are refused before any secret is compared
         if headers.get("host", "").lower() not in self._hosts:
             await _refuse(scope, receive, send, 421, "This address is not served here.")
         elif not self._is_own_origin(scope, headers):
@@ -128,6 +129,7 @@ class RequestGuard:
     def _is_own_origin(self, scope: Scope, headers: MutableMapping[str, str]) -> bool:
         """Check `Origin`, which browsers send with every socket and every request that changes something."""
         origin = headers.get("origin")
+        # links and the address bar send no `Origin`; they must not change anything
         if origin is None:
             return scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
         scheme, _, host = origin.lower().partition("://")
@@ -138,6 +140,7 @@ class RequestGuard:
             cookie = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
         except CookieError:
             return False
+        # in constant time, so that the answer does not tell how much of a guess is right
         return cookie is not None and secrets.compare_digest(
             cookie.value.encode("latin-1", "replace"), self._token.encode()
         )
@@ -164,6 +167,7 @@ async def _small_body(receive: Receive) -> bytes:
         message = await receive()
         body += message.get("body", b"")
         more = bool(message.get("more_body"))
+        # also if the client has gone, which sends no further parts
         if message["type"] != "http.request" or len(body) > MAX_BODY:
             return b""
     return body

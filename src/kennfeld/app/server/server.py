@@ -138,6 +138,7 @@ class Server:
 
     def _push_from_thread(self, topic: str, answer: Answer) -> None:
         if self._loop is not None and not self._loop.is_closed():
+            # pages belong to the event loop, news come from the thread of the session
             self._loop.call_soon_threadsafe(self._push, topic, answer)
 
     def _push(self, topic: str, answer: Answer) -> None:
@@ -148,6 +149,7 @@ class Server:
         """Store a file that was dropped onto the page in the folder of the project."""
         folder = await self._in_session(self.workspace.folder)
         size = 0
+        # a hidden file beside the target, so that the rename at the end stays within one file system
         part = folder / f".{secrets.token_hex(8)}{UPLOAD_ENDING}"
         try:
             with part.open("xb") as file:
@@ -172,6 +174,7 @@ class Server:
     async def _archive(self, request: Request) -> Response:
         """Return the folder of the project as it is on disk, without what begins with a dot."""
         folder = await self._in_session(self.workspace.folder)
+        # on disk, as the archive may be larger than memory
         file = tempfile.TemporaryFile()  # noqa: SIM115  (closed when the answer has been sent)
         try:
             await asyncio.to_thread(write_archive, folder, file)
@@ -250,6 +253,7 @@ def serve(
     listener = _listener(port or (known.port if known else 0), fallback=not port)
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # else short answers wait 40 ms for each other
     port = listener.getsockname()[1]
+    # a key belongs to a port, at which the pages that know it look for the server
     token, key = new_token(), known.key if known is not None and known.port == port else new_token()
     remember_server(project, KnownServer(port, key))
     own = Server(workspace, key)

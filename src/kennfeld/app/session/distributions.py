@@ -12,7 +12,7 @@ BINS = 60
 
 
 def thin(count: int, values: Float, most: int = MAX_POINTS) -> Int:
-    """Return samples to draw: evenly spread, and those with the largest magnitudes.
+    """Choose samples to draw, Int[samples]: evenly spread, and those with the largest magnitudes.
 
     Args:
         count: number of samples.
@@ -23,12 +23,13 @@ def thin(count: int, values: Float, most: int = MAX_POINTS) -> Int:
         return np.arange(count)
     spread = np.linspace(0, count - 1, most - most // 10).astype(np.int64)
     size = np.where(np.isfinite(values), np.abs(values), -1.0)
+    # a tenth of the points: an even choice alone would miss single wild values
     outliers = np.argpartition(size, -most // 10)[-most // 10 :]
     return np.union1d(spread, outliers)
 
 
 def drawn_samples(errors: Float, shown: Bool | None = None, lit: Bool | None = None, most: int = MAX_POINTS) -> Int:
-    """Return samples to draw, as `thin` does, and enough of those that are lit to see where they are.
+    """Choose samples to draw, Int[samples], as `thin` does, and enough of those that are lit to see where they are.
 
     Args:
         errors: Float[samples]; the largest are drawn.
@@ -45,16 +46,17 @@ def drawn_samples(errors: Float, shown: Bool | None = None, lit: Bool | None = N
 
 
 def common_bins(parts: Sequence[Float], bins: int = BINS) -> Float:
-    """Return bin edges for several sets of values, symmetric about 0; outliers count in the end bins."""
+    """Choose bin edges Float[bins + 1] for sets of values, symmetric about 0; outliers count in the end bins."""
     known = np.concatenate([part[np.isfinite(part)] for part in parts]) if parts else np.zeros(0)
     if not known.size:
         return np.linspace(-1.0, 1.0, bins + 1)
+    # the quantile is 0 if nearly all errors are, at a limit for instance
     reach = float(np.quantile(np.abs(known), 0.998)) or float(np.abs(known).max()) or 1.0
     return np.linspace(-reach, reach, bins + 1)
 
 
 def histogram(values: Float, edges: Float) -> Int:
-    """Count values by bin; those beyond the ends count in the first and the last bin."""
+    """Count values Float[samples] by bin, Int[bins]; those beyond the ends count in the first and the last bin."""
     known = values[np.isfinite(values)]
     counts, _ = np.histogram(np.clip(known, edges[0], edges[-1]), edges)
     return counts.astype(np.int64)

@@ -64,7 +64,7 @@ def moved_axes(initial: ParameterSet, now: ParameterSet) -> list[AxisKey]:
 def with_edits(
     initial: ParameterSet, values: Mapping[str, Float], tables: Mapping[str, Parameter]
 ) -> tuple[ParameterSet, tuple[Finding, ...]]:
-    """Return the initial parameters with edited values, and a warning for each table whose breakpoints have changed.
+    """Put edited values on the initial parameters, and return a warning for each table whose breakpoints have changed.
 
     Args:
         initial: the parameters as the project reads them; returned as they are if there is nothing to change.
@@ -78,6 +78,7 @@ def with_edits(
         own, given = moved[name], tables.get(name)
         try:
             if given is None or on_same_breakpoints(own, given):
+                # values whose table is not known are taken only if they fit as they are
                 changed += [own.with_values(array)] if np.shape(array) == own.values.shape else []
                 continue
             changed.append(fit_onto(own, given.with_values(array)))
@@ -91,6 +92,7 @@ def with_edits(
 def _with_moved(initial: ParameterSet, values: Mapping[str, Float]) -> ParameterSet:
     """Return the parameters with the breakpoints of their free axes among the values, as far as they are possible."""
     own = moved_breakpoints(initial)
+    # first, as the values of tables stand at these breakpoints
     moved = {name: values[name] for name in own if name in values and np.shape(values[name]) == own[name].shape}
     if not any(not np.array_equal(points, own[name]) for name, points in moved.items()):
         return initial

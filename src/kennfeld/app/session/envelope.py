@@ -21,12 +21,13 @@ class PixelEnvelope:
     def __init__(self, values: Float) -> None:
         self.values = values
         self._levels = [(values, values)]
+        # two levels: the samples, and blocks of them, of which a zoomed-out pixel spans many
         if values.size >= 2 * BLOCK:
             starts = np.arange(0, values.size, BLOCK)
             self._levels.append((np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)))
 
     def extremes(self, edges: Int) -> tuple[Float, Float]:
-        """Return the minimum and the maximum of the samples from each edge up to the next.
+        """Find the minimum and the maximum of the samples from each edge up to the next.
 
         Args:
             edges: sample numbers, not decreasing; Int[pixels + 1]. With many samples a pixel they are rounded to blocks
@@ -38,9 +39,11 @@ class PixelEnvelope:
         coarse = len(self._levels) > 1 and bool(edges[-1] - edges[0] >= 2 * BLOCK * (edges.size - 1))
         lowest, highest = self._levels[coarse]
         if coarse:
+            # the last edge up, so that the last samples are not lost
             edges = np.append(edges[:-1] // BLOCK, -(-edges[-1] // BLOCK))
         starts, ends = edges[:-1], edges[1:]
         low, high = np.full(starts.size, np.nan), np.full(starts.size, np.nan)
+        # reduceat returns the value at its start for an empty range, so that such pixels stay NaN
         used = np.flatnonzero(ends > starts)
         if used.size:
             stop = ends[used[-1]]

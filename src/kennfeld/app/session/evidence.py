@@ -73,7 +73,7 @@ class Evidence:
         return list(self._lookups.reached)
 
     def sample_counts(self) -> dict[str, Int]:
-        """Return by table the number of training samples whose lookup gives each value a weight."""
+        """Count by table the training samples whose lookup gives each value a weight, Int of the table's shape."""
         totals = {name: np.zeros(self._parameters[name].size, dtype=np.int64) for name in self.tables}
         for recording in self._model.recordings:
             if recording.use != "training":
@@ -84,7 +84,7 @@ class Evidence:
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
     def mean_errors(self, parameter: str, errors: Sequence[Float]) -> Float:
-        """Return the mean error of the training samples that inform each value of a table, weighted by their lookups.
+        """Average the errors of the training samples that inform each value of a table, weighted by their lookups.
 
         Args:
             parameter: name of the table.
@@ -99,6 +99,7 @@ class Evidence:
             if recording.use == "training":
                 index = self._index(recording, parameter)
                 own = errors[recording.number]
+                # a held point has one error and many simulated samples
                 sums = index.sums(own if recording.bound.hold is None else np.repeat(own, recording.bound.hold.samples))
                 weighted, weight = weighted + sums[0], weight + sums[1]
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -138,7 +139,9 @@ class Evidence:
     def _index(self, recording: LiveDataset, parameter: str) -> LookupIndex:
         """Return the lookups of a table; they outlast edits of values that cannot move them."""
         table = self._parameters[parameter]
+        # places that no value can move are kept with the model, the others with these values
         indexes = self._model.indexes if parameter in self._model.unmoved else self._indexes
+        # what the places depend on besides the data; values are not among it
         key = recording.number, table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes), parameter
         if key not in indexes:
             if len(indexes) >= MAX_INDEXES:
@@ -147,7 +150,7 @@ class Evidence:
         return indexes[key]
 
     def passed(self, recording: LiveDataset, chosen: Bool) -> Mapping[str, Float]:
-        """Return by table the summed weights with which chosen samples look up each of its values.
+        """Sum by table the weights with which chosen samples look up each of its values.
 
         Args:
             recording: the dataset.
@@ -162,6 +165,7 @@ class Evidence:
                 continue
             total = totals[lookup.table.name]
             for at, share in lookup.corners:
+                # an extrapolated lookup has negative weights, which would cancel others
                 total += np.bincount(at[own], np.clip(share[own], 0.0, None), minlength=total.size)
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
@@ -195,7 +199,7 @@ class Correction:
 
 
 def corrections(error: float, slopes: Mapping[str, Float], parameters: ParameterSet) -> Sequence[Correction]:
-    """Return for each table the change that would take away an error, to first order.
+    """Compute for each table the change that would take away an error, to first order.
 
     All values that act at the sample are raised by the same amount. Values with less than a thousandth of the largest
     slope, such as those that a lag passed long ago, stay.
@@ -211,11 +215,13 @@ def corrections(error: float, slopes: Mapping[str, Float], parameters: Parameter
 def _correction(error: float, slope: Float, table: Parameter) -> Correction:
     acting = np.abs(slope) > ACTING * np.abs(slope).max(initial=0.0)
     total = float(slope[acting].sum())
+    # slopes that are rounding errors, or that cancel, would ask for an absurd change
     if not total or abs(error) >= FAR * abs(total) * max(float(np.abs(table.values).max()), 1.0):
         return Correction(table.name, 0.0, float("nan"), 0.0, "does not act")
     change = -error / total
     if table.locked[acting].any():
         return Correction(table.name, total, change, 0.0, "locked")
+    # all acting values move together: the one that meets its bound first limits them
     ends = table.upper if change > 0 else table.lower
     room = float(np.abs(ends - table.values)[acting].min())
     if room < abs(change):

@@ -53,6 +53,7 @@ class FilesOnDisk:
         conflicts = []
         for name in dict.fromkeys(names):
             disk = self._text(name)
+            # a program that wrote the same text as the session is in no conflict with it
             if disk is not None and disk not in (self.known.get(name), texts.get(name)):
                 conflicts.append(Conflict(name, disk, texts.get(name, "")))
         return conflicts

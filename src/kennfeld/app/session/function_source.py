@@ -1,20 +1,59 @@
-"""Functions in files of other tools as a project names them, also if the project cannot be read otherwise."""
+"""The function of a project in a file of another tool, also if the project cannot be read otherwise."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.models.function_files import FunctionKind, kind_of, list_functions, read_function_file, split_reference
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.models.function_files import importer_of_function, list_functions, read_function_file, split_reference
+from kennfeld.models.importer import Importer, ImportRequest
+from kennfeld.models.importer_registry import importer_of
 from kennfeld.models.model_function import ModelFunction, as_model
+from kennfeld.project.schema import ProjectFile, read_partly
+
+
+@dataclass(frozen=True)
+class ImportSource:
+    """The function of a project that is imported.
+
+    Attributes:
+        importer: the importer of its file.
+        request: what the project says of the import; values of other kinds are skipped.
+        project: the project file as far as it is valid.
+    """
+
+    importer: Importer
+    request: ImportRequest
+    project: ProjectFile
+
+    @staticmethod
+    def of(settings: Mapping[str, Any], path: Path, initial: ParameterSet | None = None) -> "ImportSource | None":
+        """Return the function of a project; None if it is formula text.
+
+        Args:
+            settings: the tables of the project file.
+            path: the project file.
+            initial: the values that the project starts from.
+        """
+        project = read_partly(path, settings)
+        importer = importer_of(split_reference(project.model.file)[0])
+        if importer is None:
+            return None
+        request = project.import_request(initial)
+        if "parameters" in importer.keys:  # they give values to variables, and files tell more than a set
+            files = (*request.options.parameters, *(project.folder / name for name in project.calibration.files))
+            request = replace(request, options=replace(request.options, parameters=files), initial=None)
+        return ImportSource(importer, request, project)
 
 
 @dataclass(frozen=True)
 class FunctionSource:
-    """A function in a file of another tool.
+    """A function in a file of another tool that formula text can call.
 
     Attributes:
         folder: the folder of the project, to which the file is relative.
@@ -29,19 +68,18 @@ class FunctionSource:
     step: float | None = None
 
     @staticmethod
-    def of(settings: Mapping[str, Any], folder: Path) -> "FunctionSource | None":
-        """Return the function of these settings; None if it is not in a file of another tool."""
-        model = settings.get("model")
-        reference = str(model.get("file", "")) if isinstance(model, dict) else ""
-        return FunctionSource(folder, reference, step=_step(settings)) if kind_of(reference) is not None else None
+    def of(settings: Mapping[str, Any], path: Path) -> "FunctionSource | None":
+        """Return the function of a project file; None if it is not in a file of functions."""
+        model = read_partly(path, settings).model
+        is_function = importer_of_function(model.file) is not None
+        return FunctionSource(path.parent, model.file, step=model.step) if is_function else None
 
     @staticmethod
-    def called(settings: Mapping[str, Any], folder: Path) -> "Iterator[FunctionSource]":
+    def called(settings: Mapping[str, Any], path: Path) -> "Iterator[FunctionSource]":
         """Yield the functions that formula text may call."""
-        table = settings.get("functions")
-        for name, reference in table.items() if isinstance(table, dict) else ():
-            if isinstance(reference, str):
-                yield FunctionSource(folder, reference, str(name), _step(settings))
+        project = read_partly(path, settings)
+        for name, reference in project.functions.items():
+            yield FunctionSource(path.parent, reference, name, project.model.step)
 
     @property
     def file(self) -> str:
@@ -59,19 +97,19 @@ class FunctionSource:
         return self.folder / self.file
 
     @property
-    def kind(self) -> FunctionKind | None:
-        """The kind of the file; None if it holds no functions."""
-        return kind_of(self.reference)
+    def importer(self) -> Importer | None:
+        """The importer of the file; None if it holds no functions."""
+        return importer_of_function(self.reference)
 
     @property
     def names(self) -> tuple[str, ...]:
         """The functions of the file that can be chosen; empty if it holds one, or cannot be read."""
-        return function_names(self.path) if self.kind is not None and self.kind.named else ()
+        return function_names(self.path) if self.importer is not None and self.importer.named else ()
 
     @property
     def listing_problems(self) -> Sequence[Finding]:
         """The reasons that the functions of the file cannot be listed; empty if they can, or need not be chosen."""
-        if self.kind is None or not self.kind.named or self.names:
+        if self.importer is None or not self.importer.named or self.names:
             return ()
         try:
             list_functions(self.path)
@@ -82,7 +120,7 @@ class FunctionSource:
     @property
     def runs(self) -> bool:
         """True if code of the file runs with the function; False if it is translated, or cannot be read."""
-        if self.kind is None or not self.kind.runs:
+        if self.importer is None or not self.importer.runs:
             return False
         try:
             graph = as_model(self.read()).graph
@@ -99,10 +137,10 @@ class FunctionSource:
         return _read(self)
 
 
-def read_called(settings: Mapping[str, Any], folder: Path) -> tuple[ModelFunction, ...]:
+def read_called(settings: Mapping[str, Any], path: Path) -> tuple[ModelFunction, ...]:
     """Return the functions that formula text may call, without those that cannot be read."""
     functions = []
-    for source in FunctionSource.called(settings, folder):
+    for source in FunctionSource.called(settings, path):
         with suppress(InputError):
             functions.append(source.read())
     return tuple(functions)
@@ -110,8 +148,8 @@ def read_called(settings: Mapping[str, Any], folder: Path) -> tuple[ModelFunctio
 
 def completed_reference(folder: Path, file: str) -> str:
     """Return a reference to a file with the name of its function if it has only one, and needs the name."""
-    kind = kind_of(file)
-    if kind is None or not kind.named or split_reference(file)[1]:
+    importer = importer_of_function(file)
+    if importer is None or not importer.named or split_reference(file)[1]:
         return file
     names = function_names(folder / file)
     return f"{file}:{names[0]}" if len(names) == 1 else file
@@ -119,8 +157,8 @@ def completed_reference(folder: Path, file: str) -> str:
 
 def has_no_functions(path: Path) -> bool:
     """Return True for a source file in which no function can be chosen, such as a file of data in C."""
-    kind = kind_of(path.name)
-    return kind is not None and kind.named and not function_names(path)
+    importer = importer_of_function(path.name)
+    return importer is not None and importer.named and not function_names(path)
 
 
 def function_names(path: Path) -> tuple[str, ...]:
@@ -140,9 +178,3 @@ def _function_names(path: Path) -> tuple[str, ...]:
 def _read(source: FunctionSource) -> ModelFunction:
     note_opened(source.path)
     return read_function_file(source.reference, source.folder, source.name, source.step)
-
-
-def _step(settings: Mapping[str, Any]) -> float | None:
-    model = settings.get("model")
-    step = model.get("step") if isinstance(model, dict) else None
-    return float(step) if isinstance(step, int | float) and step > 0 else None

@@ -80,7 +80,7 @@ class LiveDataset:
         return self._shown.starts
 
     def channel(self, name: str) -> Float:
-        """Return a channel of the dataset over the samples."""
+        """Return a channel of the dataset over the samples, Float[samples], in its own unit."""
         return self._shown.channel(name)
 
     def at_samples(self, values: Float) -> Float:
@@ -100,7 +100,7 @@ class LiveDataset:
         return mean
 
     def as_shown(self, values: Float) -> Float:
-        """Return values of the simulated samples as they are drawn: one per point if points are held."""
+        """Reduce Float[..., simulated samples] to what is drawn, Float[..., samples]: one value per point if held."""
         hold = self.bound.hold
         return values if hold is None else hold.mean(np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
 
@@ -121,6 +121,7 @@ def _positions(bound: BoundDataset) -> tuple[Float, Float]:
     ends = np.append(bound.starts[1:], time.size)
     offsets, end = np.zeros(bound.starts.size), None
     for i, (first, last) in enumerate(zip(bound.starts, ends, strict=True)):
+        # time starts again with this piece: it is drawn behind the last one, a mean step apart
         if end is not None and time[first] <= end:
             offsets[i] = end - time[first] + (time[last - 1] - time[first]) / max(last - first, 1)
         end = time[last - 1] + offsets[i]
@@ -163,7 +164,7 @@ class Evaluation:
 
 
 def score(criterion: int, use: str, errors: Sequence[Float]) -> LiveScore:
-    """Return the score of errors; NaN is not scored."""
+    """Score errors, Float[samples] by dataset; NaN is not scored."""
     known = [finite_values(part) for part in errors]
     count = sum(part.size for part in known)
     if not count:
@@ -205,6 +206,7 @@ class LiveModel:
         errors, outputs = [], []
         for recording in self.recordings:
             values = simulator.values(recording.bound, parameters)
+            # target nodes are subtracted in the graph, measured targets here
             values[:criteria] -= recording.targets
             values = recording.as_shown(values)
             errors.append(values[:criteria])
@@ -212,17 +214,17 @@ class LiveModel:
         return Evaluation(parameters, tuple(errors), tuple(outputs), tuple(each.use for each in self.recordings))
 
     def nodes(self, recording: LiveDataset, names: Sequence[str], parameters: ParameterSet) -> Float:
-        """Return named nodes of the function over the samples of a dataset, Float[names, samples]."""
+        """Simulate named nodes of the function over the samples of a dataset, Float[names, samples]."""
         simulator = self._simulator(tuple(names), parameters)
         return recording.as_shown(simulator.values(recording.bound, parameters))
 
     def nodes_at(self, recording: LiveDataset, names: Sequence[str], sample: int, parameters: ParameterSet) -> Float:
-        """Return named nodes of the function at one sample of a dataset, Float[names]."""
+        """Simulate named nodes of the function at one sample of a dataset, Float[names]."""
         simulator = self._simulator(tuple(names), parameters)
         return recording.at_sample(sample, lambda bound, at: simulator.at(bound, at, parameters))
 
     def slopes_at(self, recording: LiveDataset, sample: int, parameters: ParameterSet) -> Mapping[str, Float]:
-        """Return by table the slopes of all criteria at one sample of a dataset, see `SampleSlopes.at`."""
+        """Compute by table the slopes of all criteria at one sample of a dataset, see `SampleSlopes.at`."""
         key = _axes(parameters)
         if key not in self._slopes:
             self._slopes = {key: SampleSlopes(self.problem, parameters)}

@@ -21,6 +21,7 @@ class LookupIndex:
 
     def __init__(self, table: Parameter, lookups: Iterable[Lookup]) -> None:
         self._table, axes = table, len(table.index_axes)
+        # 32 bits each: number and shares of a lookup of a map take 12 bytes
         samples, cells = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
         shares = [np.zeros((axes, 0), np.float32)]
         for lookup in lookups:
@@ -31,10 +32,11 @@ class LookupIndex:
         cell = np.concatenate(cells)
         order = np.argsort(cell, kind="stable")
         self._samples, self._shares = np.concatenate(samples)[order], np.concatenate(shares, axis=1)[:, order]
+        # lookups of cell c are those from _ends[c] to before _ends[c + 1]
         self._ends = np.searchsorted(cell[order], np.arange(int(np.prod(cell_shape(table))) + 1))
 
     def near(self, value: int, reach: int) -> tuple[Int, Float, Float]:
-        """Return the lookups in at most `reach` cells on each side of a grid point.
+        """Find the lookups in at most `reach` cells on each side of a grid point.
 
         Args:
             value: number of the grid point in C order.
@@ -53,11 +55,13 @@ class LookupIndex:
         chosen = [grid.ravel() for grid in np.meshgrid(*ranges, indexing="ij")]
         flat = np.ravel_multi_index(chosen, cell_shape(self._table))
         begins, sizes = self._ends[flat], np.diff(self._ends)[flat]
+        # all positions in the ranges begins to begins + sizes, without a loop over cells
         where = np.repeat(begins - np.append(0, np.cumsum(sizes)[:-1]), sizes) + np.arange(sizes.sum())
         places, weights = [], []
         for cell, share, at, axis in zip(chosen, self._shares, center, self._table.index_axes, strict=True):
             here, part = np.repeat(cell, sizes), share[where].astype(np.float64)
             places.append(_coordinate(axis.breakpoints, here, part))
+            # multilinear: 1 - share if the grid point begins the cell along this axis, share if it ends it, else 0
             weights.append(np.where(here == at, 1.0 - part, np.where(here == at - 1, part, 0.0)))
         return self._samples[where].astype(np.int64), np.array(places), reduce(np.multiply, weights)
 
@@ -71,7 +75,7 @@ class LookupIndex:
         return np.array([_coordinate(axis.breakpoints, cell, share[chosen]) for axis, cell, share in axes])
 
     def sums(self, values: Float) -> tuple[Float, Float]:
-        """Return for each grid point the values summed with its weight in each lookup, and the sum of these weights.
+        """Sum for each grid point the values with its weight in each lookup, and these weights.
 
         Args:
             values: by sample, Float[samples]; NaN does not count.
@@ -90,6 +94,7 @@ class LookupIndex:
 
     def _corner_sums(self, values: Float) -> Iterator[tuple[Int, Float]]:
         """Yield for each corner of the cells its grid points, and the values summed with their weights by cell."""
+        # a corner of all cells is the grid without its last or its first points along each axis
         grid = np.arange(self._table.size).reshape(self._table.values.shape)
         for corner in product((0, 1), repeat=len(self._shares)):
             points = grid[tuple(slice(c, c + n) for c, n in zip(corner, cell_shape(self._table), strict=True))].ravel()
@@ -98,6 +103,7 @@ class LookupIndex:
             part = values
             for side, share in zip(corner, np.clip(self._shares, 0.0, 1.0), strict=True):
                 part = part * (share if side else 1.0 - share)
+            # sums by cell, as the lookups are sorted by cell
             yield points, np.diff(np.append(0.0, np.cumsum(part))[self._ends])
 
     def weights(self, value: int, samples: int) -> Float:

@@ -40,6 +40,7 @@ class PartitionedData(PartitionedLoading):
             key = (repr(texts), *((source.address, version_of(source)) for source in sources))
         except InputError:  # reported by the loading
             key = ()
+        # the key is set after the loading: if that fails, the next call reads again
         if not key or key != self._key:
             self._key = ()
             self._loaded = super().__call__(settings, request, calculated)

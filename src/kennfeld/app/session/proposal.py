@@ -75,6 +75,7 @@ def propose(
         if name not in own:
             yield _table(function, name, count, mapped, channels)
     for name in function.graph.inputs:
+        # an input that no channel has may be a parameter, which a section of its name makes it
         channel = mapped.get(name, name)
         if channel not in channels and name not in own and name not in settings.get("calculated", {}):
             yield Proposal(f"scalar {name}", [(("parameters", name), {"initial": 1.0})])
@@ -94,6 +95,7 @@ def _table(
         reach = channels.get(mapped.get(quantity, quantity))
         axis: dict[str, Any] = {"input": quantity} if quantity else {}
         if reach is None:
+            # `count` alone takes quantiles of the data, which need an input
             axis |= {"count": POINTS[count]} if quantity else {"begin": 0, "end": 1, "count": POINTS[count]}
         else:
             axis["breakpoints"] = even_breakpoints(reach, POINTS[count])
@@ -114,6 +116,7 @@ def even_breakpoints(reach: Range, count: int) -> list[float]:
         return [reach.least, reach.least + 1.0]
     raw = span / max(count - 1, 1)
     power = 10.0 ** math.floor(math.log10(raw))
+    # the nearest round step by ratio, so that 2 and 8 are equally far from 4
     step = min((factor * power for factor in (1, 2, 5, 10)), key=lambda each: abs(math.log(each / raw)))
     first, last = math.floor(reach.least / step + 1e-9), math.ceil(reach.greatest / step - 1e-9)
     points = [float(f"{number * step:.12g}") for number in range(first, last + 1)]
@@ -124,6 +127,7 @@ def _criterion(function: Model, mapped: Mapping[str, str], channels: Mapping[str
     """Yield the criterion: the node that is named like a channel, or the last output with a channel to choose."""
     outputs = function.graph.outputs or tuple(function.graph.names)[-1:]
     used = {mapped.get(name, name) for name in function.graph.inputs}
+    # an input or the time is hardly what the function is to reproduce
     unused = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
     if not outputs or not unused:
         return

@@ -56,6 +56,7 @@ class RecordedData:
         try:
             if unknown:
                 read = self._read_further(number, dataset, unknown)
+                # after the reading, as a file may change while it is read
                 self._require_unchanged(number)
                 kept |= {name: read.get(name) for name in unknown}
                 return_unused()
@@ -82,6 +83,7 @@ class RecordedData:
         assert self._recipe is not None
         settings, request, calculated = self._recipe
         entry = settings.datasets[number]
+        # prepared like the dataset, with shifts, raster and plateaus, so that samples match
         wider = replace(request, optional={**request.optional, **dict.fromkeys(names, "a plot")})
         channels = DatasetChannels.of(entry, wider, calculated)
         reader = RecordingReader(settings, entry, channels, [*channels.findings])

@@ -70,9 +70,11 @@ class Recovery:
             tables = _tables(str(kept.get("tables", "{}")))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError):
             return None
+        # a file that names nothing to edit is not worth a question
         if not texts and not values:
             return None
         edits = Restore("Recovered unsaved edits", texts, values)
+        # texts without a known beginning count as new files: whatever is on disk now is a conflict
         return KeptEdits(edits, {**dict.fromkeys(texts), **known}, {n: t for n, t in tables.items() if n in values})
 
     def _is_edited(self, name: str) -> bool:

@@ -61,6 +61,7 @@ class RunCheckpoints:
         if complete:
             return ""
         last = max(states.values(), key=lambda state: state.iteration)
+        # a project may ask for fewer starts than the interrupted run had
         number = max(starts, len(states))
         several = f"{finished} of {count_noun(number, 'start')} finished, " if number > 1 else ""
         return f"A run was interrupted: {several}{count_noun(last.iteration, 'iteration')}, cost {last.cost:.5g}."

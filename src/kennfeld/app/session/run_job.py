@@ -167,6 +167,7 @@ class JobWorker:
         task = self._task
         if self._saves is not None and not task.resumed:
             self._saves.begin()
+        # `_keep` sees every step, and decides itself which ones are sent and written
         options = replace(task.options, save_every=1)
         result = run(task.problem, options, self._step, keep=self._keep, resumed=task.resumed)
         _ = result.trust  # computed here, where nobody waits

@@ -37,6 +37,7 @@ def naming_changes(settings: Mapping[str, Any], names: Iterable[str], moved: Col
     """
     files = _initial_files(settings)
     sections = settings.get("parameters", {})
+    # a section overrides the initial files, and with them the saved values
     changes: list[KeyChange] = [
         (("parameters", name, "initial"), None) for name in names if "initial" in sections.get(name, {})
     ]
@@ -44,6 +45,7 @@ def naming_changes(settings: Mapping[str, Any], names: Iterable[str], moved: Col
         changes.append((("calibration", "initial"), [*files, VALUES]))
     for key in moved:
         path = ("parameters", key.owner, key.direction) if key.direction else ("axes", key.owner)
+        # breakpoints that the project file states would override the saved ones; that they are free stays
         entry: Mapping[str, Any] = reduce(lambda section, name: section.get(name, {}), path, settings)
         changes += [((*path, name), None) for name in BREAKPOINT_KEYS if name in entry and entry[name] != FREE]
     return changes

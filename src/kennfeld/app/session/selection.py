@@ -28,6 +28,7 @@ def condition(selection: SampleSelection, recording: LiveDataset, problem: Probl
     begin, end = selection.begin, selection.end
     if np.isfinite([begin, end]).any():
         first = _first_time(recording)
+        # in a condition, t counts from the first sample of the piece
         parts += _between("t", begin - first, end - first)
     text = " and ".join(parts)
     check_clock(text, recording)

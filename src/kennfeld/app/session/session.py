@@ -145,8 +145,10 @@ class View:
         parameters, findings = with_edits(initial, values, tables)
         self.now = self.start if parameters is initial else self.model.evaluate(parameters)
         self.signals.follow(self.now)
+        # a cached property at the values before
         self.__dict__.pop("evidence", None)
         moved = any(not on_same_breakpoints(table, before[table.name]) for table in parameters.parameters)
+        # counts stay the same if no lookup can have moved
         if moved or not self.model.unmoved.issuperset(self.samples):
             self.samples = self.evidence.sample_counts()
         return findings
@@ -243,6 +245,7 @@ class Session:
         if self.view is not None and not self.stale:
             now, values = self.view.now.parameters, self.state.values
             self.history.note_tables({name: now[name] for name in values if name in now})
+        # edits of an earlier session wait in the file until the user decides on them
         if not self.recoverable:
             self.recovery.write(self.saved, self.state, self._files.known)
         return outcome
@@ -335,6 +338,7 @@ class Session:
             job.state, job.message = "failed", end.reason or " ".join(map(str, end.findings))
             return
         result, view = end.result, self.require_view()
+        # the whole trace in place of the steps that were reported, some of which were skipped
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
         run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation)
         self.runs.append(run)
@@ -348,6 +352,7 @@ class Session:
     def values_of(self, parameters: ParameterSet, names: Collection[str]) -> dict[str, Float | None]:
         """Return the values of parameters, with the breakpoints of free axes in place of those of an earlier run."""
         values = {name: parameters[name].values for name in names}
+        # None for each, which takes away breakpoints that this run does not have
         earlier = dict.fromkeys(name for name in self.state.values if name.startswith(AXIS_LABEL))
         return {**earlier, **values, **moved_breakpoints(parameters)}
 
@@ -391,7 +396,7 @@ class Session:
             return self.view.model.problem.model
         file = self.formula_file
         try:
-            return read_function(self.text_of(file), read_called(self.settings, self.path.parent)) if file else None
+            return read_function(self.text_of(file), read_called(self.settings, self.path)) if file else None
         except InputError:
             return None
 
@@ -427,20 +432,25 @@ class Session:
         Raises:
             InputError: a file cannot be written, or another program has changed it.
         """
+        # before anything is written
         if not replace and (conflicts := self.conflicts):
             message = "another program has changed it since it was read"
             raise InputError(Finding(Location(each.file), message, "Compare both first.") for each in conflicts)
         values = self._changed_values()
         if values is not None:
+            # changes the text of the project file, which is written below
             self._name_values(self.state.values)
         folder = self.path.parent
         try:
+            # all paths are checked before the first file is written
             targets = {within(folder, name): text for name, text in self._edited_texts().items()}
             target = within(folder, VALUES)
             for path, text in targets.items():
+                # as bytes, so that line ends stay as they are
                 write_whole(path, text.encode())
             if values is not None:
                 write_parameters(values, target)
+                # what the session wrote itself is not a change by another program
                 self._opened = [file.now() if file.path == target else file for file in self._opened]
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
@@ -473,6 +483,7 @@ class Session:
         folder = self.path.parent
         texts = {name: _text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
+        # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
             self.do(Restore("Read from disk", texts=texts))
@@ -552,6 +563,7 @@ class Session:
             self.findings = self._own_findings
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
+            # the last view stays, so that pages go on showing something while a text is being edited
             self.findings, self.stale = error.findings, True
             return
         if self.state.values:

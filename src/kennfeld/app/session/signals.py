@@ -96,6 +96,7 @@ class Signals:
 
     def follow(self, now: Evaluation) -> None:
         """Use other present values."""
+        # envelopes of channels and of the start stay
         self._now, self._moving, self._lit = now, {}, {}
 
     def envelope(
@@ -130,7 +131,7 @@ class Signals:
         return self.envelope(recording, signal).values
 
     def selected(self, recording: LiveDataset, selection: SampleSelection) -> Bool:
-        """Return the selected samples of a dataset, Bool[samples]; NaN is in no range."""
+        """Mark the selected samples of a dataset, Bool[samples]; NaN is in no range."""
         chosen = (recording.position >= selection.begin) & (recording.position <= selection.end)
         for part in selection.ranges:
             values = self.values(recording, part.signal)
@@ -143,6 +144,7 @@ class Signals:
         """Return 1 for the selected samples of a dataset, 0 for the others."""
         key = recording.number, selection
         if key not in self._lit:
+            # of one selection at a time
             self._lit = {key: PixelEnvelope(self.selected(recording, selection).astype(np.float64))}
         return self._lit[key]
 

@@ -46,6 +46,7 @@ class SessionState:
         return self.texts == other.texts and same_values(self.values, other.values)
 
     def __hash__(self) -> int:
+        # arrays have no hash; equal states have equal texts
         return hash(tuple(sorted(self.texts.items())))
 
 
@@ -221,6 +222,7 @@ class History:
         `tables` are those for which the values of the command were given, as far as they are known.
         """
         before, state = self.state, command.apply(self.state)
+        # by identity: a command that sets values makes new arrays, for which the table is another
         same = {n: table for n, table in before.tables.items() if state.values.get(n) is before.values.get(n)}
         state = replace(state, tables={**same, **(tables or {})})
         joined = bool(drag) and drag == self._open

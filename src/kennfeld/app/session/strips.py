@@ -56,15 +56,18 @@ def strip(
     last = min(int(np.searchsorted(position, end, side="right")) + 1, position.size)
     envelopes = [signals.envelope(recording, signal, only) for signal in chosen]
     lights = [] if lit is None else [signals.lit(recording, lit)]
+    # extremes would be as many points as the samples themselves
     if last - first <= 2 * pixels:
         here = slice(first, last)
         lines = [envelope.values[here] for envelope in (*envelopes, *lights)]
         drawn = position[here] - begin
     else:
         edges = np.searchsorted(position, np.linspace(begin, end, pixels + 1))
+        # one sample beyond the right edge, so that the line does not end before it
         edges[-1] = last
         middle = (np.arange(pixels) + 0.5) * (end - begin) / pixels
         pairs = [envelope.extremes(edges) for envelope in (*envelopes, *lights)]
+        # minimum and maximum of each pixel in turn
         drawn, lines = np.repeat(middle, 2), [np.ravel(pair, order="F") for pair in pairs]
     own = lines[: len(envelopes)]
     return Strip(begin, last - first <= 2 * pixels, drawn, tuple(own), lines[-1] if lights else np.zeros(0))
@@ -82,13 +85,13 @@ class Statistics:
 
 
 def statistics(signals: Signals, recording: LiveDataset, signal: SignalName, begin: float, end: float) -> Statistics:
-    """Return statistics of a signal from one position up to another."""
+    """Compute statistics of a signal from one position up to another, in the unit of the signal."""
     here = slice(*np.searchsorted(recording.position, [begin, end], side="left"))
     return describe(signals.values(recording, signal)[here])
 
 
 def describe(values: Float) -> Statistics:
-    """Return least, mean, greatest and root mean square of the values that are numbers."""
+    """Compute least, mean, greatest and root mean square of the values, Float[samples], that are numbers."""
     values = values[np.isfinite(values)]
     if not values.size:
         return Statistics(0, *[float("nan")] * 4)

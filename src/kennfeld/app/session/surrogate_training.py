@@ -48,6 +48,7 @@ class SurrogateTraining:
         """Train what a training file describes. Raises `ArgumentError` if a training is running."""
         if self._process is not None:
             raise ArgumentError(f"the training of {self.file} is in progress; stop it first")
+        # a group of its own: Ctrl-C in the terminal ends the app, which ends its worker itself
         session: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
@@ -90,6 +91,7 @@ class SurrogateTraining:
         for text in process.stdout:
             with suppress(ValueError):
                 message = json.loads(text)
+                # the end is the one message that is not a line of progress
                 ended = ended or "line" not in message
                 self._put(process, message)
         code = process.wait()

@@ -5,17 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.base.errors import Finding
+from kennfeld.base.formatting import count_noun, number_text
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.models.model import Model
+from kennfeld.files.file_info import Table
+from kennfeld.models.import_report import ImportReport, StateSummary
+from kennfeld.models.importer import ImportResult
 from kennfeld.models.quantities import CalibratableParameter, Quantity
-
-
-@dataclass(frozen=True)
-class StateSummary:
-    """A variable that keeps its value from step to step, and its first value, None if it is calculated."""
-
-    name: str
-    initial: float | None
 
 
 @dataclass(frozen=True)
@@ -29,7 +24,7 @@ class TaskSummary:
 
 
 @dataclass(frozen=True)
-class EsdlReport:
+class EsdlReport(ImportReport):
     """Result of an ESDL import.
 
     Attributes:
@@ -61,9 +56,33 @@ class EsdlReport:
     sources: tuple[Path, ...] = ()
 
     @property
-    def whole(self) -> bool:
-        """True if the whole function is supported."""
-        return not self.findings
+    def files(self) -> tuple[Path, ...]:
+        """The files of the classes and data interfaces."""
+        return self.sources
+
+    @property
+    def tables(self) -> list[Table]:
+        """States, and what is not supported."""
+        states = ((s.name, "calculated" if s.initial is None else number_text(s.initial)) for s in self.states)
+        unsupported = ((str(f.location), f.message, f.remedy) for f in self.findings)
+        return [
+            [("state", "first value"), *states],
+            [("not supported", "why", "remedy"), *unsupported],
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what a step calls, whether it can be calibrated, and what behaves differently than in ASCET."""
+        step = f"every {number_text(self.step)} s" if self.step is not None else "in each step of the data"
+        startup = [f"calls once before: {', '.join(self.startup)}"] if self.startup else []
+        problems = count_noun(len(self.findings), "finding")
+        coverage = "can be calibrated" if self.whole else f"cannot be calibrated: {problems} above"
+        return [
+            *([_task_note(task) for task in self.tasks] or [f"calls {step}: {', '.join(self.methods)}"]),
+            *startup,
+            coverage,
+            *self.remark_notes,
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as JSON-compatible containers."""
@@ -73,8 +92,12 @@ class EsdlReport:
 
 
 @dataclass(frozen=True)
-class EsdlImport:
-    """The model, None if a part of it is not supported, and the report."""
+class EsdlImport(ImportResult):
+    """Result of the import of a class or of tasks."""
 
-    model: Model | None
     report: EsdlReport
+
+
+def _task_note(task: TaskSummary) -> str:
+    delay = f", first at {number_text(task.delay)} s" if task.delay else ""
+    return f"{task.name} calls every {number_text(task.period)} s{delay}: {', '.join(task.methods)}"

@@ -14,11 +14,12 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.importers.ascet.component_choice import ComponentMethodChooser, component_classes
 from kennfeld.importers.ascet.component_tree import holds_components, is_archive, open_components
 from kennfeld.importers.ascet.declarations import SourceTree, read_source
-from kennfeld.importers.ascet.import_report import EsdlImport
+from kennfeld.importers.ascet.import_report import EsdlImport, EsdlReport
 from kennfeld.importers.ascet.method_choice import APPLICATION
 from kennfeld.importers.ascet.model_import import EsdlModelImport
 from kennfeld.importers.ascet.task_choice import TaskChoice
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
+from kennfeld.models.importer import ImportRequest
 from kennfeld.models.model import Model
 
 
@@ -62,10 +63,7 @@ def esdl(
     (('current', 'ambient'), 2)
     """
     arguments = (class_name, methods, startup, task, parameters, folders, step)
-    result = _import(path, *arguments)
-    if result.model is None:
-        raise InputError(result.report.findings)
-    return result.model
+    return _import(path, *arguments).require_model()
 
 
 def import_esdl(
@@ -94,6 +92,26 @@ def import_esdl(
     (True, ('Cell.Plant',))
     """
     return _import(path, class_name, methods, startup, task, parameters, folders, step)
+
+
+def import_requested(request: ImportRequest) -> EsdlImport:
+    """Import what a project or a command names; names of parameters follow those of the calibration files."""
+    options = request.options
+    return import_esdl(
+        request.path,
+        options.class_name,
+        options.methods,
+        startup=options.startup or None,
+        task=options.task,
+        parameters=request.initial,
+        folders=options.folders,
+        step=options.step,
+    )
+
+
+def heading(request: ImportRequest, report: EsdlReport) -> list[str]:
+    """Return the comments above the formula text of a class or of tasks."""
+    return [f"{request.path.name}, {', '.join(report.methods)}", *map(str, report.remarks)]
 
 
 def _import(

@@ -14,7 +14,7 @@ from kennfeld.graph import GraphBuilder
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
 from kennfeld.importers.ascet.display_names import DisplayNames
 from kennfeld.importers.ascet.functions import library
-from kennfeld.importers.ascet.import_report import EsdlImport, EsdlReport, StateSummary, TaskSummary
+from kennfeld.importers.ascet.import_report import EsdlImport, EsdlReport, TaskSummary
 from kennfeld.importers.ascet.instances import Program, ProgramVariable
 from kennfeld.importers.ascet.method_selection import MethodSelection, Process, ScheduledTask
 from kennfeld.importers.ascet.method_translation import translate_method
@@ -29,6 +29,7 @@ from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
+from kennfeld.models.import_report import StateSummary
 from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
 from kennfeld.models.sample_times import sample_hit

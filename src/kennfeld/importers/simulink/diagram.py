@@ -6,7 +6,7 @@ from typing import Literal
 
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.simulink.import_report import ImportReport
+from kennfeld.importers.simulink.import_report import SimulinkReport
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.model_import import ModelImport
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, System
@@ -96,7 +96,7 @@ class Diagram:
     version: str
     blocks: tuple[DiagramBlock, ...]
     subsystems: tuple[str, ...]
-    report: ImportReport | None
+    report: SimulinkReport | None
     model: Model | None = None
     findings: tuple[Finding, ...] = ()
 
@@ -140,7 +140,7 @@ def read_diagram(
     )
 
 
-def _states(report: ImportReport | None, cuts: Mapping[str, str]) -> dict[str, State]:
+def _states(report: SimulinkReport | None, cuts: Mapping[str, str]) -> dict[str, State]:
     """Return the state of each block that is not simply supported, by path."""
     states: dict[str, State] = dict.fromkeys(report.unreached if report is not None else (), "unreached")
     for block in report.unsupported if report is not None else ():

@@ -1,74 +1,24 @@
-"""Export of a Simulink model as formula text with a parameter file next to it."""
+"""Export of a Simulink model as formula text.
+
+A node is named after its outport, else its signal, else its block, or the path of the block if another node has that
+name. Nodes are grouped by subsystem.
+"""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from pathlib import Path
 from types import MappingProxyType
 
-from kennfeld.base.errors import InputError
-from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import CLOCK, Graph
-from kennfeld.importers.simulink.importing import import_simulink
+from kennfeld.importers.simulink.import_report import SimulinkReport
 from kennfeld.importers.simulink.reader.model_tree import join_path, split_path
 from kennfeld.models.formula import to_lines
-from kennfeld.models.formula_file import check_formula_target, write_formula_file
+from kennfeld.models.importer import FormulaLine, ImportRequest
 from kennfeld.models.model import Model
 
 
-def write_formula(
-    source: str | Path,
-    target: str | Path,
-    subsystem: str = "",
-    parameters: Iterable[str | Path] = (),
-    folders: Iterable[str | Path] = (),
-    bind: Mapping[str, str] | None = None,
-    step: float | None = None,
-) -> tuple[Path, ...]:
-    """Write a Simulink model as formula text that gives the same results.
-
-    A node is named after its outport, else its signal, else its block, or the path of the block if another node has
-    that name. Nodes are grouped by subsystem. Differences from Simulink are listed in comments at the top.
-
-    Args:
-        source: the `.slx` or `.mdl` file.
-        target: the `.kf` file; parameter values go to a `.json` of the same name.
-        subsystem: path of the subsystem to export.
-        parameters: sources of variables as in `simulink`.
-        folders: folders to search for libraries.
-        bind: blocks to replace as in `simulink`.
-        step: time step in s that replaces the one of the model.
-
-    Returns:
-        The paths written.
-
-    Raises:
-        InputError: if an output is not supported, or a file cannot be written.
-    """
-    source, target = Path(source), Path(target)
-    check_formula_target(target)
-    result = import_simulink(source, subsystem or None, parameters, bind, folders=folders, step=step)
-    if result.model is None:
-        raise InputError(result.report.findings)
-    head = [
-        f"{source.name}{f', {subsystem}' if subsystem else ''}, converted by Kennfeld",
-        *result.report.substitutions,
-    ]
-    return write_formula_file(result.model, target, head, (line.text for line in formula_lines(result.model)))
-
-
-@dataclass(frozen=True)
-class FormulaLine:
-    """A line of formula text.
-
-    Attributes:
-        text: the line.
-        node: name of the node in the model; empty for declarations and comments.
-        path: path of the block that it comes from.
-    """
-
-    text: str
-    node: str = ""
-    path: str = ""
+def heading(request: ImportRequest, report: SimulinkReport) -> list[str]:
+    """Return the comments above the formula text of a model: what it is of, and the differences from Simulink."""
+    part = request.options.subsystem
+    return [f"{request.path.name}{f', {part}' if part else ''}", *report.substitutions]
 
 
 def formula_lines(model: Model) -> list[FormulaLine]:

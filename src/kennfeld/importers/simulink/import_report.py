@@ -4,11 +4,16 @@ from dataclasses import asdict, field, replace
 from typing import Any
 
 from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import count_noun, join_names, number_text
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.files.file_info import Table
+from kennfeld.models.import_report import ImportReport
 from kennfeld.models.quantities import CalibratableParameter, Quantity, UndefinedParameter
 
 TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
 
+_MAX_PATHS = 3  # of blocks in a cell
+_SECTIONS = "To define them in a project file, replace nan with values in:"
 _LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
 
 
@@ -44,8 +49,8 @@ class ImportableSubsystem:
 
 
 @dataclass(frozen=True)
-class ImportReport:
-    """Result of an import, block by block.
+class SimulinkReport(ImportReport):
+    """Result of the import of a Simulink model, block by block.
 
     Attributes:
         total: number of blocks that compute something.
@@ -94,6 +99,41 @@ class ImportReport:
         return not self.stopped and not self.loops and not any(block.stops for block in self.unsupported)
 
     @property
+    def tables(self) -> list[Table]:
+        """Unsupported blocks, variables without a value, and subsystems that can be imported."""
+        undefined = ((name, str(len(paths)), join_names(paths, _MAX_PATHS)) for name, paths in self.undefined.items())
+        unsupported = [("not supported", "type", "why", "remedy", "stops an output")]
+        for blocks in self.groups:
+            first = blocks[0]
+            paths = join_names([block.path for block in blocks], 1)
+            unsupported.append((paths, first.type, first.why, first.finding.remedy, "yes" if first.stops else "no"))
+        subsystems = ((s.path, str(s.blocks), ", ".join(s.inputs), ", ".join(s.outputs)) for s in self.subsystems)
+        return [
+            unsupported,
+            [("variable without a value", "blocks", "needed by"), *undefined],
+            [("can be imported by itself", "blocks", "inputs", "outputs"), *subsystems],
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on how much of the model can be calibrated, and what behaves differently than in Simulink."""
+        coverage = "all outputs can be calibrated" if self.whole else "not all outputs can be calibrated"
+        step = "the step of the data" if self.step is None else f"a step of {number_text(self.step)} s"
+        unreached = f", {len(self.unreached)} not reached behind others" if self.unreached else ""
+        advice = "Define the variables with --parameters: scripts (.m), .mat, .sldd or calibration files."
+        return [
+            f"{self.supported} of {count_noun(self.total, 'block')} supported{unreached}; {coverage}",
+            *map(str, self.stopped),
+            *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in self.loops),
+            *([advice] if self.undefined else []),
+            f"runs with {step}",
+            *self.substitutions,
+            *self.fixed,
+            *self.remark_notes,
+            *([f"{_SECTIONS}\n\n{self.project_sections}"] if self.definitions else []),
+        ]
+
+    @property
     def project_sections(self) -> str:
         """The undefined variables as sections of a project file, with `nan` for values; "" if there are none."""
         if not self.definitions:
@@ -108,7 +148,7 @@ class ImportReport:
         return tuple(f"{text} is constant, and so are its variables: {why}" for text, why in frozen.items())
 
     @property
-    def notes(self) -> tuple[Finding, ...]:
+    def calibration_remarks(self) -> tuple[Finding, ...]:
         """Remarks for a user who calibrates the model."""
         substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
         sentences = (Finding(Location(), text, severity="remark") for text in (*substitutions, *self.fixed))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.importers.simulink.flattening.active_blocks import active_content
-from kennfeld.importers.simulink.import_report import ImportableSubsystem, ImportReport
+from kennfeld.importers.simulink.import_report import ImportableSubsystem, SimulinkReport
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES
 from kennfeld.importers.simulink.model_import import ModelImport
@@ -34,7 +34,7 @@ def inspect_simulink(
     folders: Iterable[str | Path] = (),
     bind: Mapping[str, str] | None = None,
     step: float | None = None,
-) -> ImportReport:
+) -> SimulinkReport:
     """Report on the import of a file or subsystem and, if it fails, on the subsystems that can be imported.
 
     Args:
@@ -88,7 +88,7 @@ def find_subsystems(
 class _SubsystemSearch:
     """Search with a budget: `blocks_left` and `asked` operations; `nested` also tries what importable ones contain."""
 
-    def __init__(self, loaded: LoadedModel, report: ImportReport, depth: int, *, nested: bool = False) -> None:
+    def __init__(self, loaded: LoadedModel, report: SimulinkReport, depth: int, *, nested: bool = False) -> None:
         self.loaded, self.depth, self.nested = loaded, depth, nested
         self.bad = {names for block in report.unsupported for names in _enclosing_paths(block.path)}
         self.bad |= {names for loop in report.loops for path in loop for names in _enclosing_paths(path)}

@@ -1,17 +1,19 @@
 """Public entry of the Simulink import."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.formatting import nearest
 from kennfeld.importers.simulink.flattening.flat_model import FlatModel
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES
-from kennfeld.importers.simulink.model_import import ImportResult, ModelImport
+from kennfeld.importers.simulink.model_import import ModelImport, SimulinkImport
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, System
 from kennfeld.importers.simulink.variables.model_variables import ParameterSource
+from kennfeld.models.importer import ImportRequest
 from kennfeld.models.model import Model
 
 _MAX_LISTED = 8
@@ -50,11 +52,7 @@ def simulink(
     >>> model.graph.inputs, model.graph.outputs, model.values["Slope"].value
     (('n',), ('y',), 2.0)
     """
-    result = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
-    if result.model is None:
-        name = Path(path).name
-        raise InputError(replace(f, location=_within(name, f.location)) for f in result.report.findings)
-    return result.model
+    return import_simulink(path, subsystem, parameters, bind, promote, folders, step).require_model()
 
 
 def import_simulink(
@@ -65,7 +63,7 @@ def import_simulink(
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
-) -> ImportResult:
+) -> SimulinkImport:
     """Import a Simulink model and report on every block; the model is None if an output is not supported.
 
     The arguments are those of `simulink`.
@@ -89,6 +87,34 @@ def import_simulink(
     return model_import.run()
 
 
+def import_requested(request: ImportRequest) -> SimulinkImport:
+    """Import what a project or a command names; values of the project override those of the files of variables.
+
+    Literals of blocks that the project names, such as `Torque/Gain1:Gain`, become parameters.
+    """
+    options = request.options
+    return import_simulink(
+        request.path,
+        options.subsystem or None,
+        parameter_sources(request),
+        dict(options.bind),
+        promoted(request),
+        options.folders,
+        options.step,
+    )
+
+
+def parameter_sources(request: ImportRequest) -> list[ParameterSource]:
+    """Return what gives values to the variables of a model, later ones take precedence."""
+    own = {name: np.asarray(value) for name, value in request.values if value is not None}
+    return [*request.options.parameters, *([] if request.initial is None else [request.initial]), own]
+
+
+def promoted(request: ImportRequest) -> list[str]:
+    """Return the fields of blocks that the project names: their literals become parameters."""
+    return [name for name, _ in request.values if ":" in name]
+
+
 def _find_misnamed(path: Path, names: Collection[str], blocks: Mapping[str, ModelBlock]) -> Iterator[Finding]:
     """Yield a finding for each promoted field that no block has."""
     for name in names:
@@ -102,11 +128,6 @@ def _find_misnamed(path: Path, names: Collection[str], blocks: Mapping[str, Mode
         elif block.chart is None and field not in (fields := _fields(block)):
             remedy = nearest(field, fields) or f"Its fields: {', '.join(list(fields)[:_MAX_LISTED])}."
             yield Finding(Location(path.name, path=field_path), f"{block.type} has no field {field}", remedy)
-
-
-def _within(file: str, location: object) -> Location:
-    """Return a location in a file, which may be the file itself."""
-    return Location(file, path="" if str(location) == file else str(location))
 
 
 def _blocks(system: System, flat: FlatModel, prefix: str) -> dict[str, ModelBlock]:

@@ -18,7 +18,7 @@ from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, FlatMod
 from kennfeld.importers.simulink.flattening.integer_signals import find_integer_conversions
 from kennfeld.importers.simulink.import_report import (
     TYPES_IGNORED,
-    ImportReport,
+    SimulinkReport,
     UnsupportedBlock,
 )
 from kennfeld.importers.simulink.loaded_model import LoadedModel
@@ -37,6 +37,7 @@ from kennfeld.importers.simulink.variables.mask_scope import Scope
 from kennfeld.importers.simulink.variables.model_variables import solver_settings
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
+from kennfeld.models.importer import ImportResult
 from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
 
@@ -54,11 +55,21 @@ _SYNTHETIC_TYPES = (
 
 
 @dataclass(frozen=True)
-class ImportResult:
-    """Result of an import: the report, and the model, None if an output is not supported."""
+class SimulinkImport(ImportResult):
+    """Result of the import of a Simulink model; `file` is its name."""
 
-    model: Model | None
-    report: ImportReport
+    report: SimulinkReport
+    file: str = ""
+
+    @property
+    def problems(self) -> tuple[Finding, ...]:
+        """The parts that are not supported, with the file and the path of the block."""
+        return tuple(replace(each, location=_within(self.file, each.location)) for each in self.report.findings)
+
+
+def _within(file: str, location: object) -> Location:
+    """Return a location in a file, which may be the file itself."""
+    return Location(file, path="" if str(location) == file else str(location))
 
 
 class ModelImport:
@@ -107,21 +118,21 @@ class ModelImport:
     def _flatten(self, counts: Mapping[str, int]) -> FlatModel:
         return self._loaded.flat(self._system, self._scope, self.cuts, counts)
 
-    def run(self) -> ImportResult:
+    def run(self) -> SimulinkImport:
         """Return the model and the report."""
         compiler = self.compile()
         report = self.report(compiler)
         if not report.whole:
-            return ImportResult(None, self._with_definitions(report, compiler))
+            return SimulinkImport(None, self._with_definitions(report, compiler), self.path.name)
         model = self._model(compiler, report)
         graph, units = model.graph, model.graph.units
         inputs, outputs = (
             tuple(Quantity(name, units.get(name, "")) for name in names) for names in (graph.inputs, graph.outputs)
         )
         used = tuple(parameter for parameter in report.parameters if parameter.name in model.values)
-        return ImportResult(model, replace(report, inputs=inputs, outputs=outputs, parameters=used))
+        return SimulinkImport(model, replace(report, inputs=inputs, outputs=outputs, parameters=used), self.path.name)
 
-    def _with_definitions(self, report: ImportReport, compiler: BlockCompiler) -> ImportReport:
+    def _with_definitions(self, report: SimulinkReport, compiler: BlockCompiler) -> SimulinkReport:
         """Return a report with the undefined variables as parameters to define."""
         failed, reasons = tuple(compiler.failures), self.variables.undefined
         definitions = undefined_parameters(failed, compiler.expressions, report.undefined, reasons)
@@ -132,12 +143,12 @@ class ModelImport:
         """Number of graph operations requested so far, over all attempts."""
         return self._asked_before + self._last.builder.asked
 
-    def inspect(self) -> ImportResult:
+    def inspect(self) -> SimulinkImport:
         """Return model and report; the report alone if the model is too large or has no outputs."""
         try:
             return self.run()
         except InputError as error:
-            return ImportResult(None, replace(self.report(self._last), stopped=error.findings))
+            return SimulinkImport(None, replace(self.report(self._last), stopped=error.findings), self.path.name)
 
     def compile(self) -> BlockCompiler:
         """Lower the blocks; iteration counts that depend on signals are determined in earlier attempts."""
@@ -210,7 +221,7 @@ class ModelImport:
             signals.append(placeholder_signal(compiler.builder) if graph is None else _insert_formula(compiler, graph))
         return tuple(signals)
 
-    def report(self, compiler: BlockCompiler) -> ImportReport:
+    def report(self, compiler: BlockCompiler) -> SimulinkReport:
         """Return the import report."""
         named = [flat for flat in self.flat.blocks if not (flat.hidden or flat.synthetic)]
         blocks = [flat for flat in named if flat.type not in _SYNTHETIC_TYPES]
@@ -236,7 +247,7 @@ class ModelImport:
         warnings = (*constant, *(Finding(Location(), sentence, severity="warning") for sentence in sentences))
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
-        return ImportReport(
+        return SimulinkReport(
             len(blocks), len(blocks) - len(unsupported) - len(unreached), tuple(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
             tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
@@ -245,7 +256,7 @@ class ModelImport:
             reasons=dict(self.variables.undefined), unreached=unreached,
         )  # fmt: skip
 
-    def _model(self, compiler: BlockCompiler, report: ImportReport) -> Model:
+    def _model(self, compiler: BlockCompiler, report: SimulinkReport) -> Model:
         names = NodeNames(compiler, self.flat)
         equations = without_idle_holds(compiler.builder.finish(names.visible, {}, names.outputs))
         graph = self._solve(equations)
@@ -261,7 +272,7 @@ class ModelImport:
             source=str(self.path),
             locations=MappingProxyType(names.locations | {name: Location(text) for name, text in sources.items()}),
             values=values,
-            remarks=report.notes,
+            remarks=report.calibration_remarks,
             stepped=self.stepping.replaced,
             equations=replace(equations, units=present_units) if is_continuous(equations) else None,
             solver=self.solver,

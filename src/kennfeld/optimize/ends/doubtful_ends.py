@@ -58,6 +58,7 @@ def describe_outlier(losses: Float, quality: Sequence[Quality], scored: Collecti
         scored: the criteria with a weight.
     """
     training = [row for row in quality if row.use == "training" and row.criterion in scored]
+    # without the largest one, since the sum of all would hide the others
     if not training or not np.sum(np.delete(losses, np.argmax(losses))) < HIDDEN * losses.max():
         return ""
     worst = max(training, key=lambda row: row.max_abs_after)
@@ -114,6 +115,7 @@ def find_slopes(
             message = f"All free values together would lower the cost by {certificate.predicted_decrease:.0%}"
             message += ": the last step of the sequence keeps some of them, or removes breakpoints"
             remedy = FREE_ALL
+    # a search that has not moved at all, although a slope is there
     elif not moved and certificate.gradient > SLOPED:
         message = (
             "No value has moved from its start although the gradient is not zero there "

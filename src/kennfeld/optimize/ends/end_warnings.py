@@ -69,6 +69,7 @@ class EndWarnings:
         problem, start, values = self.compiled.problem, self.objective.start, self.end.values
         before, after = (self.objective.data_cost(each) for each in (start, values))
         outweighed = after > before
+        # only a start that is rough leaves room for smoothness to raise the cost of the data
         smooth = outweighed and self.compiled.roughness.cost(start) > 0
         share = admissible_share(self.compiled, self.limits, values, before) if smooth else None
         steep = steepness(self.compiled.residuals, int(self.limits.movable.sum()))
@@ -76,6 +77,7 @@ class EndWarnings:
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
         unsmoothed = self.options.continuation == "off" and smoothable(problem)
         slopes = tuple(find_slopes(certificate, steep, moved=moved, in_steps=in_steps, unsmoothed=unsmoothed))
+        # the last step of a sequence may fit a part of the values, which explains slopes that are left
         partial_end = FREE_ALL if in_steps and slopes else ""
         worse = tuple(
             find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share, partial_end=partial_end)
@@ -110,6 +112,7 @@ class EndWarnings:
         """
         values = self.end.values
         back = self.objective.with_effect(values, self.objective.start)
+        # at a minimum without slope, the cost would rise on the way back
         nearer = values + NEARER * (back - values)
         return not np.array_equal(back, values) and self.objective.cost(nearer) < (1 + SAME) * self.end.cost
 
@@ -117,6 +120,7 @@ class EndWarnings:
         """Yield warnings about slopes that do not describe how the cost changes."""
         yield from find_jumps(self.compiled.problem)
         yield from find_misleading_slopes(self.compiled, misleading)
+        # small problems, whose Jacobian is at hand
         if self.objective.uses_qr:
             at_kinks = values_at_kinks(self.objective, self.end.values, self.objective.start, self.limits)
             yield from find_kinks(self.compiled, at_kinks)

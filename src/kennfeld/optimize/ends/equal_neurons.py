@@ -37,8 +37,11 @@ def equal_neurons(graph: Graph, parameters: ParameterSet) -> dict[str, tuple[int
         columns = [block.values[:, neurons]]
         for name in dict.fromkeys(name for _, name, _ in following):
             rows = {number: row for number, other, row in following if other == name}
-            if len(rows) == len(neurons):
-                columns.append(parameters[name].values[[rows[number] for number in neurons]].T)
+            weights = np.zeros((len(neurons), parameters[name].values.shape[1]))  # 0 from neurons that it does not use
+            for at, number in enumerate(neurons):
+                if number in rows:
+                    weights[at] = parameters[name].values[rows[number]]
+            columns.append(weights.T)
         if count := _count_equal(np.vstack(columns).T, odd=layer.activation in ("tanh", "identity")):
             counts[layer.name] = count, layer.outputs
     return counts
@@ -80,6 +83,7 @@ def _following_layers(graph: Graph) -> dict[DenseLayer, set[tuple[int, str, int]
                 if (source := neurons[at]) is not None:
                     following.setdefault(source[0], set()).add((source[1], node.payload.name, row))
         else:
+            # functions of one neuron stand for it, those of several for none
             neurons.append(sources.pop() if len(sources) == 1 else None)
     return following
 
@@ -93,6 +97,7 @@ def _count_equal(neurons: Float, *, odd: bool) -> int:
     # equal rows are neighbours in the order of their products with a random vector
     product = neurons @ np.random.default_rng(0).standard_normal(neurons.shape[1])
     if odd:
+        # of a neuron and its negative, both get the sign with which the product is positive
         neurons, product = neurons * np.where(product < 0, -1.0, 1.0)[:, None], np.abs(product)
     ordered = neurons[np.argsort(product, kind="stable")]
     same = np.abs(np.diff(ordered, axis=0)).max(axis=1, initial=0.0) <= TOLERANCE * np.abs(neurons).max(initial=0.0)

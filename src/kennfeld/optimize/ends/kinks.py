@@ -36,6 +36,7 @@ def values_at_kinks(objective: LeastSquaresObjective, values: Float, start: Floa
         cosines = np.abs(jacobian.T @ residual) / np.sqrt(np.sum(np.square(jacobian), axis=0) * cost)
     sloped = np.flatnonzero(limits.movable & (cosines > SLOPED))
     for place in sloped[np.argsort(-cosines[sloped], kind="stable")][:MOST].tolist():
+        # a value at 0 has the size of its start
         size = max(abs(values[place]), abs(start[place]) or 1.0)
         sides = np.array([-size, size])
         marks[place] = any(_rises(objective, values, cost, place, np.outer(pair, sides)) for pair in BESIDE)
@@ -52,6 +53,7 @@ def _rises(objective: LeastSquaresObjective, values: Float, cost: float, place: 
 
     for near, far in steps.T.tolist():  # a cost may be a pass over all partitions, so the first that falls is enough
         beside = rise(near)
+        # a side where the model fails holds the value as a rise does
         if np.isfinite(beside) and not (beside > 0 and rise(far) < CURVED * beside):
             return False
     return True

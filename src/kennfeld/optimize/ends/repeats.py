@@ -36,6 +36,7 @@ def repeat_findings(problem: Problem, location: Callable[[Dataset], Location]) -
         keys = _keys_of(data, names)
         if keys.size and not _is_coarse(problem, data, keys):
             before = seen.setdefault((*names, str(data.time is None)), _SeenKeys())
+            # sorted: the copies of a key follow it
             repeated = np.append(False, keys[1:] == keys[:-1])
             sources = [data.name] if _is_notable(repeated) else []
             repeated |= before.contain(keys)
@@ -63,10 +64,13 @@ def _join_runs(keys: Keys) -> Keys:
         runs = np.lib.stride_tricks.sliding_window_view(block, RUN)
         joined = np.zeros(len(runs), dtype=np.uint64)
         for column in runs.T:
+            # a hash in which the order of the samples counts
             joined ^= column
             joined *= MIXER
             joined ^= joined >> np.uint64(29)
+        # runs of one sample, as at standstill, occur everywhere
         joined = joined[(runs[:, 1:] != runs[:, :-1]).any(axis=1)]
+        # behind what was read: a run takes the place of its first sample
         keys[count : count + joined.size] = joined
         count += joined.size
     return keys[:count]
@@ -92,6 +96,7 @@ class _SeenKeys:
         """Add the keys of a dataset."""
         owners = np.full(keys.size, len(self._names), dtype=np.int32)
         self._names.append(name)
+        # merged like the digits of a counter: each key is moved a logarithmic number of times
         while self._merged and self._merged[-1][0].size <= 2 * keys.size:
             last_keys, last_owners = self._merged.pop()
             keys, owners = np.concatenate([last_keys, keys]), np.concatenate([last_owners, owners])
@@ -114,12 +119,14 @@ class _SeenKeys:
             places, at = _places_of(distinct, part)
             pairs = np.unique(owners[places].astype(np.int64) * distinct.size + at)  # a dataset may have a key twice
             owner, key = np.divmod(pairs, max(distinct.size, 1))
+            # each key as often as the dataset that is judged has it
             counts += np.bincount(owner, weights[key], counts.size)
         return [self._names[i] for i in np.flatnonzero(counts > _chance(keys.size))]
 
 
 def _places_of(distinct: Keys, ordered: Keys) -> tuple[Int, Int]:
     """Return the places of all keys that are equal to one of the distinct ones, and the place of that one."""
+    # the range of each key among the sorted ones
     first, last = (np.searchsorted(ordered, distinct, side) for side in ("left", "right"))
     at = np.repeat(np.arange(distinct.size), last - first)
     starts = np.cumsum(last - first) - (last - first)  # of each key among the places

@@ -32,9 +32,12 @@ def lower_values(objective: LeastSquaresObjective, values: Float, cost: float, l
     null = _null_space(objective, values, limits)
     if not len(null):
         return None
+    # the same draws for the same end
     random, best, least = np.random.default_rng(0), None, (1 - LOWER) * cost
+    # rows may be missed by as much as at the end
     allowed = max(limits.violation(values), FEASIBLE)
     for _ in range(LONG_STEPS):
+        # a long step along one combination, then short ones along all of those at the new point
         far = limits.clip(values + float(_draw(random, LONG, 1)[0]) * null[random.integers(len(null))])
         beside = _null_space(objective, far, limits) if np.isfinite(objective.cost(far)) else null[:0]
         for _ in range(SHORT_STEPS if len(beside) else 0):
@@ -64,5 +67,6 @@ def _null_space(objective: LeastSquaresObjective, values: Float, limits: LinearL
     # each the only one with a part in some value
     null[:, moving] = echelon(spectrum.null, pivots(spectrum.null)).T / spectrum.scale
     size = np.where(values != 0, np.abs(values), 1.0)
+    # the value that changes most changes by its own size
     null /= np.max(np.abs(null) / size, axis=1, initial=1e-300)[:, None]
     return null

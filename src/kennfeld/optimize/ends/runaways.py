@@ -44,8 +44,10 @@ def find_runaways(
     if not (far | farther).any() or end.size > MOST:
         return []
     effects = Effects.at(objective, end)
+    # of weighted residuals, as the deviations are for noise of 1
     noise = np.sqrt(objective.data_cost(end) / max(compiled.residuals - end.size, 1))
     rounding = ROUNDING * np.sqrt(objective.target_squares / max(compiled.residuals, 1))
+    # a deviation above the value itself: even its order of magnitude is unknown
     unknown = max(float(noise), float(rounding)) * effects.deviations > np.abs(end)
     lost = unknown & ((far & effects.replaceable(SAME)) | (farther & effects.replaceable(ALIKE)))
     ran = {n: end[part][lost[part]] for n, part in _parts(compiled).items() if lost[part].any()}
@@ -58,7 +60,7 @@ def find_runaways(
 
 
 def run_away(compiled: CompiledProblem, objective: LeastSquaresObjective, start: Float, end: Float) -> list[Bool]:
-    """Return marks of the values of each parameter that may have run away, that which has grown most first."""
+    """Mark the values of each parameter that may have run away, Bool[values], that which has grown most first."""
     far, farther = _grown(objective, start, end)
     if not (far | farther).any() or end.size > MOST:
         return []
@@ -106,7 +108,7 @@ class Effects:
 
     @classmethod
     def at(cls, objective: LeastSquaresObjective, values: Float) -> "Effects":
-        """Return the effects of values, as if all differed if they are not finite; from J itself if it is small."""
+        """Compute the effects of values, Float[values]; as if all differed if they are not finite."""
         with ignore_floating_errors():
             if objective.uses_qr:
                 matrix: Float = np.asarray(np.linalg.qr(objective.rows(values)[1], mode="r"))
@@ -116,14 +118,16 @@ class Effects:
                 units = np.sqrt(matrix.diagonal())
             used = np.isfinite(units) & (units > 0)
             own = units[used]
+            # J'J with a diagonal of 1, or its factor R: what differs is the direction of effects, not their size
             scaled = matrix[:, used] / own if objective.uses_qr else matrix[np.ix_(used, used)] / np.outer(own, own)
         if not np.isfinite(scaled).all():
             return cls(np.zeros(0), np.zeros((units.size, 0)), used | True, units)
         return cls(*(_spectrum_of_triangle if objective.uses_qr else _spectrum)(scaled), used, units)
 
     def replaceable(self, same: float) -> Bool:
-        """Mark the values whose effect is none, or that of a combination of others but for eigenvalues up to `same`."""
+        """Mark values without an effect, or with that of others but for eigenvalues up to `same`, Bool[values]."""
         replaceable = ~self.used
+        # changes along these have no effect: a value with a part in one can be replaced by the others
         alike = self.directions[:, self.sizes <= same * self.sizes.max(initial=0.0)]
         replaceable[self.used] = np.sum(np.square(alike), axis=1) > SHARE
         return replaceable
@@ -132,6 +136,7 @@ class Effects:
     def deviations(self) -> Float:
         """Standard deviations of the values by noise of 1, Float[values]; infinite without an effect."""
         deviations = np.full(self.used.size, np.inf)
+        # eigenvalues below it are rounding of a singular value
         least = np.square(np.finfo(float).eps) * self.sizes.max(initial=0.0)
         variances = np.sum(np.square(self.directions) / np.maximum(self.sizes, least), axis=1)
         deviations[self.used] = np.sqrt(variances) / self.units[self.used]
@@ -149,6 +154,7 @@ def _spectrum(matrix: Float) -> tuple[Float, Float]:
     """Return eigenvalues and eigenvectors of a symmetric matrix; none if a Cholesky factor shows that all are large."""
     bound = np.abs(matrix).sum(axis=0).max(initial=0.0)  # of the eigenvalues
     try:
+        # positive definite with this shift: all eigenvalues are above it, known without a spectrum
         np.linalg.cholesky(matrix - ALIKE * bound * np.eye(len(matrix)))
     except np.linalg.LinAlgError:
         sizes, directions = np.linalg.eigh(matrix)

@@ -29,7 +29,7 @@ CHANGED = "The search went on along differences of whole simulations, because th
 
 
 def called_values(compiled: CompiledProblem, limits: LinearLimits) -> Int:
-    """Return the places of the movable values on which called functions depend."""
+    """Find the places of the movable values on which called functions depend, Int[values]."""
     graph, problem = compiled.problem.graph, compiled.problem
     functions = [at for at, node in enumerate(graph.nodes) if node.op == "external"]
     if not functions:
@@ -46,7 +46,7 @@ def called_values(compiled: CompiledProblem, limits: LinearLimits) -> Int:
 def misleading_values(
     objective: LeastSquaresObjective, compiled: CompiledProblem, values: Float, limits: LinearLimits
 ) -> Int:
-    """Return the places of the values on which called functions depend and whose slopes are not those of wide steps.
+    """Find the places, Int[values], of values of called functions whose slopes are not those of wide steps.
 
     With a robust loss, differences of weighted residuals contain those of the weights, which slopes leave out.
     """
@@ -56,6 +56,7 @@ def misleading_values(
         return places[:0]
     own = objective.rows(values)[1][:, places]
     wide = DifferenceObjective(compiled, limits, COMPARED).jacobian(values, places)
+    # relative to the larger of both columns, as one may be 0
     sizes = np.maximum(np.linalg.norm(own, axis=0), np.linalg.norm(wide, axis=0))
     differ = np.linalg.norm(own - wide, axis=0) > DISAGREEMENT * sizes
     return np.asarray(places[differ], dtype=np.int64)
@@ -97,6 +98,7 @@ def descend_by_differences(
         ends.append(
             levenberg_marquardt(DifferenceObjective(compiled, limits, step), best.values, limits, settings, report)
         )
+        # each width begins at the best values so far
         best = ends[-1] if ends[-1].cost < best.cost else best
         if ends[-1].status == "stopped":
             break
@@ -114,7 +116,7 @@ class DifferenceObjective(LeastSquaresObjective):
         self._limits, self._step = limits, step
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian, with those of the roughness below."""
+        """Compute residuals and Jacobian, Float[residuals, free], with those of the roughness below."""
         residual, movable = self.residual(values), np.flatnonzero(self._limits.movable)
         jacobian = np.zeros((residual.size, values.size))
         jacobian[:, movable] = self.jacobian(values, movable)
@@ -129,6 +131,7 @@ class DifferenceObjective(LeastSquaresObjective):
                 changed = values.copy()
                 changed[place] += sign * self._step * _size(values, place)
                 ends.append(self._limits.clip(changed))
+            # clipped at a bound, the step is shorter, or one-sided
             distance = ends[0][place] - ends[1][place]
             columns.append((self.residual(ends[0]) - self.residual(ends[1])) / distance)
         return np.stack(columns, axis=1)

@@ -83,6 +83,7 @@ def admissible_share(compiled: CompiledProblem, limits: LinearLimits, values: Fl
     data, pull = as_array(normal.matrix), normal.gradient.copy()
     smoothness, bend = np.zeros_like(data), np.zeros_like(pull)
     compiled.roughness.add(values, bend, smoothness)
+    # values at a bound stay there
     moving = limits.movable & (values > limits.lower) & (values < limits.upper)
     part = np.ix_(moving, moving)
 
@@ -90,6 +91,7 @@ def admissible_share(compiled: CompiledProblem, limits: LinearLimits, values: Fl
         matrix = data[part] + share * smoothness[part]
         ridge = RIDGE * np.diag(np.maximum(np.diag(matrix), RIDGE))
         minimum = values.copy()
+        # minimum of the quadratic model with this share of the smoothness
         minimum[moving] -= np.linalg.solve(matrix + ridge, (pull + share * bend)[moving])
         return compiled.sums.cost(compiled.full(limits.clip(minimum))) <= allowed
 

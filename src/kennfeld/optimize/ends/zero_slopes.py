@@ -97,6 +97,7 @@ class _StartSearch:
             return none
         sloped = self._eventually_sloped(values, sloped)
         stuck: Bool = zero & ~sloped
+        # those without a derivative even if all of them move together are dropped; the rest may have relied on them
         while stuck.any():
             alive = self._sloped_at(values, sloped | stuck)
             if alive is None:
@@ -117,6 +118,7 @@ class _StartSearch:
     def _sloped_at(self, values: Float, moving: Bool) -> Bool | None:
         """Mark the values with a derivative after `moving` ones moved by different shares; None if the model fails."""
         for magnitude in MAGNITUDES:
+            # each value by another share, so that effects do not cancel by chance
             change = self.pattern * np.where(values == 0, magnitude, 0.1 * magnitude * np.abs(values))
             up, down = self.limits.clip(values + change), self.limits.clip(values - change)
             trial = np.where(up == values, down, up)  # down if an upper bound leaves no room
@@ -133,6 +135,7 @@ class _StartSearch:
         def rank(name: str) -> tuple[bool, int]:  # factors, which are small and have no unit, are changed first
             return self._parameter(name).unit not in ("", "-"), int(stuck[self.columns[name]].sum())
 
+        # the least suitable ones are left out first, as long as the rest sets all values free
         for name in sorted((name for name in names if name not in self.layers), key=rank, reverse=True):
             fewer = [other for other in kept if other != name]
             values = self._at_level(fewer, stuck, 1.0) if fewer else None
@@ -156,9 +159,11 @@ class _StartSearch:
         for name in names:
             columns = self.columns[name]
             others = np.abs(values[columns][values[columns] != 0])
+            # values beside others of their table get the size of these
             size = others.mean() if others.size else level
             values[columns][stuck[columns]] = size * self._shape(name)[stuck[columns]]
         away = np.where(stuck, self.limits.clip(values), values)
+        # an upper bound of 0 leaves the other sign
         values = np.where((away == 0) & (values != 0), self.limits.clip(-values), away)
         return project(values, self.limits)[0]
 
@@ -167,6 +172,7 @@ class _StartSearch:
         columns, shape = self.columns[name], self._parameter(name).values.shape
         if name not in self.layers:
             return np.ones(self._parameter(name).size)
+        # numbers from -1 to 1 over the root of the number of inputs
         spread: Float = (2 * self.pattern[columns] - 3) / max(shape[0] - 1, 1) ** 0.5
         return spread
 

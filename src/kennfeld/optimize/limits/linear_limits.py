@@ -20,7 +20,7 @@ TOUCHING = 1e-6  # of the mean distance: tolerance within which breakpoints are 
 
 
 def breakpoint_bounds(axis: FreeAxis, parameters: ParameterSet, fixed: Sequence[Place] = ()) -> tuple[Float, Float]:
-    """Return lower and upper bounds of the breakpoints of an axis, equal for those that are fixed.
+    """Return lower and upper bounds of the breakpoints of an axis, Float[breakpoints] each, equal if fixed.
 
     The ends are fixed unless the axis has a range. So are breakpoints whose grid points are all locked, and those
     around places `fixed` by a pin, which is linear only if they do not move.
@@ -32,6 +32,7 @@ def breakpoint_bounds(axis: FreeAxis, parameters: ParameterSet, fixed: Sequence[
         stays[[0, -1]] = True
     for name, which in axis.places:
         table = parameters[name]
+        # moving the breakpoint would move a line of values that must stay
         stays |= np.moveaxis(table.locked, which, 0).reshape(points.size, -1).all(axis=1)
         for place, at in fixed:
             if place == name and len(at) > which:
@@ -67,12 +68,12 @@ def _even_rows(
 
 
 def is_ordered(order: LinearRows, values: Float) -> bool:
-    """Return True if breakpoints are in order; rounding of their distance is allowed."""
+    """Return True if the breakpoints among values, Float[values], are in order; rounding is allowed."""
     return order.count == 0 or bool(np.all(order.times(values) >= 0.5 * order.lower))
 
 
 def touching_pairs(points: Float, least: float) -> Int:
-    """Return the indices of breakpoints that are at the minimum distance from the next one."""
+    """Find the indices, Int[pairs], of breakpoints, Float[breakpoints], at the minimum distance from the next one."""
     gaps = np.diff(points)
     return np.flatnonzero(gaps <= least + TOUCHING * gaps.mean())
 
@@ -94,6 +95,7 @@ def linear_limits(problem: Problem, values: ValueLayout) -> LinearLimits:
         part = slice(at, at + parameter.size)
         tables[part] = table
         locked = parameter.locked.ravel()
+        # a lock is a pair of equal bounds
         lower[part] = np.where(locked, parameter.values.ravel(), parameter.lower.ravel())
         upper[part] = np.where(locked, parameter.values.ravel(), parameter.upper.ravel())
     for table, (key, axis) in enumerate(problem.free_axes.items(), len(problem.free_names)):
@@ -122,6 +124,7 @@ def _equality(problem: Problem, values: ValueLayout, equality: Equality, name: s
     row = np.zeros(values.free)
     for term in equality.terms:
         columns, weights = grid_points(problem.parameters[term.parameter], term.at)
+        # terms may share grid points
         np.add.at(row, columns + values.offsets[term.parameter], term.factor * weights)
     side = np.array([equality.value])
     return LinearRows.of(row[None], side, side, [name])
@@ -158,6 +161,7 @@ def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float]:
     else:
         between = 2 / (x[2:] - x[:-2])
         left, right = slopes[:-1] * between[:, None], slopes[1:] * between[:, None]
+        # (right slope - left slope) * 2 / (x3 - x1), by the values at the three points
         coefficients = np.stack([-left[:, 0], right[:, 0] - left[:, 1], right[:, 1]], axis=1)
     steps, width = coefficients.shape
     points = np.arange(parameter.size).reshape(parameter.values.shape)
@@ -182,7 +186,7 @@ def _row_names(parameter: Parameter, shape: Shape, points: Int) -> Iterator[str]
 
 
 def grid_points(parameter: Parameter, at: tuple[float, ...] | None) -> tuple[Int, Float]:
-    """Return flat grid points around a coordinate and their weights; all grid points if it is None."""
+    """Find flat grid points around a coordinate and their weights, Int[points] and Float[points]; all if it is None."""
     if at is None:
         return np.arange(parameter.size), np.ones(parameter.size)
     sides = [_weights(parameter, which, x)[None] for which, x in enumerate(at)]

@@ -21,7 +21,7 @@ FEASIBLE = 1e-9  # of the limits' scale
 
 @ignore_floating_errors()  # a scale that overflows is checked as any other
 def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
-    """Move values to the nearest ones that keep the limits; distances are relative to the size of each value.
+    """Move values, Float[values], to the nearest that keep the limits; distances are relative to the size of each.
 
     Returns:
         The values, None if the limits cannot be satisfied; and a remark, empty if nothing was moved.
@@ -34,8 +34,10 @@ def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
     movable = np.flatnonzero(limits.movable)
     here = clipped[movable]
     known = np.abs(np.nan_to_num(clipped))
+    # a value near 0 may move as far as others of a typical size
     size = np.maximum(known, float(known.mean()) or 1.0)[movable]
     narrow = limits.restricted_to(movable, clipped)
+    # min d'H d with H = diag(1 / size^2), whose factor is diag(1 / size); without limits, d is 0
     solution = QuadraticProgram(narrow).solve(Factor.of(np.diag(1 / size)), np.zeros(here.size), here)
     there = clipped.copy()
     there[movable] = solution.apply_to(here, narrow)
@@ -64,6 +66,7 @@ def leaves_room(values: Float, limits: LinearLimits, which: Bool) -> bool:
     if not pushed.any():
         return False
     size = np.maximum(np.abs(here), float(np.abs(here).mean()) or 1.0)
+    # different for each value, by the golden ratio: equal pushes may cancel in a row that leaves room
     shares = 1 + np.modf(np.arange(1, here.size + 1) * 0.618034)[0]
     narrow = limits.restricted_to(movable, values)
     program, factor = QuadraticProgram(narrow), Factor.of(np.diag(1 / size))
@@ -108,6 +111,7 @@ def _rivals(limits: LinearLimits, nearest: Float, row: int) -> list[int]:
     """Return the first other rows that share a value with a row and are active or violated."""
     rows = limits.rows
     touched = rows.columns[row][rows.coefficients[row] != 0]
+    # rows that are far from their sides do not stand in the way
     product, slack = rows.times(nearest), SLACK * (rows.size(nearest) + 1e-300)
     tight = (product <= rows.lower + slack) | (product >= rows.upper - slack)
     sharing = (np.isin(rows.columns, touched) & (rows.coefficients != 0)).any(axis=1)
@@ -116,7 +120,7 @@ def _rivals(limits: LinearLimits, nearest: Float, row: int) -> list[int]:
 
 
 def missed_limits(values: Float, limits: LinearLimits) -> str:
-    """Name the bounds and rows that values violate by more than rounding; empty if none."""
+    """Name the bounds and rows that values, Float[values], violate by more than rounding; empty if none."""
     rows = ~(limits.violations(values, limits.sizes(values)) <= FEASIBLE)
     names = [limits.rows.names[row] for row in np.flatnonzero(rows)[:MAX_LISTED]]
     beyond = int(np.count_nonzero((values < limits.lower) | (values > limits.upper)))

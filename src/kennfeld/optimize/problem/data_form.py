@@ -44,6 +44,7 @@ class DataForm:
 def even_step(bounds: Sequence[BoundDataset]) -> float | None:
     """Return the time step if it is the same everywhere, else None."""
     clocks = [bound.clock[name] for bound in bounds for name in STEPS if name in bound.clock]
+    # equal if smallest and largest are
     steps = {float(step) for dt in clocks if dt.size for step in (dt.min(), dt.max())}
     return steps.pop() if len(steps) == 1 else None
 

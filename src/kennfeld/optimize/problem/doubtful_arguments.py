@@ -84,6 +84,7 @@ def find_crossed(problem: Problem, parameters: ParameterSet) -> Iterator[Finding
         if not names or not _is_fixed(graph, pair[:2]):
             continue
         part = extract(graph.nodes, (), {"low": pair.low, "high": pair.high}, {}, ())
+        # limits of a rate are multiplied by the step, whose size does not change their order
         values = evaluate(part, {STEP: np.ones(1)}, parameters)
         low, high = (float(np.ravel(values[name])[0]) for name in ("low", "high"))
         if low > high:
@@ -129,6 +130,7 @@ def _is_fixed(graph: Graph, nodes: Sequence[int]) -> bool:
 def _is_implicit(graph: Graph, T: int) -> bool:
     """Return True if T is the time constant of an implicit Euler step, dt / (T + dt)."""
     dt = next((at for at, node in enumerate(graph.nodes) if node == ("input", (), STEP)), None)
+    # the lag is written as dt / (T + dt), in this order
     sums = {at for at, node in enumerate(graph.nodes) if node.op == "add" and node.args == (T, dt)}
     return any(node.op == "div" and node.args[0] == dt and node.args[1] in sums for node in graph.nodes)
 
@@ -140,6 +142,7 @@ def _over_training(problem: Problem, at: int, parameters: ParameterSet) -> tuple
     values, steps = [np.empty(0)], [np.empty(0)]
     for bound in () if any(node.op == "external" for node in part.nodes) else problem.training:
         last = min(bound.count, _STEPS if part.states else bound.count)
+        # with memory, the first samples one after the other; without, some from all over the data
         stride = 1 if part.states else -(-last // _SAMPLES) or 1
         here = slice(0, last, stride) if bound.picked is None else bound.kept[:last:stride]
         columns = {name: bound.inputs[name][here] for name in part.inputs}

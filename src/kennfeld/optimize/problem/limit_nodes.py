@@ -52,6 +52,7 @@ def add_limit_nodes(model: Model, limits: Sequence[Limit]) -> Model:
     """
     texts: dict[str, str] = {}
     for side in limit_sides(limits):
+        # a lower bound is an upper one of the negative node
         texts[side.node] = side.limit.node if side.sign > 0 else f"-({side.limit.node})"
         if side.limit.where:
             texts[side.where] = side.limit.where

@@ -58,6 +58,7 @@ class Step:
     continuation: Literal["auto", "off"] | None = None
 
     def __post_init__(self) -> None:
+        # a text is a sequence as well: of patterns of one character
         if isinstance(self.free, str):
             raise ArgumentError(f"free={self.free!r} of a step must be a list of patterns: free=[{self.free!r}]")
         if self.max_iterations is not None and self.max_iterations < 1:

@@ -52,9 +52,10 @@ def _describe_overlap(problem: Problem, test: Dataset) -> str:
 
 
 def contained(keys: Keys, ordered: Keys) -> Bool:
-    """Mark the keys that are among sorted ones, as `numpy.isin`, which takes twenty times as long for millions."""
+    """Mark the keys, Bool[keys], that are among sorted ones; `numpy.isin` takes twenty times as long for millions."""
     at = np.searchsorted(ordered, keys)
     inside = at < ordered.size
+    # only places within the array can be compared
     inside[inside] = ordered[at[inside]] == keys[inside]
     return inside
 
@@ -63,12 +64,13 @@ def shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[st
     """Return the channels by which samples of two datasets are compared; none if no target can be compared."""
     inputs = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
     targets = [c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.kind != "number"]
+    # samples of other measurements may have equal inputs
     both = [name for name in targets if name in test and name in training]
     return () if targets and not both else tuple(name for name in dict.fromkeys([*inputs, *both]) if name in test)
 
 
 def sample_keys(dataset: Dataset, names: Sequence[str]) -> Keys:
-    """Return a hash for each scored sample at which all channels are finite."""
+    """Compute a hash, uint64[samples], for each scored sample at which all channels are finite."""
     kept = dataset.counting.copy()
     for name in names:
         kept &= np.isfinite(dataset[name].values)
@@ -79,6 +81,7 @@ def sample_keys(dataset: Dataset, names: Sequence[str]) -> Keys:
         part = keys[count : count + int(kept[block].sum())]
         for name in names:
             values = dataset[name].values[block][kept[block]] + 0.0  # -0 becomes 0
+            # the bits of a double, mixed after each channel so that exchanged channels differ
             part ^= values.view(np.uint64)
             for shift in (32, 29):  # mixes every bit into all others
                 part ^= part >> np.uint64(shift)

@@ -94,8 +94,10 @@ class Recordings:
 
 def _select(data: Dataset, part: Part, first: int, last: int) -> Dataset:
     """Return samples of a file, with the shifts and the margin of a part; only these are computed."""
+    # the file is named by its source, so that errors by file have one name wherever it is read
     data = replace(data, files=FileSpans.joined([part.source.address], [data.samples], [data.start_time]))
     result = data if (first, last) == (0, data.samples) else cut(data, first, last)
+    # from the whole file: shifted samples of a part come from its neighbours
     moved = shifted_values(data, dict(part.shift), first, last)
     if moved:
         result = result.with_channels(*(replace(result[name], values=values) for name, values in moved.items()))
@@ -263,6 +265,7 @@ def _spread(parts: Sequence[Part], most: int) -> list[Part]:
     length = max(most // len(parts), LEAST_STRETCH)
     ends = np.cumsum([min(part.last - part.first, length) for part in parts])
     count = max(most // length, 1)
+    # the middles of `count` equal shares of all samples
     places = (np.arange(count) + 0.5) * (ends[-1] / count)
     picked = np.unique(np.searchsorted(ends, places, side="right"))
     return [replace(parts[i], last=min(parts[i].last, parts[i].first + length)) for i in picked]
@@ -326,6 +329,7 @@ def _cuts(starts: Sequence[int], length: int, size: int) -> list[tuple[int, int]
     allowed = list(starts) or list(range(0, length, size))
     cuts = [0]
     for start, end in pairwise([*allowed, length]):
+        # cut before the piece that would not fit any more; a piece that is too long by itself stays whole
         if end - cuts[-1] > size and start > cuts[-1]:
             cuts.append(start)
     return list(pairwise([*cuts, length]))
@@ -343,9 +347,11 @@ def join_files(partitions: Iterable[Partition]) -> list[Partition]:
         begins = True
         for part in partition.parts:
             last = groups[-1][-1] if groups else None
+            # the next part of the same file, perhaps at the beginning of another partition
             if last is not None and (last.source, last.last) == (part.source, part.first):
                 groups[-1][-1] = replace(last, last=part.last)
                 continue
+            # a group for each partition, without what continues a file of the one before
             if begins:
                 groups.append([])
             groups[-1].append(part)

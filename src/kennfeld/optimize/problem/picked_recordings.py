@@ -52,6 +52,7 @@ def count_recordings(compiled: _CompiledPartition) -> list[PartRecording]:
         counts = np.zeros((starts.size, len(samples.targets)), dtype=np.int64)
         for piece in samples.pieces:
             if end <= piece.first < end + bound.count:
+                # states may restart within a recording: a piece belongs to the recording in which it begins
                 at = np.searchsorted(starts, kept[piece.first - end], side="right") - 1
                 counts[at] += samples.scored(piece)
         end += bound.count
@@ -88,6 +89,7 @@ def pick_recordings(
     factors = pick_evenly(weights, np.array(scored), share, least)
     picked = [replace(parts[i], factors=tuple(own.tolist())) for i, own in factors.items()]
     samples = sum(part.samples for part in picked)
+    # more than half of the samples would save little
     if not picked or 2 * samples > partitions.samples:
         return partitions
     return replace(partitions, training=tuple(group_parts(picked, -(-samples // GROUPS))))

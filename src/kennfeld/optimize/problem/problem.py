@@ -117,8 +117,8 @@ class Problem:
     def idle_axes(self) -> list[AxisKey]:
         """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
         used, axes = self.model.graph.parameters, free_axes(self.parameters)
-        idle = {key: axis for key, axis in axes.items() if key not in self.free_axes}
-        return [key for key, axis in idle.items() if any(name in used for name, _ in axis.places)]
+        unfitted = {key: axis for key, axis in axes.items() if key not in self.free_axes}
+        return [key for key, axis in unfitted.items() if any(name in used for name, _ in axis.places)]
 
     @property
     def held(self) -> list[Place]:
@@ -139,6 +139,7 @@ class Problem:
     def bind(self, dataset: Dataset) -> BoundDataset:
         """Bind the channels of a dataset to the inputs of the model; a dataset of the problem is bound once."""
         bound = self._bound.get(id(dataset))
+        # by identity, which another dataset may have once the first is gone
         if bound is None or bound.dataset is not dataset:
             bound = bind_inputs(dataset, self.graph, self.channels, self.model.step)
             if any(own is dataset for own in self.datasets):
@@ -182,6 +183,7 @@ class Problem:
     def over(self, datasets: Sequence[Dataset]) -> "Problem":
         """Return the problem of some of its data, with the graph that all of them need."""
         problem = replace(self, datasets=datasets)
+        # whether a target is a channel or a node depends on all data, not on these
         problem.__dict__.update(graph=self.graph, _made=self._made)
         return problem
 
@@ -232,6 +234,7 @@ class Problem:
     def target_node(self, criterion: Criterion) -> str | None:
         """Return the name of the target of a criterion if it is a node, else None."""
         target = criterion.target
+        # a bare name is a channel if any dataset has it
         is_channel = target.kind == "channel" or any(target.name in data for data in self.datasets)
         return target.name if target.kind == "node" or (target.kind == "name" and not is_channel) else None
 
@@ -245,6 +248,7 @@ class Problem:
             values = bound.channel(criterion.target.name)
         else:
             values = np.full(bound.count, np.nan)
+        # an infinite target counts as missing; a weight of 0 leaves a sample out of errors as well
         counts = bound.scored & ~np.isinf(values) & has_weight(criterion, bound)
         return values if counts.all() else np.where(counts, values, np.nan)
 
@@ -322,12 +326,14 @@ def bound_time_constants(problem: Problem) -> Problem:
     """
     graph = problem.model.graph
     lags = set(time_constants(graph))
+    # a parameter that is also used otherwise may be negative there
     elsewhere = {n.payload for at, n in enumerate(graph.nodes) if n.op == "lookup" and at not in lags}
     names = {graph.nodes[at].payload for at in lags if graph.nodes[at].op == "lookup"} - elsewhere
     changed = []
     for parameter in (problem.parameters[n] for n in problem.free_names if n in names and n in problem.parameters):
         lower, upper = (np.broadcast_to(side, parameter.values.shape) for side in (parameter.lower, parameter.upper))
         raised = np.where(parameter.locked, lower, np.maximum(lower, 0.0))
+        # a parameter that may only be negative would have no value left
         if not np.array_equal(raised, lower) and np.all(raised <= upper):
             changed.append(parameter.with_bounds(raised, upper))
     return replace(problem, parameters=problem.parameters.with_parameters(*changed)) if changed else problem

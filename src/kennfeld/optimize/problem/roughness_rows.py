@@ -42,6 +42,7 @@ def roughness_rows(breakpoints: Float) -> RoughnessRows:
     if count < 3:
         return RoughnessRows(np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
     x = breakpoints / ((breakpoints[-1] - breakpoints[0]) / (count - 1))
+    # first breakpoint of each group; mostly each is a group of its own
     firsts = np.append(0, np.flatnonzero(np.diff(x) > CLOSE) + 1)
     if firsts.size == count:
         return RoughnessRows(np.arange(count - 2)[:, None] + np.arange(3), second_differences(breakpoints))
@@ -64,16 +65,19 @@ def _rows_of_group(x: Float, firsts: Int, lasts: Int, group: int) -> list[tuple[
     a = 2 / (x[last] - x[before]) if before < first else 0.0
     b = 2 / (x[after] - x[first]) if last < after else 0.0
     rows = []
+    # a single breakpoint: a second difference as usual
     if first == last and a and b:
         rows.append((points, (2 / (x[after] - x[before]) * (slope_after - slope_before)).tolist()))
     elif a and b:
         rows.append((points, (a * b / np.hypot(a, b) * (slope_after - slope_before)).tolist()))
+    # m, as a row over the four points
     slope = (a**2 * slope_before + b**2 * slope_after) / (a**2 + b**2)
     for point in range(first + 1, last + 1):
         # z_point - z_first - slope (x_point - x_first)
         tie = (np.hypot(a, b) / CLOSE) * np.append([-1.0, 1.0], -slope * (x[point] - x[first]))
         rows.append(([first, point, *points], tie.tolist()))
     width = 6
+    # rows of equal width: a point again, with the coefficient 0
     return [(p + p[:1] * (width - len(p)), c + [0.0] * (width - len(c))) for p, c in rows]
 
 

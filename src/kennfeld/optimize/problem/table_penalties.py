@@ -64,6 +64,7 @@ class Roughness:
                     along = roughness_rows(breakpoints)
                     entries = along.points.shape[1]
                     points = np.moveaxis(_lines(parameters[name], axis)[along.points], 1, 2)  # rows, lines, entries
+                    # roots of 1 / N and of the factor, as rows are squared
                     rows = along.coefficients[:, None, :] / np.sqrt(float(breakpoints.size)) * factor**0.5
                     columns.append(at + points.reshape(-1, entries))
                     coefficients.append(np.broadcast_to(rows, points.shape).reshape(-1, entries))
@@ -82,7 +83,7 @@ class Roughness:
         return float(differences @ differences)
 
     def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
-        """Add half the gradient and the matrix of the penalty, in place."""
+        """Add half the gradient, Float[values], and the matrix [values, values] of the penalty, in place."""
         gradient += self.slope(values)
         rows, columns, entries = self.nonzeros
         add_entries(matrix, rows, columns, entries)
@@ -94,16 +95,17 @@ class Roughness:
 
     @cached_property
     def nonzeros(self) -> tuple[Int, Int, Float]:
-        """Rows, columns and values of the non-zero entries of the matrix of the penalty."""
+        """Rows, columns and values of the entries of the matrix of the penalty, shape (entries,) each."""
         places = self.columns[:, :, None] * self.size + self.columns[:, None, :]
         products = self.coefficients[:, :, None] * self.coefficients[:, None, :]
+        # sums over rows that share a pair of values
         distinct, at = np.unique(places, return_inverse=True)
         entries = np.bincount(at.ravel(), products.ravel(), minlength=distinct.size).astype(np.float64)
         rows, columns = np.divmod(distinct.astype(np.int64), max(self.size, 1))
         return rows, columns, entries
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian rows whose squares are the penalty."""
+        """Compute residuals and Jacobian, Float[rows, values], whose squares are the penalty."""
         jacobian: Float = np.zeros((len(self.columns), self.size))
         np.add.at(jacobian, (np.arange(len(self.columns))[:, None], self.columns), self.coefficients)
         return self._differences(values), jacobian
@@ -163,9 +165,11 @@ class MovingRoughness:
         z1, z2, z3, x1, x2, x3, first, last = values[self.columns].T
         left, right, both = x2 - x1, x3 - x2, x3 - x1
         rise_left, rise_right = (z2 - z1) / left, (z3 - z2) / right
+        # c, which moves with the ends of the axis
         spacing = (last - first) / self.counts
         unit = 2 * self.weights * spacing**2 / both
         row = unit * (rise_right - rise_left)
+        # derivative of c^2 by the last breakpoint, and its negative by the first
         stretch = 2 * row / (spacing * self.counts)
         slopes = [
             unit / left,
@@ -184,16 +188,17 @@ class MovingRoughness:
         return self.fixed.cost(values) + float(row @ row)
 
     def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
-        """Add half the gradient and the Gauss-Newton matrix of the penalty, in place."""
+        """Add half the gradient, Float[values], and the Gauss-Newton matrix of the penalty, in place."""
         self.fixed.add(values, gradient, matrix)
         row, slopes = self._linear(values)
         np.add.at(gradient, self.columns, slopes * row[:, None])
+        # Gauss-Newton: second derivatives of the rows by breakpoints are left out
         products = slopes[:, :, None] * slopes[:, None, :]
         rows, columns = np.broadcast_arrays(self.columns[:, :, None], self.columns[:, None, :])
         add_entries(matrix, rows.ravel(), columns.ravel(), products.ravel())
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian rows whose squares are the penalty."""
+        """Compute residuals and Jacobian, Float[rows, values], whose squares are the penalty."""
         residual, above = self.fixed.rows(values)
         row, slopes = self._linear(values)
         jacobian = np.zeros((row.size, values.size))
@@ -230,6 +235,7 @@ class Restraint:
         with_data = values[~empty]
         edges, stiffness = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
         if with_data.size:
+            # with the variance of a value: a table that is flat where it has data would be infinitely stiff elsewhere
             span = np.ptp(with_data) ** 2 + variance / curvature[~empty].mean()
             numbers = np.arange(toward.size).reshape(toward.shape)
             for axis, count in enumerate(toward.shape):
@@ -237,6 +243,7 @@ class Restraint:
                 pairs = np.stack([lines[:-1].ravel(), lines[1:].ravel()], axis=-1)
                 pairs = pairs[empty[pairs].any(axis=1)]
                 edges.append(pairs)
+                # variance over (range / cells)^2: one sample of the difference 0 with this deviation
                 stiffness.append(np.full(len(pairs), variance * (count - 1) ** 2 / max(span, 1e-300)))
         return cls(PULL * curvature, toward.ravel(), np.concatenate(edges), np.concatenate(stiffness))
 
@@ -266,6 +273,7 @@ def move_determined(start: Float, values: Float, gradient: Float, matrix: Float 
     if factor is None:
         return moved
     for _ in range(PASSES):
+        # gradient of the linearised data at the moved values
         slope = gradient[seen] + own @ (moved - values)[seen]
         moved[seen] -= scale * factor.solve(scale * slope)
     return moved
@@ -285,7 +293,7 @@ class Restrained:
         return self.roughness.cost(values) + self.steps.cost(values) + pull
 
     def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
-        """Add half the gradient and the matrix of the penalty, in place."""
+        """Add half the gradient, Float[values], and the matrix [values, values] of the penalty, in place."""
         self.roughness.add(values, gradient, matrix)
         self.steps.add(values, gradient, matrix)
         gradient += self.weights * (values - self.toward)
@@ -293,7 +301,7 @@ class Restrained:
         add_entries(matrix, at, at, self.weights)
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian rows whose squares are the penalty."""
+        """Compute residuals and Jacobian, Float[rows, values], whose squares are the penalty."""
         pulled = np.flatnonzero(self.weights)
         roots = self.weights[pulled] ** 0.5
         jacobian = np.zeros((pulled.size, values.size))
@@ -322,6 +330,7 @@ def penalty_of(
         at = values.offsets[name]
         part = slice(at, at + restraint.weights.size)
         weights[part], toward[part] = restraint.weights, restraint.toward
+        # three entries like rows of second differences; the last one is 0
         columns.append(at + restraint.edges[:, [0, 1, 1]])
         coefficients.append(restraint.stiffness[:, None] ** 0.5 * [1.0, -1.0, 0.0])
     steps = Roughness(values.free, np.concatenate(columns), np.concatenate(coefficients))

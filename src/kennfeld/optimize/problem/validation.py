@@ -303,6 +303,7 @@ def trajectory_findings(
         if called := next((reaching[table][0] for table, _ in axis.places if reaching.get(table)), None):
             message = f"its breakpoints are free, and {called} depends on them through whole trajectories"
             findings.append(Finding(location(key), message, "Fix the breakpoints."))
+    # columns of slopes: one for each value, result and sample
     values = sum(problem.parameters[name].size for name in problem.free_names if reaching[name])
     size = 8.0 * values * len(names) * sum(bound.count for bound in problem.training)
     if size > MAX_BYTES:

@@ -48,6 +48,7 @@ def find_derivative_fault(problem: Problem, parameters: ParameterSet) -> Derivat
     lowered = lower_lookups(problem.graph, parameters)
     outputs = [lowered.graph.names[name] for name in problem.differences]
     line = differentiate(lowered.graph, outputs, (*problem.free_names, *problem.free_axes))
+    # nodes of derivatives have higher numbers the later they are computed
     slopes = sorted(_slopes(line))
     nodes = _simulator(lowered, line, slopes, parameters)
     for number, bound in enumerate(problem.training):
@@ -57,6 +58,7 @@ def find_derivative_fault(problem: Problem, parameters: ParameterSet) -> Derivat
                 continue
             column = int(np.argmax(broken.any(axis=0)))
             sample = at.start + column
+            # at the first sample, the first node on the way to the derivative that is not finite is the cause
             causes = _derived(lowered.graph, line, slopes[int(np.argmax(broken[:, column]))])
             present = _simulator(lowered, line, causes, parameters).at(bound, sample, parameters)
             name = _name_of(lowered.graph, line, causes[int(np.argmax(~np.isfinite(present)))])

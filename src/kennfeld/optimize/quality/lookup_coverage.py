@@ -50,7 +50,7 @@ class Coverage:
         self._computed = {at: _hidden_name(at) for at in places if at not in self._inputs}
 
     def blocks(self, bound: BoundDataset, known: Mapping[int, Float] | None = None) -> Iterator[LookupBlock]:
-        """Yield the coordinates of every lookup, block by block; `known` are values of all nodes to be computed."""
+        """Yield the coordinates of every lookup by blocks; `known` are values of all computed nodes, Float[samples]."""
         columns = bound.columns
         for here, computed in self._computed_blocks(bound, known):
             coordinates = computed | {at: columns[name][here] for at, name in self._inputs.items()}
@@ -92,6 +92,7 @@ def touched(
         lookup = _locate(block, parameters[block.name], {})
         mask = seen.setdefault(block.name, np.zeros(lookup.table.values.shape, dtype=bool))
         for at, weight in lookup.corners:
+            # a sample on a grid point touches that one only, although its cell has others
             mask.flat[at[counting[lookup.samples] & (weight != 0)]] = True
     return seen
 
@@ -121,20 +122,21 @@ class Lookup:
 
     @cached_property
     def corners(self) -> tuple[tuple[Int, Float], ...]:
-        """For each corner of the cell the flat grid point number and its weight, of each sample."""
+        """For each corner of the cell the flat grid point number and its weight, Int[samples] and Float[samples]."""
         first = self.first_corner
         return tuple((first + distance, weight) for distance, weight in self.weights())
 
     @property
     def first_corner(self) -> Int:
-        """Flat grid point number of the corner at the beginning of the cell along all axes, of each sample."""
+        """Flat grid point number of the corner at the beginning of the cell along all axes, Int[samples]."""
         first = self.cells[0]
         for cell, count in zip(self.cells[1:], self.table.values.shape[1:], strict=True):
             first = first * count + cell
         return first
 
     def weights(self) -> Iterator[tuple[int, Float]]:
-        """Yield for each corner how far behind the first one its grid point is, and its weight for each sample."""
+        """Yield for each corner how far behind the first one its grid point is, and its weight, Float[samples]."""
+        # distances in the flat table from the corner at the beginning of the cell; 0 along an axis of one breakpoint
         whole, strides = bool(self.known.all()), np.cumprod([1, *self.table.values.shape[:0:-1]])[::-1].tolist()
         sides = [
             ((0, 1.0 - share), (stride if count > 1 else 0, share))
@@ -192,6 +194,7 @@ class Lookups:
 
     def blocks(self, bound: BoundDataset) -> Iterable[Lookup]:
         """Return every lookup over the kept samples of a dataset."""
+        # large datasets are located again each time, as their lookups would fill the memory
         if bound.count > SAMPLES_PER_BLOCK:
             return self._blocks(bound)
         if bound.dataset.name not in self._kept:
@@ -199,7 +202,7 @@ class Lookups:
         return self._kept[bound.dataset.name]
 
     def over(self, bound: BoundDataset, computed: Float) -> list[Lookup]:
-        """Return every lookup over a part of a dataset; `computed` are the values of `coordinates` there."""
+        """Locate every lookup over a part of a dataset, given `coordinates` there, Float[coordinates, samples]."""
         known = dict(zip(self._names, computed, strict=True))
         return list(self._located(self._coverage.blocks(bound, known)))
 
@@ -215,6 +218,7 @@ class Lookups:
     def _located(self, blocks: Iterable[LookupBlock]) -> Iterator[Lookup]:
         first, searched = -1, dict[tuple[int, bytes, str], Located]()
         for block in blocks:
+            # locations belong to one block of samples
             if block.first != first:
                 first, searched = block.first, {}
             yield _locate(block, self._parameters[block.name], searched)
@@ -230,9 +234,11 @@ def _locate(block: LookupBlock, table: Parameter, searched: dict[tuple[int, byte
     """Locate coordinates on their axes; `searched` are the locations of this block, which tables may share."""
     sides = []
     for node, x, axis in zip(block.nodes, block.coordinates, table.index_axes, strict=True):
+        # tables on equal axes at the same coordinate share the search
         key = (node, axis.breakpoints.tobytes(), table.extrapolation)
         if key not in searched:
             known = np.isfinite(x)
+            # any place will do where a coordinate is not finite: its weight becomes 0
             finite = x if known.all() else np.where(known, x, axis.breakpoints[0])
             place = position(finite, axis.breakpoints, table.extrapolation)
             cell = np.clip(place.astype(np.int64), 0, max(len(axis) - 2, 0))

@@ -86,6 +86,7 @@ def spread(target: Float) -> float:
         blocks = (target[at : at + SAMPLES_PER_BLOCK] for at in range(0, target.size, SAMPLES_PER_BLOCK))
         return (block[np.isfinite(block)] for block in blocks if np.isfinite(block).any())
 
+    # differences from the first number: of a constant target they are exactly 0, whatever rounding does to a mean
     first = next((float(block[0]) for block in known()), 0.0)
     with np.errstate(over="ignore", invalid="ignore"):
         count = sum(block.size for block in known())
@@ -122,6 +123,7 @@ class NodeSimulator:
 
     def at(self, bound: BoundDataset, sample: int, parameters: ParameterSet) -> Float:
         """Return the nodes at one sample of a bound dataset, Float[names]; with states, its piece is simulated."""
+        # states follow from the samples of the piece before this one
         first = bound.start_of(sample) if self._has_states else sample
         return self._simulator.last(bound.part(first, sample + 1), sample + 1 - first, parameters)
 
@@ -141,9 +143,11 @@ class NodeSimulator:
         """Return the nodes as channels of a dataset; one value per point if points are held until they settle."""
         values = self.values(bound, parameters)
         if bound.hold is not None:
+            # the samples over which a point settles are not shown
             values, bound = bound.hold.mean(values), bound.shown
         channels = tuple(Channel(n, v, self._units.get(n, "")) for n, v in zip(self._names, values, strict=True))
         time = None if bound.dataset.time is None else bound.dataset.time[bound.kept]
+        # a dataset without samples still has a piece
         starts = bound.starts if bound.count else np.zeros(1, dtype=np.int64)
         return Dataset(bound.dataset.name, channels, time, starts)
 
@@ -204,6 +208,7 @@ class Scorer:
 def _scored_errors(bound: BoundDataset, target: Float, before: Float, after: Float) -> ScoredErrors:
     scored = np.isfinite(target)
     known = target[scored]
+    # numbers of samples are needed only if some are missing
     complete = bound.picked is None and known.size == target.size
     with np.errstate(over="ignore", invalid="ignore"):
         return ScoredErrors(

@@ -41,6 +41,7 @@ class WorstStretch:
         if self.unit == "samples":
             return f"samples {self.begin:.0f} to {self.end:.0f}"
         length = self.end - self.begin
+        # as many decimals as 1/1000 of the length has
         decimals = _DIGITS - math.ceil(math.log10(length)) if length > 0 else _DIGITS
         begin, end = (f"{round(time, max(decimals, 0)):.15g}" for time in (self.begin, self.end))
         return f"{begin} to {end} s"
@@ -122,4 +123,5 @@ def error_text(error: float) -> str:
     >>> error_text(1234.5), error_text(0.1)
     ('1234', '0.1000')
     """
+    # `#` keeps zeros at the end, but also a point behind four whole digits
     return f"{error:#.4g}".rstrip(".")

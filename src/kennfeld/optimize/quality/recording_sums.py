@@ -44,6 +44,7 @@ class _Bins:
     squares: Float
 
     def merge(self, later: "_Bins") -> None:
+        # of a bin that two parts share, the first one has the beginning and the later one the end
         self.begins = np.where(np.isnan(self.begins), later.begins, self.begins)
         self.ends = np.where(np.isnan(later.ends), self.ends, later.ends)
         self.counts = self.counts + later.counts
@@ -54,6 +55,7 @@ class _Bins:
     def is_timed(self) -> bool:
         """True if the times are known and rise; those of several recordings without file names do not."""
         begins, ends = self.begins, self.ends
+        # false for NaN as well, where a bin has no samples or there is no time
         return bool((ends >= begins).all() and (begins[1:] >= ends[:-1]).all())
 
 
@@ -194,7 +196,9 @@ class _SegmentSums:
 
     @classmethod
     def of(cls, errors: ScoredErrors, edges: Int, ends: Int) -> "_SegmentSums":
+        # from samples to scored ones
         places = edges if errors.samples is None else np.searchsorted(errors.samples, edges)
+        # first and last edge of each file
         of_files = places[np.append(0, ends[:-1])], places[ends - 1]
         with np.errstate(over="ignore", invalid="ignore"):
             squares = errors.after * errors.after
@@ -212,6 +216,7 @@ def _reduce(operation: np.ufunc, values: Float, firsts: Int, lasts: Int) -> Floa
     reduced = np.zeros(firsts.size)
     filled = lasts > firsts
     if filled.any():
+        # `reduceat` gives the element itself for an empty segment
         reduced[filled] = operation.reduceat(values, firsts[filled])
     return reduced
 
@@ -226,7 +231,9 @@ def _find_worst(bins: _Bins, counts: Int, squares: Float, length: int) -> WorstS
     scored = np.correlate(counts.astype(np.float64), window)
     with np.errstate(over="ignore", invalid="ignore"):
         size = np.correlate(squares, window) / np.maximum(scored, 1.0)
+    # below any mean square, so that it is never the worst
     eligible = np.where(scored >= ENOUGH * total * width / counts.size, size, -1.0)
+    # errors that are not finite are the worst
     at = int(np.argmax(np.where(np.isnan(eligible), np.inf, eligible)))
     rmse = float(np.sqrt(size[at]))
     if is_timed:
@@ -238,6 +245,7 @@ def _find_worst(bins: _Bins, counts: Int, squares: Float, length: int) -> WorstS
 def _window(bins: _Bins, length: int, *, is_timed: bool) -> int:
     """Return the width of a window in bins."""
     count = bins.begins.size
+    # bins for 1/20 of the file, and for the least number of samples
     width = max(-(-count // SHARE), -(-LEAST_SAMPLES // _bin_size(length)))
     if is_timed:
         duration = float(bins.ends[-1] - bins.begins[0])

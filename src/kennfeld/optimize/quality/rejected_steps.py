@@ -70,6 +70,7 @@ class RejectionReasons:
         if broken.any():
             column = int(np.argmax(broken.any(axis=0)))
             rows = np.flatnonzero(broken[:, column])
+            # the first one in the order of computation, from which others have it
             row = rows[np.argmin(self.order[rows])]
             yield f"{self.lags.get(self.names[row], self.names[row])} was not finite", column
 
@@ -95,6 +96,7 @@ def _with_time_constants(graph: Graph) -> tuple[Graph, dict[str, str]]:
     hidden, labels = {}, {}
     for number, at in enumerate(time_constants(graph)):
         hidden[at] = f"\0T{number}"
+        # a time constant without a name has that of the only parameter in it
         lookups = [graph.nodes[i].payload for i in ancestors(graph.nodes, [at]) if graph.nodes[i].op == "lookup"]
         name = visible.get(at) or (lookups[0] if len(lookups) == 1 else "")
         labels[hidden[at]] = " ".join(filter(None, ("the time constant", name, "of a PT1")))

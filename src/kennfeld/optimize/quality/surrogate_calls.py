@@ -45,6 +45,7 @@ class SurrogateCalls:
             coordinates: dict[int, Float] = dict(zip(self.computed, values, strict=True))
             coordinates |= {at: bound.columns[name][here] for at, name in self.inputs.items()}
             at = np.arange(here.start, here.stop)
+            # of a point that is held, only the last sample is settled
             counted = slice(None) if bound.hold is None else (at + 1) % bound.hold.samples == 0
             yield at[counted], [np.column_stack([coordinates[a] for a in args])[counted] for args in self.calls]
 

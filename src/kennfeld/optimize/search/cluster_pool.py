@@ -55,6 +55,7 @@ def run_start(shared: bytes, item: bytes, arguments: bytes) -> StartOutcome:
     if line.is_stopping():
         outcome: StartOutcome = point.skip()
         return outcome
+    # workers do not inherit the settings of the client
     with ignore_floating_errors():
         return _start_runner(shared).run_start(point, report, lambda saved: line.send(pickle_content(saved)))
 

@@ -63,6 +63,7 @@ def run(
                 return run(ready, options, progress, seconds, keep=keep, resumed=resumed, begin=begin)
 
             return resolve_automatic(problem, options, progress, seconds.read, search)
+        # the plain case needs no copies of the problem and no account of starts
         if options.starts == 1 and not (options.steps or options.save_every or resumed):
             result = FitRun(problem, options, progress, seconds).result(begin=begin)
             return replace(result, starts=(single_start(result),))
@@ -129,12 +130,14 @@ class _Multistart:
 
             work = (self.problem, self.options, points, self.workers)
             self.outcomes |= {o.row.start: o for o in run_in_parallel(*work, self._report, self._save)}
+        # starts that no worker could run, or all of them without workers
         rest = [point for point in points if point.start not in self.outcomes]
         self.without_workers = self.workers > 1 and len(rest) > 1
         self.outcomes |= {o.row.start: o for o in _run_in_turn(runner, rest, self._report, self._save)}
         if not self.trace and all(outcome.row.status == "stopped" for outcome in self.outcomes.values()):
             raise KeyboardInterrupt  # there is nothing to keep yet
         best = self._best()
+        # values of a reduced grid, interpolated, may miss limits between grid points
         packed = ready.exact.values.pack(with_values(self.whole.parameters, best.values))[: start.size]
         projected, _ = project(packed, limits)
         values = packed if projected is None else projected
@@ -166,12 +169,14 @@ class _Multistart:
             row, last = saved.ended, len(runner.steps)
             done = False
             if row is not None and row.status == "converged" and saved.problem == self.digest:
+                # the saved values may be other ones than those of the end, which their cost tells
                 done = abs(runner.cost(values) - row.cost_after) <= COST_TOLERANCE * abs(row.cost_after)
             if row is not None and done and saved.step >= last:
                 before = runner.cost(drawn)  # the start itself may be another one
                 self.outcomes[number] = StartOutcome(replace(row, cost_before=before), values)
                 self.finished.append(number)
             else:
+                # a finished step is not repeated: the next one begins at its end
                 yield StartPoint(number, values, drawn, min(saved.step + done, last), saved.iteration)
 
     def _saved_values(self, saved: Checkpoint, drawn: Mapping[str, Float]) -> dict[str, Float]:
@@ -205,6 +210,7 @@ class _Multistart:
 
         def rank(start: int) -> tuple[float, int]:
             row = self.outcomes[start].row
+            # values that miss limits of outputs may cost less than any that keep them
             usable = np.isfinite(row.cost_after) and row.status != "infeasible"
             return row.cost_after if usable else np.inf, start
 

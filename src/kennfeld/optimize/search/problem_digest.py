@@ -54,6 +54,7 @@ def _files(partitions: Partitions | None) -> list[tuple[Part, str]]:
 
 def _settings(parameter: Parameter, *, free: bool) -> tuple[Any, ...]:
     """Return what is given of a parameter: of a free one its bounds and locked values, of another its values."""
+    # the search changes the other values, and may begin anywhere
     values = parameter.values[parameter.locked] if free else parameter.values
     axes = [(axis.breakpoints, axis.free) for axis in parameter.axes]
     bounds = parameter.lower, parameter.upper, parameter.locked

@@ -96,6 +96,7 @@ class StartRunner:
             InputError: a step leaves nothing to fit.
         """
         state = _StartState(self, point, progress, keep)
+        # with several starts, one BLAS thread each: their processes share the cores
         with blas_threads(0 if self.options.starts > 1 else sum(v.size for v in point.values.values())):
             try:
                 return state.run()
@@ -106,6 +107,7 @@ class StartRunner:
             except RunnerLostError as error:
                 return state.finish_without_data(str(error))
             except Exception as error:
+                # a single start has no others that could go on: the error is the result
                 if self.options.starts == 1:
                     raise
                 return state.finish("failed", f"{type(error).__name__}: {error}")
@@ -116,6 +118,7 @@ class StartRunner:
             self._whole = CompiledProblem(self.problem)
         elif self._whole is None:
             self._whole = self.run(1, self.small(1, values)[0]).exact
+        # the whole problem judges, so that starts and steps are compared by one cost
         at = replace(self.problem, parameters=with_values(self.problem.parameters, values))
         objective = LeastSquaresObjective(self._whole.with_start(at))
         return objective.cost(objective.start)
@@ -168,6 +171,7 @@ class _StartState:
         end = self._run_step()
         while not end.cut_short and end.status != "infeasible" and self.step < last:
             self.step += 1
+            # a start that is resumed from here begins the next step; the cost is unknown there
             self._save("", float("inf"), self.values)
             end = self._run_step()
         stage = self.runner.stage(self.step, "") if self.step < last else ""
@@ -176,6 +180,7 @@ class _StartState:
     def finish(self, status: Status, message: str) -> StartOutcome:
         after = self.runner.cost(self.values)
         row = StartResult(self.point.start, status, message, self.cost_before, after, self.iterations, self.evaluations)
+        # a start that was stopped has not ended, and resumes from its last saved values
         if status != "stopped" and np.isfinite(after):
             self.keep(Checkpoint(self.point.start, self.step, self.count, "end", self.step_cost, self.values, row))
         return StartOutcome(row, self.values, self.smoothness)
@@ -230,6 +235,7 @@ class _StartState:
         self._record_end(plain, choice.fit, parameters)
         for name, factors in choice.factors.items():
             full, small = parameters[name], plain.problem.parameters[name]
+            # factors are stated as they are on the full grid
             scaled = [factor * penalty_ratio(full, small, axis) for axis, factor in enumerate(factors)]
             self.smoothness[name] = dict(zip(AXIS_LETTERS, scaled, strict=False))
         return choice

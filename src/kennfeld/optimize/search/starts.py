@@ -51,9 +51,11 @@ def sobol(index: int, dimensions: int, seed: int = 0) -> Float:
     directions = _direction_numbers()
     even = min(dimensions, len(directions))
     shift = np.random.PCG64([seed, 0]).random_raw(len(directions))[:even] >> np.uint64(64 - BITS)
+    # in the order of the Gray code, point i is the exclusive or of the directions at the bits of gray(i)
     gray = index ^ (index >> 1)
     bits = [bit for bit in range(BITS) if gray >> bit & 1]
     mixed = np.bitwise_xor.reduce(directions[:even, bits], axis=1) ^ shift
+    # the upper 53 bits, as many as a double holds
     rest = np.random.PCG64([seed, 1, index]).random_raw(dimensions - even) >> np.uint64(11)
     return np.asarray(np.concatenate([mixed * 2.0**-BITS, rest * 2.0**-53]))
 
@@ -102,6 +104,7 @@ def draw_start(problem: Problem, number: int, seed: int, spread: float) -> dict[
         return {parameter.name: np.asarray(parameter.values) for parameter in free}
     counts = [len(_shapes(parameter)) for parameter in free]
     shares = 2 * sobol(number - 2, len(free) + sum(counts), seed) - 1
+    # levels of all tables come first, then the shapes table by table
     levels, *shapes = np.split(shares, len(free) + np.cumsum([0, *counts]))
     drawn = zip(free, levels.tolist(), shapes, strict=False)  # an empty rest ends the shapes
     return {parameter.name: _change_values(parameter, level, shape, spread) for parameter, level, shape in drawn}
@@ -136,6 +139,7 @@ def _shape(parameter: Parameter, shares: Float) -> Float:
         along = np.array(share / sum(degrees))
         for axis, degree in zip(parameter.axes, degrees, strict=True):
             points = axis.breakpoints
+            # Legendre polynomials are orthogonal over -1 to 1
             place = 2 * (points - points[0]) / max(points[-1] - points[0], 1e-300) - 1
             along = np.multiply.outer(along, legval(place, np.eye(DEGREE + 1)[degree]))
         total += along

@@ -72,10 +72,12 @@ def sequence_problem(problem: Problem, steps: Sequence[Step]) -> Problem:
     names = dict.fromkeys(name for variant in variants for name in variant.free_names)
     locked = [
         problem.parameters[name].changed(
+            # locked throughout only if each step that fits the parameter locks it
             locked=np.logical_and.reduce([v.parameters[name].locked for v in variants if name in v.free_names])
         )
         for name in names
     ]
+    # `free` are patterns, and names may contain their special characters
     free = tuple(escape(name) for name in names)
     result = replace(problem, free=free, parameters=problem.parameters.with_parameters(*locked))
     shared = [key for key, axis in result.free_axes.items() if check_shared_axes({key: axis}, result.free_names)]
@@ -108,6 +110,7 @@ def _active(
     weights = selection if isinstance(selection, Mapping) else dict.fromkeys(selection)
     selected = []
     for number, criterion in enumerate(criteria, 1):
+        # a criterion is selected by its number or by its node
         key = number if number in weights else criterion.node
         if key in weights:
             weight = weights[key]
@@ -179,21 +182,23 @@ class _StepCheck:
 
 
 def kept_breakpoints(count: int, factor: int) -> Int:
-    """Return the breakpoints kept if every nth is: the ends, and others spread evenly between them.
+    """Choose the breakpoints, Int[kept], if every nth is kept: the ends, and others spread evenly between them.
 
     >>> kept_breakpoints(10, 2), kept_breakpoints(6, 2), kept_breakpoints(9, 2), kept_breakpoints(3, 5)
     (array([0, 2, 4, 7, 9]), array([0, 2, 5]), array([0, 2, 4, 6, 8]), array([0, 2]))
     """
+    # both ends at least
     size = min(count, max(2, -(-count // factor)))
     return np.asarray(np.round(np.linspace(0, count - 1, size)).astype(np.int64))
 
 
 def reduce_table(parameter: Parameter, factors: Sequence[int], points: Sequence[Int] = ()) -> Parameter:
-    """Return a table at the kept breakpoints, with the bounds and locks of these grid points.
+    """Reduce a table to the kept breakpoints, with the bounds and locks of these grid points.
 
     Those of the grid `points`, given as flat indices, are always kept. Axes leave their group, whose other tables keep
     all breakpoints.
     """
+    # coordinates along each axis of grid points that must stay
     needed = [np.unravel_index(each, parameter.values.shape) for each in points]
     places = [
         np.unique(np.concatenate([kept_breakpoints(len(axis), factor), *(at[i] for at in needed)]))
@@ -217,6 +222,7 @@ def refine_table(coarse: Parameter, like: Parameter) -> Parameter:
             place = position(after.breakpoints, before.breakpoints, "clip")
             weights = cell_weights(place, len(before))[0]
             values = np.moveaxis(np.tensordot(weights, values, axes=(1, i)), 0, i)
+    # interpolation between kept grid points may pass bounds of those between them
     return like.with_values(np.where(like.locked, like.values, np.clip(values, like.lower, like.upper)))
 
 
@@ -231,6 +237,7 @@ def penalty_ratio(full: Parameter, coarse: Parameter, axis: int) -> float:
     for table in (full, coarse):
         points = table.axes[axis].breakpoints
         spacing = float(points[-1] - points[0]) / max(points.size - 1, 1)
+        # lines (N - 2) / N h^4, without the common factor c^2
         sizes.append(table.size / points.size * max(points.size - 2, 0) / points.size * spacing**4)
     return sizes[1] / sizes[0] if min(sizes) > 0 else 1.0
 

@@ -42,6 +42,7 @@ def run_in_parallel(
         return []
     try:
         work = pickle_content((replace(problem), options))  # a copy has no cached properties
+    # such as functions of the session: the starts then run in this process
     except (pickle.PicklingError, TypeError, AttributeError):
         return []
     pool = _Pool(work, points, workers, progress, keep)
@@ -121,6 +122,7 @@ class _Pool:
             self.progress(message)
         elif isinstance(message, Checkpoint):
             self.keep(message)
+        # findings of bad input, the same for all starts
         elif isinstance(message, tuple):
             raise InputError(message)
         else:  # the worker is ready, or has run a start
@@ -148,6 +150,7 @@ class _Pool:
         if self.stopping:
             return
         self.stopping = True
+        # those that have not begun are skipped, the running ones end at their best values
         self.outcomes += [point.skip() for point in self.waiting]
         self.waiting = []
         for worker in self.busy:

@@ -33,6 +33,7 @@ class WorkerProcess:
     """
 
     def __init__(self, command: str, work: bytes) -> None:
+        # a session of its own, so that Ctrl-C in the terminal does not reach the worker
         session: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
@@ -79,6 +80,7 @@ class WorkerProcess:
 
     def _receive(self, work: bytes) -> None:
         assert self.process.stdout is not None
+        # in this thread: a large problem fills the pipe until the worker reads it
         self._write(work)
         with suppress(EOFError, OSError, ValueError, pickle.UnpicklingError):
             while True:
@@ -127,6 +129,7 @@ class ParentConnection:
                 else:
                     self.messages.put(message)
         finally:
+            # at once, without waiting for a start that is still running
             os._exit(0)
 
 

@@ -42,10 +42,12 @@ class Certificate(NamedTuple):
         if not cost > 0:
             return cls(0.0, 0.0)
         with np.errstate(all="ignore"):
+            # the roots apart, as their product may overflow where both are large
             lengths = np.sqrt(model.diagonal) * np.sqrt(cost)
             cosines = np.abs(model.hessian_product(step)) / np.where(lengths > 0, lengths, np.inf)
             gradient = float(np.max(cosines, initial=0.0))
             decrease = float(model.predicted_reduction(step) / cost)
+        # a cosine, and a share that rounding may carry out of its range
         return cls(min(gradient, 1.0), min(max(decrease, 0.0), 1.0))
 
     def together(self, other: "Certificate | None") -> "Certificate":

@@ -25,7 +25,7 @@ def certificate_of_costs(
     numbers: Iterable[int],
     limits: LinearLimits,
 ) -> Certificate | None:
-    """Return the certificate by parabolas along some values; None if a value is not at a minimum.
+    """Compute the certificate by parabolas along some values; None if a value is not at a minimum.
 
     Args:
         cost_at: the cost at other values within the limits.
@@ -51,8 +51,10 @@ def certificate_of_costs(
         for share in SHARES:
             targets = [float(np.clip(value + side * share * sizes[number], *bounds)) for side in (-1, 1)]
             rises = [rise(number, target) for target in targets]
+            # lower beside it: not a minimum, whatever larger distances say
             if min(rises) < -ROUNDING * cost:
                 return None
+            # the shortest distance that shows a rise decides: farther away, the cost may be another curve
             if ROUNDING * cost < min(rises) < np.inf:
                 break
         else:
@@ -73,6 +75,7 @@ def _depth(steps: list[float], rises: list[float]) -> float:
     if not np.isfinite(rises).all():
         return 0.0
     (left, right), (low, high) = steps, rises
+    # f(s) = slope s + bend s^2 through (left, low), (0, 0), (right, high); its lowest value is -slope^2 / (4 bend)
     bend = (high / right - low / left) / (right - left)
     slope = low / left - bend * left
     return slope**2 / (4 * bend)

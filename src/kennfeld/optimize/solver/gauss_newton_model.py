@@ -42,16 +42,16 @@ class Objective(Protocol):
         """Return the cost; not finite if the model fails."""
 
     def normal(self, values: Float) -> tuple[Float, SymmetricMatrix]:
-        """Return half the gradient, and the Gauss-Newton matrix; valid until the next call."""
+        """Return half the gradient, Float[values], and the Gauss-Newton matrix; valid until the next call."""
 
     def residual(self, values: Float) -> Float:
-        """Return the weighted residuals."""
+        """Return the weighted residuals, Float[residuals]."""
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return the weighted residuals and their Jacobian."""
+        """Return the weighted residuals, Float[residuals], and their Jacobian, Float[residuals, values]."""
 
     def mean_curvature(self, diagonal: Float) -> Float:
-        """Return for each value the mean over its table of the Gauss-Newton diagonal; 0 for scalars."""
+        """Return for each value, Float[values], the mean over its table of the Gauss-Newton diagonal; 0 for scalars."""
 
     def cholesky(self, size: int) -> Cholesky:
         """Return the factorisation for the matrix of `size` values, which knows the zeros of earlier ones."""
@@ -95,8 +95,10 @@ class GaussNewtonModel:
         full = np.zeros(values.size)
         full[movable] = diagonal
         mean = objective.mean_curvature(full)[movable]
+        # D; without the floor, a value that the data hardly see would hardly be damped
         self.column_scale = np.maximum(diagonal, SCALE_FLOOR * mean)
         self.column_scale[self.column_scale <= 0] = 1.0
+        # for the least damping of limits, which tie such values to others of their table
         self.curvature = np.maximum(self.column_scale, mean)
         if least_scale is not None:
             self.column_scale = np.maximum(self.column_scale, least_scale)
@@ -106,7 +108,7 @@ class GaussNewtonModel:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.column_scale)))
 
     def remembered_scale(self, earlier: Float | None) -> Float:
-        """Return the column scale, at least half the one remembered before."""
+        """Return the column scale, Float[movable], at least half the one remembered before."""
         scale: Float = np.maximum(self.column_scale, 0.0 if earlier is None else SCALE_MEMORY * earlier)
         return scale
 
@@ -138,12 +140,15 @@ class GaussNewtonModel:
                 factor = Cholesky(self.movable.size).factor(as_array(matrix) + secant.matrix, damped)
             return None if factor is None else DampedModel(factor, factor.solve(-self.gradient), damped)
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
+        # the held directions are damped only if the damping itself is too small to hold them
         stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped)), *([self._held] if damping < HOLD else [])])
+        # the damping rows have a target of 0
         below = np.zeros(len(stacked) - self.q_residual.size)
         upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, below]))
         diagonal = np.abs(np.diag(upper))
         if diagonal.min(initial=1.0) <= 0:
             return None
+        # QR leaves the signs of rows open; a Cholesky factor has a diagonal > 0
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
         step = np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
@@ -162,12 +167,14 @@ class GaussNewtonModel:
         return np.asarray(np.sqrt(HOLD) * directions[singular <= NULL * singular.max(initial=0.0)] * units)
 
     def geodesic_acceleration(self, factor: Factor, step: Float) -> Float:
-        """Return the correction of a step for the curvature of the residuals along it; for objectives that use QR.
+        """Compute the correction of a step, Float[movable], for the curvature along it; for objectives that use QR.
 
         M. Transtrum, J. Sethna: Improvements to the Levenberg-Marquardt algorithm, 2012.
         """
         trial = self.values.copy()
         trial[self.movable] += PROBE * step
+        # r'' along d from one more evaluation: r(p + h d) = r + h J d + h^2 / 2 r'', so that
+        # r'' = 2 / h ((r(p + h d) - r) / h - J d)
         ahead = self.objective.residual(trial)
         if not np.all(np.isfinite(ahead)):
             return np.full(step.size, np.inf)
@@ -175,11 +182,12 @@ class GaussNewtonModel:
         return factor.solve(-(self.jacobian.T @ second_derivative))
 
     def hessian_product(self, step: Float) -> Float:
-        """Return J'J d, the change of the gradient that the model predicts."""
+        """Compute J'J d, Float[movable], the change of the gradient that the model predicts over a step d."""
         return self.r_factor.T @ (self.r_factor @ step) if self.hessian is None else self.hessian @ step
 
     def predicted_reduction(self, step: Float) -> float:
-        """Return the decrease of the cost -2 g'd - d'J'J d."""
+        """Compute the decrease of the cost -2 g'd - d'J'J d over a step d, Float[movable]."""
+        # d'J'J d as the square of R d, which keeps the digits that R'R loses
         curvature = np.sum((self.r_factor @ step) ** 2) if self.hessian is None else step @ (self.hessian @ step)
         return float(-2 * (self.gradient @ step) - curvature)
 
@@ -198,7 +206,7 @@ class GaussNewtonModel:
         return float(damped.damping @ np.square(step) - self.gradient @ step) + push
 
     def scaled_norm(self, step: Float) -> float:
-        """Return sqrt(d'D d), the length of a step in the values' own scales."""
+        """Compute sqrt(d'D d), the length of a step d, Float[movable], in the values' own scales."""
         with np.errstate(over="ignore"):
             return float(np.sqrt(np.sum(self.column_scale * step * step)))
 
@@ -214,7 +222,7 @@ class SecantCorrection:
         self.matrix = np.zeros((size, size))
 
     def curvature(self, step: Float) -> float:
-        """Return d'S d, by which S lowers the predicted reduction of a step."""
+        """Compute d'S d, by which S lowers the predicted reduction of a step d, Float[movable]."""
         return float(step @ self.matrix @ step)
 
     def learn(self, step: Float, change: Float, explained: Float) -> None:
@@ -230,23 +238,25 @@ class SecantCorrection:
         """
         along = float(change @ step)
         remainder = change - explained
+        # y'd > 0 keeps the update bounded; steps against it teach nothing
         if not (np.isfinite(along) and along > 0 and np.all(np.isfinite(remainder))):
             return
         known = self.curvature(step)
+        # so that d'S d is at most what is left to explain, |d'(y - J'J d)|
         share = min(1.0, abs(float(step @ remainder)) / abs(known)) if known else 1.0
         missing = remainder - share * (self.matrix @ step)
         with np.errstate(over="ignore", invalid="ignore"):
             # w = remainder - S d, v = y / y'd: S + w v' + v w' - (d'w) v v'
             direction = change / along
-            crossed = np.outer(missing, direction)
-            matrix = share * self.matrix + crossed + crossed.T
+            outer = np.outer(missing, direction)
+            matrix = share * self.matrix + outer + outer.T
             matrix -= float(step @ missing) * np.outer(direction, direction)
         if np.all(np.isfinite(matrix)):
             self.matrix = matrix
 
 
 def _triangle(jacobian: Float, residual: Float) -> tuple[Float, Float]:
-    """Return R and Q'r of a QR factorisation; rows of zeros are added if there are fewer than columns."""
+    """Compute R, Float[columns, columns], and Q'r of a QR factorisation; zeros fill up rows if these are too few."""
     missing = max(jacobian.shape[1] - jacobian.shape[0], 0)
     if missing:
         jacobian = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])

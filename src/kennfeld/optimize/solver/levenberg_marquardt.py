@@ -151,7 +151,7 @@ def levenberg_marquardt(
 
 
 def certificate_at(objective: Objective, values: Float, limits: LinearLimits) -> Certificate | None:
-    """Return how far values are from a minimum within the limits; None if the model has no finite derivatives there."""
+    """Measure how far values, Float[values], are from a minimum within the limits; None without finite derivatives."""
     return _LevenbergMarquardt(objective, values, limits, SolverSettings(), lambda line, values: None).certify()
 
 
@@ -290,8 +290,10 @@ class _LevenbergMarquardt:
                 # The ratio is that of the step before acceleration, whose reduction the model predicts.
                 ratio = trial.reduction / proposal.reduction if proposal.reduction > 0 else 0.0
                 self._accept(model, solution, trial, ratio)
+                # the model that predicted this trial better proposes the next step
                 state.use_secant ^= trial.other_model_better
                 return None
+            # the other model has its chance with the same damping, once
             if trial.other_model_better and may_switch:
                 state.use_secant, may_switch = not state.use_secant, False
             else:
@@ -328,11 +330,13 @@ class _LevenbergMarquardt:
             solution = self.program.solve(damped.factor, damped.step, here, state.active_set)
             damped_for_limits = state.limits_hold
             state.limits_hold = bool(solution.active.any() or self.limits.rows.equal.any())
+            # factored with the floor of the damping already, or in no need of it
             if damped_for_limits or not state.limits_hold:
                 break
         state.active_set = solution.active  # kept even if the step is rejected
         target = solution.apply_to(here, self.limits)
         step = target - here
+        # the cheap form, which needs no product with J'J, knows one model only
         if self.secant is None:
             plain = with_secant = model.damped_reduction(step, damped, solution.push)
         else:
@@ -404,12 +408,15 @@ class _LevenbergMarquardt:
         step_size = model.scaled_norm(step) / max(np.sqrt(trial.cost), 1e-300)
         state.values, state.cost, state.active_set = trial.values, trial.cost, solution.active
         state.iterations += 1
+        # the damping of this step, before it is adapted for the next one
         used = state.accepted_damping = state.damping
+        # steps succeed as predicted while the floor holds them back
         if state.damping < state.limit_damping and ratio > self.settings.damping_limited_ratio:
             state.limit_damping = max(0.1 * state.limit_damping, SLOW_LIMIT_DAMPING)
         # lambda *= max(1/3, 1 - (2 rho - 1)^3)
         least = MIN_DAMPING * model.little_damping
         state.damping = max(state.damping * max(1 / 3, 1 - (2 * min(ratio, 2.0) - 1) ** 3), least)
+        # after a rejection it doubles with each: 2, 8, 64, ... times the damping
         state.damping_growth = 2.0
         active = int(np.count_nonzero(solution.active))
         self.report(Iteration(state.iterations, trial.cost, step_size, used, active), state.values)
@@ -450,11 +457,14 @@ class _LevenbergMarquardt:
         no step at all was possible from a steep start; unless the cost rises to both sides of each value.
         """
         state = self.state
+        # columns on the way would hide a gradient, see `certificate`
         if state.remembers_scale:
             model = GaussNewtonModel(self.objective, state.values, self.movable)
         step = self._undamped_step(model)
         state.certificate = self._certificate(model, step)
+        # an end whose model cannot be factored promises everything
         slope, promise = (1.0, 1.0) if state.certificate is None else state.certificate[:2]
+        # before the end is believed, a descent from the undamped step has to fail
         if promise > self.settings.tolerance and state.untried:
             self._restart(model)
             return None
@@ -500,6 +510,7 @@ class _LevenbergMarquardt:
         if state.limits_hold or sloped.size > MAX_SLOPED:
             return None
         here = self._here
+        # a value that has run to 0 keeps the size that it had at the start
         sizes = np.maximum(np.abs(here), np.abs(self.start[self.movable]))
         sizes[sizes == 0] = 1.0
         return certificate_of_costs(self._cost_at, here, state.cost, sizes, sloped.tolist(), self.limits)

@@ -28,8 +28,9 @@ class LinearRows:
 
     @classmethod
     def of(cls, matrix: Float, lower: Float, upper: Float, names: Sequence[str] = ()) -> "LinearRows":
-        """Return the rows of a full matrix."""
+        """Convert the rows of a full matrix, Float[rows, values], and their sides, Float[rows]."""
         width = int(np.count_nonzero(matrix, axis=1).max(initial=0))
+        # non-zeros first, in their order; narrower rows are filled up with columns of zeros
         columns = np.argsort(matrix == 0, axis=1, kind="stable")[:, :width]
         return cls(columns, np.take_along_axis(matrix, columns, axis=1), lower, upper, tuple(names))
 
@@ -60,30 +61,32 @@ class LinearRows:
         return np.asarray(self.lower == self.upper)
 
     def times(self, values: Float) -> Float:
-        """Return A p."""
+        """Compute A p, Float[rows], for values p, Float[values]."""
         return np.asarray(np.einsum("ij,ij->i", self.coefficients, values[self.columns]))
 
     def size(self, values: Float) -> Float:
-        """Return |A| |p|, the size of the terms of each row."""
+        """Compute |A| |p|, the size of the terms of each row, Float[rows]."""
         return np.asarray(np.einsum("ij,ij->i", np.abs(self.coefficients), np.abs(values)[self.columns]))
 
     def touching(self, values: Float, tolerance: float) -> Bool:
-        """Mark the rows at one of their sides or beyond; the tolerance is relative to the `size` of a row."""
+        """Mark rows at one of their sides or beyond, Bool[rows]; the tolerance is relative to the `size` of a row."""
         product, slack = self.times(values), tolerance * self.size(values)
         return np.asarray((product <= self.lower + slack) | (product >= self.upper - slack))
 
     def matrix(self, which: Int, values: int) -> Float:
-        """Return some rows of A as a full matrix, Float[rows, values]."""
+        """Expand some rows of A to a full matrix, Float[rows, values]."""
         full = np.zeros((which.size, values))
+        # added, as what fills up a row may be in the column of one of its entries
         np.add.at(full, (np.arange(which.size)[:, None], self.columns[which]), self.coefficients[which])
         return full
 
     def restricted_to(self, movable: Int, values: Float) -> "LinearRows":
-        """Return the rows over the movable values with the others fixed; rows without movable values are dropped."""
+        """Restrict the rows to movable values, Int[movable], with the others fixed; rows without any are dropped."""
         place = np.full(values.size, -1)
         place[movable] = np.arange(movable.size)
         columns = place[self.columns]
         moves = columns >= 0
+        # what the fixed values contribute goes to the sides
         constant = np.einsum("ij,ij->i", np.where(moves, 0.0, self.coefficients), values[self.columns])
         coefficients = np.where(moves, self.coefficients, 0.0)
         kept = (coefficients != 0).any(axis=1)
@@ -116,28 +119,29 @@ class LinearLimits:
         return self.lower < self.upper
 
     def clip(self, values: Float) -> Float:
-        """Clip values to their bounds."""
+        """Clip values, Float[values], to their bounds."""
         return np.asarray(np.clip(values, self.lower, self.upper))
 
     def violations(self, values: Float, size: Float) -> Float:
-        """Return the violation of each row, relative to its scale for values of this typical size."""
+        """Compute the violation of each row, Float[rows], relative to its scale for values of this typical size."""
         rows = self.rows
         sides = [np.where(np.isfinite(side), np.abs(side), 0.0) for side in (rows.lower, rows.upper)]
+        # a row of values at 0 with sides of 0 has no scale of its own
         scale = rows.size(size) + np.maximum(*sides) + 1e-300
         product = rows.times(values)
         return np.asarray(np.maximum(np.maximum(rows.lower - product, product - rows.upper), 0.0) / scale)
 
     def violation(self, values: Float) -> float:
-        """Return the largest of the `violations`, for values of the size of their tables."""
+        """Find the largest of the `violations`, for values, Float[values], of the size of their tables."""
         return float(np.max(self.violations(values, self.sizes(values)), initial=0.0))
 
     def keeps(self, values: Float) -> bool:
-        """Return True if all rows hold exactly."""
+        """Return True if all rows hold exactly for values, Float[values]."""
         product = self.rows.times(values)
         return bool(np.all((product >= self.rows.lower) & (product <= self.rows.upper)))
 
     def sizes(self, values: Float) -> Float:
-        """Return for each value the largest magnitude in its table."""
+        """Find for each value the largest magnitude in its table, Float[values]."""
         if not self.tables.size:
             return np.full(values.size, np.abs(values).max(initial=0.0))
         largest = np.zeros(int(self.tables.max()) + 1)
@@ -145,7 +149,7 @@ class LinearLimits:
         return np.asarray(largest[self.tables])
 
     def restricted_to(self, movable: Int, values: Float) -> "LinearLimits":
-        """Return the limits on the movable values with the others fixed."""
+        """Restrict the limits to the movable values, Int[movable], with the others fixed, Float[values]."""
         tables = self.tables[movable] if self.tables.size else self.tables
         rows = self.rows.restricted_to(movable, values)
         return LinearLimits(self.lower[movable], self.upper[movable], rows, tables)

@@ -33,7 +33,7 @@ class QpSolution:
     push: float = 0.0  # m'A d, by which the limits raise the cost of the quadratic model over the step
 
     def apply_to(self, at: Float, limits: LinearLimits) -> Float:
-        """Return the values after the step from `at`: within all bounds, and exactly at the active ones.
+        """Return the values after the step from `at`, Float[values]: within all bounds, exactly at the active ones.
 
         A value next to its bound by rounding would be free in the next step, and see another derivative there if it is
         a breakpoint at the end of the data.
@@ -75,6 +75,7 @@ class QuadraticProgram:
         dual = _DualProgram(self.gram, free_step, chosen)
         dual.add(violated if guess is None else chosen.mark(guess))
         # d = d_free - H^-1 A'm with the multipliers m of the limits A chosen so far; A gains the rows that d violates
+        # each round adds a side of a limit, of which there are two
         for _ in range(2 * chosen.total + 1):
             step = dual.step()
             violated = chosen.violated(step)
@@ -119,6 +120,7 @@ class _DualProgram:
         """
         holding, equalities = self.pressing.copy(), self.chosen.equalities
         if equalities:
+            # equalities hold whatever their sign, except those that no movable value enters
             holding[:equalities] = np.diag(self.gram.products)[:equalities] > 0
         step: Float = self.free_step - self.gram.displacement(self.multipliers)
         for _ in range(REFINEMENTS):
@@ -139,7 +141,7 @@ class _DualProgram:
 
 
 def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Int | None = None) -> Float:
-    """Return the multipliers m, of which the first `equalities` are unbounded; `guess` marks those likely to be > 0.
+    """Find the multipliers m, Float[rows]; the first `equalities` are unbounded, and `guess` marks those likely > 0.
 
     Block principal pivoting ends after a few exchanges, or not at all if many rows depend on each other; then rows are
     exchanged one at a time. A row without values, with 0 on the diagonal of S, has no multiplier.
@@ -167,9 +169,11 @@ class _ActiveSetDual:
         problems, 1974, chapter 23).
         """
         inside = self.entered & ~self.bounded
+        # rows that left at once without a change: dependent on those inside, until these change
         useless = np.zeros(inside.size, dtype=bool)
         m = self._solve(inside)
         for _ in range(10 * inside.size):
+            # the row that the step violates most, in units of its length
             slope = np.where(self.bounded & ~inside & ~useless, self.slope(m), np.inf)
             entering = int(np.argmin(slope))
             if not slope[entering] < -self.rounding(m):
@@ -193,6 +197,7 @@ class _ActiveSetDual:
             if not falling.any() or not np.all(np.isfinite(target)):
                 return target
             shares = np.full(m.size, np.inf)
+            # share of the way at which each multiplier reaches 0; the first one ends it
             shares[falling] = m[falling] / np.where(m > target, m - target, 1.0)[falling]
             share = float(shares.min())
             m = m + share * (target - m)

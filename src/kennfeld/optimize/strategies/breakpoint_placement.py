@@ -60,7 +60,7 @@ def axis_groups(problem: Problem) -> list[tuple[AxisKey, ...]]:
 
 
 def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey, Int]:
-    """Return the number of parts of each cell of some axes that keeps the dense problem moderate.
+    """Choose the number of parts of each cell, Int[cells], of some axes that keeps the dense problem moderate.
 
     Empty if no cell can be divided.
     """
@@ -74,6 +74,7 @@ def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey,
         sizes = {name: problem.parameters[name].size for name in problem.free_names}
         for key, cells in divisions.items():
             for name in (name for name, _ in problem.free_axes[key].places if name in sizes):
+                # lines of the table, times the breakpoints of the dense axis
                 sizes[name] = sizes[name] // (cells.size + 1) * (int(cells.sum()) + 1)
         if sum(sizes.values()) <= most:
             return divisions if any((cells > 1).any() for cells in divisions.values()) else {}
@@ -81,7 +82,7 @@ def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey,
 
 
 def subdivide(points: Float, parts: Int) -> Float:
-    """Divide each cell into even parts; the given breakpoints are kept bit for bit.
+    """Divide each cell into even parts, Int[cells]; the breakpoints, Float[points], are kept bit for bit.
 
     >>> subdivide(np.array([0.0, 1.0, 3.0]), np.array([1, 2])).tolist()
     [0.0, 1.0, 2.0, 3.0]
@@ -91,7 +92,7 @@ def subdivide(points: Float, parts: Int) -> Float:
 
 
 def with_dense_axes(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
-    """Return the problem on denser, fixed axes, with the same surfaces and the same roughness penalty."""
+    """Return the problem on denser, fixed axes with Int[cells] parts, the same surfaces and roughness penalty."""
     tables: dict[str, Parameter] = {}
     scaled: dict[str, tuple[float, ...]] = {}
     for key, axis in problem.free_axes.items():
@@ -99,6 +100,7 @@ def with_dense_axes(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
         dense = axis.axis.changed(breakpoints=subdivide(axis.axis.breakpoints, cells), free=False)
         for name, which in axis.places:
             factors = list(scaled.get(name, problem.factors(name)))
+            # the roughness of a surface falls with the fourth power of the spacing, for which its factor makes up
             factors[which] *= (cells.sum() / max(cells.size, 1)) ** 4
             tables[name] = _resample(tables.get(name, problem.parameters[name]), which, dense)
             scaled[name] = tuple(factors)
@@ -116,6 +118,7 @@ def _resample(table: Parameter, which: int, axis: Axis) -> Parameter:
     weights, _ = cell_weights(place, len(table.axes[which]))
 
     def both(array: Any) -> tuple[Any, Any]:
+        # the breakpoints around a new one; both are the same at an old one
         left, right = (np.take(array, side(place).astype(np.int64), axis=which) for side in (np.floor, np.ceil))
         return left, right
 
@@ -146,7 +149,7 @@ class BreakpointPlacement:
     def descend(
         self, start: Float, limits: LinearLimits, settings: SolverSettings, report: ProblemReport
     ) -> SolverResult:
-        """Place breakpoints in several rounds, then fit the values with fixed breakpoints."""
+        """Place breakpoints in several rounds from a start, Float[values], then fit values with fixed breakpoints."""
         best = self._rounds(start, limits, coarsen(settings), report)
         if best.status == "stopped":
             return best
@@ -198,6 +201,7 @@ class BreakpointPlacement:
         nowhere = replace(nowhere, iterations=fit.iterations, evaluations=fit.evaluations)
         if fit.cut_short:
             return replace(nowhere, status=fit.status, message=fit.message)
+        # the values after elimination are of a quadratic model that knows no limits
         start, _ = project(self._eliminate(here, dense, keys, fit.values), limits)
         if start is None:
             return nowhere
@@ -250,6 +254,7 @@ class _Dense:
         if smooth is None:
             return levenberg_marquardt(self.objective, begin, self.limits, quick, report_dense)
         end, _ = smooth.descend(SHORT_SCHEDULE, begin, self.limits, quick, lambda _, *step: report_dense(*step))
+        # the continuation has seen a part of many samples; the quadratic model is to be that of all
         if end.cut_short or not smooth.thinned:
             return end
         last = levenberg_marquardt(self.objective, end.values, self.limits, quick, report_dense)
@@ -261,6 +266,7 @@ class _Dense:
         table, direction = axis.places[0]
         points = self.problem.parameters[table].axes[direction].breakpoints
         low, high = breakpoint_bounds(axis, here.parameters, here.held)
+        # breakpoints with equal bounds, such as those of locks and pins, must not go
         stays = np.isin(points, axis.axis.breakpoints[low == high])
         stays[[0, -1]] = True
         lines = []
@@ -281,6 +287,7 @@ class _Dense:
             three = np.stack([axis.columns[i : len(axis.columns) - 2 + i].ravel() for i in range(3)], axis=1)
             bend = np.array([1.0, -2.0, 1.0])
             share = STIFFNESS * float(diagonal[axis.columns].mean())
+            # adds (z1 - 2 z2 + z3)^2 for each three neighbours
             np.add.at(whole, (three[:, :, None], three[:, None, :]), share * np.outer(bend, bend))
         whole[np.diag_indices(len(whole))] += RIDGE * np.maximum(np.diag(whole), 1e-6 * diagonal.mean()) + 1e-300
         movable = np.ix_(*[np.flatnonzero(self.limits.movable)] * 2)
@@ -342,6 +349,7 @@ class _Elimination:
         ]
         if not candidates:
             return False
+        # of equal costs, the breakpoint with the nearest neighbours goes
         _, _, which, at = min(candidates, key=lambda candidate: candidate[:2])
         columns, coefficients = self._rows(which, np.array([at]))
         self._straighten(columns[0], coefficients[0])
@@ -353,6 +361,7 @@ class _Elimination:
         axis, kept = self.axes[which], np.array(self.kept[which])
         three = kept[at[:, None] + np.array([-1, 0, 1])]
         left, middle, right = axis.points[three].T
+        # on a straight line, the middle value is (1 - share) left + share right
         share = (middle - left) / (right - left)
         coefficients = np.stack([share - 1, np.ones_like(share), -share], axis=1)
         return axis.columns[three].transpose(0, 2, 1), coefficients

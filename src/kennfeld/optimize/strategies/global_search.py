@@ -149,15 +149,17 @@ class _Search:
     def _restarted(self) -> SolverResult:
         first = (self.start[self.movable] - self.lower) / self.span
         agreeing = runs = larger = 0
-        spent = {True: 0, False: 0}  # evaluations of runs with growing and with the smallest population
+        effort = {True: 0, False: 0}  # evaluations of runs with growing and with the smallest population
         while agreeing < PATIENCE and self.evaluations < RUNS_SHARE * self.budget:
             before = self.cost
+            # from the start until a run has converged, then from anywhere
             origin = first if runs == 0 else self.random.uniform(size=first.size)
             self.run_cost, evaluations = np.inf, self.evaluations
-            grows = spent[True] <= spent[False] or runs == 0
+            grows = effort[True] <= effort[False] or runs == 0
             converged = self._one_run(origin, 2**larger if grows else 1)
-            spent[grows] += self.evaluations - evaluations
+            effort[grows] += self.evaluations - evaluations
             larger += grows
+            # the run by itself has found the lowest cost of those before it again
             same = np.isfinite(before) and abs(self.run_cost - before) <= MIN_GAIN * before
             agreeing = agreeing + 1 if converged and same and not self._is_flat else 0
             runs += converged
@@ -174,13 +176,14 @@ class _Search:
             return self._end("failed", f"The cost is not a finite number at any of {self.evaluations} points.")
         more = "Increase max_evaluations, or narrow the bounds."
         if runs == 0:
-            spent = count_noun(self.evaluations, "evaluation")
-            return self._end("max_iterations", f"The search had not converged after {spent}. {more}")
+            effort = count_noun(self.evaluations, "evaluation")
+            return self._end("max_iterations", f"The search had not converged after {effort}. {more}")
         if self._is_flat:
             message = (
                 f"The cost is the same at all of {self.evaluations} points: no value has an effect within its bounds."
             )
             return self._end("failed", message)
+        # a cost with steps may satisfy the tolerances of a run beside a lower value
         if not self._descend_to_neighbours():
             message = f"After {self.evaluations} evaluations, values beside the best ones still lower the cost. {more}"
             return self._end("max_iterations", message)
@@ -223,6 +226,7 @@ class _Search:
         ranks = []
         for point in points:
             values = self.start.copy()
+            # the companion of a single value is left out
             values[self.movable] = self.lower + np.clip(point[: self.movable.size], 0.0, 1.0) * self.span
             cost = self._try(values)
             ranks.append(float(np.log(max(cost, SMALLEST))) if np.isfinite(cost) else REJECTED)
@@ -288,6 +292,7 @@ class FeasibilityFirstCost:
         if not np.isfinite(cost):
             return cost
         violation = self._outputs.measure(values)
+        # the violation alone ranks points outside: the cost there does not matter
         return cost if violation.largest <= FEASIBLE else ABOVE * violation.squares
 
     def search(self, start: Float, limits: LinearLimits, settings: GlobalSettings, report: Report) -> SolverResult:

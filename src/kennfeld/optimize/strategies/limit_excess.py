@@ -116,6 +116,7 @@ def _excess(compiled: CompiledProblem, values: Float) -> Iterator[tuple[int, Flo
         bounds = samples.targets_of(visits)[problem.first_side :]
         with np.errstate(invalid="ignore", over="ignore"):
             distance = nodes - bounds
+        # in this order: a node that is not finite violates, unless the limit does not apply
         distance[~np.isfinite(distance)] = np.inf
         distance[np.isnan(bounds)] = np.nan
         yield first, distance
@@ -129,6 +130,7 @@ def _blocks(samples: Samples, *, stateful: bool) -> Iterator[tuple[int, int, lis
         return
     starts: list[int] = []
     for piece in samples.pieces:
+        # whole pieces until a block is large enough
         starts.append(piece.first)
         if piece.last - starts[0] >= SAMPLES_PER_BLOCK or piece.last == samples.count:
             yield starts[0], piece.last, [start - starts[0] for start in starts]
@@ -140,6 +142,7 @@ def measure_violation(compiled: CompiledProblem, values: Float) -> Violation:
     scales, violation = np.array(_limited(compiled).scales)[:, None], Violation()
     for _, excess in _excess(compiled, values):
         relative = excess / scales
+        # limited, so that a diverging node does not overflow the sum
         squares = float(np.nansum(np.square(np.clip(relative, 0.0, MAX_RELATIVE))))
         violation = Violation(max(violation.largest, _largest(relative)), violation.squares + squares)
     return violation
@@ -214,6 +217,7 @@ def _slopes(compiled: CompiledProblem, values: Float, side: Int, visits: Int) ->
         row = np.full(samples.wanted.count, np.nan)
         row[samples.numbers(visits[side == i])] = limit.bound - scale  # so far above, the loss is the square
         rows.append(row)
+    # rows have the root of the weight, 1 / scale
     scores = np.concatenate([np.zeros(first), scales**-2])
     pieces = [replace(piece, scores=scores) for piece in samples.pieces]
     alone = compiled.sums_over(Samples(samples.inputs.parts, rows, pieces, samples.order))
@@ -263,6 +267,7 @@ def _multipliers(compiled: CompiledProblem, rounds: Sequence[LimitRound]) -> lis
     if columns is None:
         columns = [column for each in _updated(compiled, earlier, last.values)[1] for column in each]
         compiled.keep(key, columns)
+    # a larger penalty reaches the same force 2 w m with a smaller m
     return [_Sparse(*pair) for pair in zip(columns[::2], (m / last.growth for m in columns[1::2]), strict=True)]
 
 
@@ -274,7 +279,9 @@ def _updated(compiled: CompiledProblem, rounds: Sequence[LimitRound], values: Fl
         largest = max(largest, _largest(excess / scales))
         applies = ~np.isnan(excess)
         known = np.where(applies, excess, 0.0)
+        # m = (c + m)+; NaN where the limit does not apply counts as 0
         new = np.where(applies, np.maximum(known + _dense(earlier, first, excess.shape[1]), 0.0), 0.0)
+        # for a penalty of 1, the multiplier is 2 (c + m)+ / scale^2
         gap += float(np.sum(2 * new * np.abs(known) / scales**2))
         for block, row in zip(blocks, new, strict=True):
             at = np.flatnonzero(row)

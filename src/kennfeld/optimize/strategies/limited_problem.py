@@ -80,6 +80,7 @@ def _scales(problem: Problem, sides: tuple[LimitSide, ...]) -> tuple[float, ...]
     if zero.size:
         names = [sides[i].node for i in zero]
         typical = np.max(list(problem.each(_largest_values, names)), axis=0)
+        # a bound of 0 says nothing about the size of the node
         scales[zero] = np.where(typical > 0, typical, 1.0)
     return tuple(scales.tolist())
 

@@ -72,7 +72,7 @@ class AugmentedLagrangian:
     results: list[SolverResult] = field(default_factory=list, init=False)
 
     def descend(self, start: Float) -> SolverResult:
-        """Return the best values; status `infeasible` if none were found that keep the output limits."""
+        """Minimise from a start, Float[values]; status `infeasible` if no values keep the output limits at the end."""
         before = self.outputs.measure(start)
         penalty = first_penalty = self._first_penalty(start, before)
         rounds: tuple[LimitRound, ...] = ()
@@ -86,8 +86,10 @@ class AugmentedLagrangian:
             if result.cut_short:
                 return self._end(result)
             violation, gap = self.outputs.update(rounds, values)
+            # kept, and the multipliers are those of a minimum: no limit that is slack is still pushed
             if violation <= FEASIBLE and penalty * gap <= GAP_TOLERANCE * self.objective.cost(values):
                 return self._end(result)
+            # otherwise the multipliers alone converge, and a larger penalty would only make the cost stiffer
             slow = violation > FEASIBLE and violation > SLOW_RATIO * max(previous_violation, 0.0)
             growth = PENALTY_GROWTH if slow else 1.0
             penalty *= growth
@@ -153,6 +155,7 @@ class OutputLimits:
             for i, part in enumerate(parts):
                 count, worst = total[i].samples + part.samples, total[i]
                 if part.excess > worst.excess:
+                    # a part of a recording counts its samples from its own beginning
                     data, first = places[part.data]
                     worst = part._replace(data=data, sample=first + part.sample)
                 total[i] = worst._replace(samples=count)

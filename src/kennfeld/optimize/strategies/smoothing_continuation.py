@@ -100,6 +100,7 @@ class Continuation:
             damping = float(np.clip(stages[-1].damping, *schedule.damping))
             if stages[-1].cut_short:
                 return self._better(start, stages[-1]).with_effort_of(stages), costs
+            # the other schedule was as good on the same smoothed cost
             if earlier and not costs[width] < earlier.get(width, np.inf):
                 return replace(stages[-1], cost=np.inf).with_effort_of(stages), costs
         sharp = replace(settings, damping=damping)
@@ -109,7 +110,7 @@ class Continuation:
     def descend_directly(
         self, start: Float, limits: LinearLimits, settings: SolverSettings, report: StageReport
     ) -> SolverResult:
-        """Descend on the exact model alone; arguments as for `descend`."""
+        """Descend on the exact model alone; arguments as for `descend`, with a start Float[values]."""
         return levenberg_marquardt(self._exact, start, limits, settings, partial(report, "plain"))
 
     def _better(self, start: Float, end: SolverResult) -> SolverResult:

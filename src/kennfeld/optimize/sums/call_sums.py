@@ -56,6 +56,7 @@ class CalledFunctions:
         simulators = [*self.arguments, *([] if self.results is None else [self.results])]
         needed = {name for simulator in simulators for name in simulator.inputs}
         refreshed = self._columns(SampleRows.of(samples, inputs, needed), samples.wanted.count)
+        # columns that the reduced graph does not read are left out
         own = {inputs[name]: array for each in refreshed for name, array in each.columns.items() if name in inputs}
         return CallSums(sums_of(kernel, samples.with_rows(own)), refreshed)
 
@@ -93,6 +94,7 @@ class _BatchColumns:
         function, call = batch_function(self._call.function), self._call
         points, same = self._points(values, widths)
         results, derivatives = function.evaluate(points, call.moving if slopes else ())
+        # the same values with slopes after a cost: results and points are in the columns already
         if not same:
             for name, argument in zip(call.points, call.moving, strict=True):
                 self._write(name, points[argument])
@@ -169,8 +171,10 @@ class CallSums:
 
     def _refresh(self, values: Float, *, slopes: bool) -> None:
         key = values.tobytes() + self.widths.tobytes()
+        # columns with slopes serve a cost as well
         if self._last is not None and self._last[0] == key and self._last[1] >= slopes:
             return
+        # a refresh that fails or is stopped leaves columns of two kinds of values
         self._last = None
         for each in self._refreshed:
             each.refresh(values, self.widths, slopes)

@@ -104,6 +104,7 @@ class CompiledProblem:
         self.form = form or DataForm.of(problem)
         self.weighting = self.form.weighting
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
+        # order: weights and restarts are part of the graph before lookups are lowered and data-only parts cut off
         weighted = self.weighting.extend(problem.graph)
         graph = with_step(restart_states(weighted) if self.form.restarts else weighted, self.form.step)
         self._lowered = lower_lookups(graph, parameters, free if smooth_like else ())
@@ -117,6 +118,7 @@ class CompiledProblem:
         self._smooth_like = smooth_like
         self._selections: tuple[Selection, ...] = ()
         self._storage: ColumnStorage = RecentColumns()
+        # with memory, searches are compared over whole recordings, in partitions of their own
         if smooth_like is not None and self.stateful and problem.partitions is not None:
             self.problem = replace(problem, partitions=smooth_like.search_partitions)
         self.values = self.kernel.values
@@ -188,6 +190,7 @@ class CompiledProblem:
         if partitions is None:
             yield task(self, *arguments)
             return
+        # the latest selection runs innermost: it is made from what the earlier ones have selected
         for select, selection in reversed(self._selections):
             task, arguments = _run_on_selection, (select, selection, task, *arguments)
         yield from partitions.map(run_on_compiled, self._shared_form, partitions.training, task, *arguments)
@@ -213,6 +216,7 @@ class CompiledProblem:
         other = copy(self)
         other.problem = self.problem.over(StoredDatasets(recordings, partition.parts))
         stored = [self._part_samples(recordings, part) for part in partition.parts]
+        # set, not computed: the property of the copy would gather all data
         other.samples = chain_samples([part.samples for part in stored])
         other._stored = list(zip(stored, partition.parts, strict=True))
         other.__dict__.pop("sums", None)  # a selection of the samples has sums of its own
@@ -224,6 +228,7 @@ class CompiledProblem:
         """Return the samples of one part, which are laid out when it is first used: one at a time is in memory."""
         path = self._part_path(recordings, part)
         scores = np.array([c.weight * recordings.recipes[part.dataset].entry.weight for c in self.problem.criteria])
+        # of recordings that stand for others in a search
         scores *= part.factors or 1.0
         stored = read_samples(path, len(self.kernel.layout.inputs), scores)
         if stored is None:
@@ -232,6 +237,7 @@ class CompiledProblem:
             laid_out = in_visiting_order(other._gathered())
             kept = recordings.files.keep(path, sample_columns(laid_out), {})
             stored = read_samples(path, len(self.kernel.layout.inputs), scores) if kept else None
+            # if the disk cannot keep them, they stay in memory
             stored = stored or laid_out.weighted(part.factors)
         touch(path)
         return stored
@@ -264,6 +270,7 @@ class CompiledProblem:
         for stored, part in self._stored:
             own = np.arange(stored.samples.count) if stored.order is None else stored.order
             numbers.append(own.astype(np.int64) + end)
+            # an order may leave samples out, but numbers count all of the part
             end += stored.samples.count if stored.order is None else part.last - part.first
         return np.concatenate(numbers)
 
@@ -352,7 +359,7 @@ class CompiledProblem:
         return counts
 
     def reweight(self, factors: Float) -> "CompiledProblem":
-        """Multiply the weight of each criterion by a factor; nothing is compiled again."""
+        """Multiply the weight of each criterion by a factor, Float[criteria]; nothing is compiled again."""
         other = copy(self)
         other.samples = self.samples.reweighted(factors)
         other.sums = self.sums_over(other.samples)
@@ -404,6 +411,7 @@ class CompiledProblem:
         if samples.count < 2 * SEARCH_PIECE_SAMPLES or len(samples.pieces) < 2 * SEARCH_PIECES:
             return samples
         fewer = samples.in_fewer_pieces(SEARCH_PIECE_SAMPLES / samples.count, SEARCH_PIECES)
+        # more than half of the samples would save little
         return fewer if 2 * sum(piece.last - piece.first for piece in fewer.pieces) <= samples.count else samples
 
     @property
@@ -432,6 +440,7 @@ class CompiledProblem:
         other = self.with_start(problem)
         other.problem, other.weighting = problem, form.weighting
         if problem.partitions is not None:
+            # cached for the data of before
             for name in ("samples", "sums", "_thinned_partitions", "search_partitions"):
                 other.__dict__.pop(name, None)
             return other
@@ -446,6 +455,7 @@ class CompiledProblem:
             ages = sample_ages(bound.hold, bound.count) if self.form.restarts else {}
             further = self.weighting.columns(bound) | ages
             starts = group_points(bound.starts) if self.form.restarts and bound.hold is not None else bound.starts
+            # room for the columns of calls, which are computed for each evaluation
             further |= {name: np.zeros(bound.count) for name in self._called.inputs}
             whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
             targets = [
@@ -478,6 +488,7 @@ def run_on_compiled(shared: bytes, item: bytes, arguments: bytes) -> Any:
     """Run a function of a compiled problem on one partition; see `CompiledProblem.each`."""
     recordings, _ = shared_content(shared)
     task, *rest = pickle.loads(arguments)
+    # a lock, since threads of a worker would compile the same problem side by side
     with _compiling:
         compiled = _compiled_once(shared)
     return task(compiled.over_partition(recordings, pickle.loads(item)), *rest)

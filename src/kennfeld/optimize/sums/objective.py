@@ -62,7 +62,7 @@ class LeastSquaresObjective:
 
     @property
     def start(self) -> Float:
-        """The free values at the start."""
+        """The free values at the start, Float[free]."""
         return self._compiled.start[: self._free].copy()
 
     def _values(self, free: Float) -> Float:
@@ -70,7 +70,7 @@ class LeastSquaresObjective:
         return self._full
 
     def cost(self, values: Float) -> float:
-        """Return the sum of losses plus roughness; infinite if breakpoints are out of order."""
+        """Compute losses plus roughness at free values, Float[free]; infinite if breakpoints are out of order."""
         if not is_ordered(self._order, values):
             return np.inf
         cost = self._sums.cost(self._values(values)) + self._compiled.roughness.cost(values)
@@ -79,11 +79,11 @@ class LeastSquaresObjective:
         return cost
 
     def data_cost(self, values: Float) -> float:
-        """Return the cost without roughness."""
+        """Compute the cost without roughness at free values, Float[free]."""
         return self.cost(values) - self._compiled.roughness.cost(values)
 
     def normal(self, values: Float) -> tuple[Float, SymmetricMatrix]:
-        """Return half the gradient and the Gauss-Newton matrix."""
+        """Compute half the gradient, Float[free], and the Gauss-Newton matrix [free, free]."""
         data = self._sums.normal(self._values(values))
         diagonal = data.matrix.diagonal().copy()
         faint = self._faint(diagonal) & (diagonal > 0)
@@ -95,13 +95,13 @@ class LeastSquaresObjective:
         return data.gradient, data.matrix
 
     def residual(self, values: Float) -> Float:
-        """Return residuals, with those of the roughness below."""
+        """Compute residuals, Float[residuals], with those of the roughness below."""
         residual = self._sums.residual(self._values(values))
         self._check(residual, values)
         return np.concatenate([residual, self._compiled.roughness.rows(values)[0]])
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian, with those of the roughness below."""
+        """Compute residuals and Jacobian, Float[residuals, free], with those of the roughness below."""
         residual, jacobian = self._sums.rows(self._values(values))
         self._check(residual, values)
         jacobian[:, self._faint(_squares(jacobian))] = 0.0
@@ -113,20 +113,21 @@ class LeastSquaresObjective:
             self._compiled.rejected.add(values)
 
     def faint(self, values: Float) -> Bool:
-        """Mark the values that move the scored outputs by rounding errors only."""
+        """Mark the values, Bool[free], that move the scored outputs by rounding errors only."""
         return self._faint(self._curvature(self._values(values)))
 
     def with_effect(self, values: Float, start: Float) -> Float:
-        """Return the values, with parameters at their start whose whole effect has faded since by the share `FADED`.
+        """Set parameters to their start if their whole effect has faded since by the share `FADED`; Float[free] each.
 
         Single values of a table also lose their effect when samples move to other cells.
         """
         before = self._curvature(self._values(start)).copy()
+        # curvatures are squares of derivatives
         faded = self._curvature(self._values(values)) <= FADED**2 * before
         return np.where(self._sensitivity.all_of_parameter(faded), start, values)
 
     def sloped(self, values: Float) -> Bool | None:
-        """Mark the values with a derivative at a scored sample, without roughness; None if one is not finite."""
+        """Mark values, Bool[free], with a derivative at a scored sample, roughness aside; None if one is not finite."""
         full = self._values(values)
         if self.uses_qr:
             jacobian = self._sums.rows(full)[1]
@@ -135,7 +136,7 @@ class LeastSquaresObjective:
         return curvature > 0 if np.isfinite(curvature).all() else None
 
     def informed(self, values: Float) -> Bool:
-        """Mark the values on which the cost depends."""
+        """Mark the values on which the cost depends, Bool[free]."""
         informed = (self.rows(values)[1] != 0).any(axis=0) if self.uses_qr else self.normal(values)[1].diagonal() > 0
         return np.asarray(informed)
 
@@ -165,7 +166,7 @@ class LeastSquaresObjective:
         return self._sensitivity.target_squares
 
     def mean_curvature(self, diagonal: Float) -> Float:
-        """Return for each value the mean of the diagonal over its table; 0 for scalars.
+        """Return for each value, Float[free], the mean of the diagonal over its table; 0 for scalars.
 
         If some simulated samples are not scored, it is at least the largest curvature on all of them.
         """
@@ -192,6 +193,7 @@ class _Sensitivity:
         """Return `LeastSquaresObjective.mean_curvature`."""
         if not self._starts.size:
             return np.zeros(diagonal.size)
+        # sums over each parameter, whose values follow each other from its start
         mean = np.where(self._sizes > 1, np.add.reduceat(diagonal, self._starts) / self._sizes, 0.0)
         least = np.where(self._moving, 0.0, self.everywhere(values)[self._starts])
         return np.repeat(np.maximum(mean, least), self._sizes)
@@ -231,6 +233,7 @@ class _Sensitivity:
             if sums.stateful:
                 unscored = [each for each in self._compiled.each(_unscored_curvature, values) if each is not None]
                 if unscored:
+                    # unscored samples as if they were scored, and those that are
                     diagonal = sum(unscored) + sums.normal(values).matrix.diagonal()
                     self._everywhere = self._largest(np.nan_to_num(diagonal, posinf=0.0))
         return self._everywhere
@@ -252,6 +255,7 @@ class _Sensitivity:
         size = self._largest(np.abs(values[: curvature.size]))
         size[size == 0] = 1.0
         with np.errstate(over="ignore"):
+            # squares of the change of all outputs, if the value changes by its size, against those of the targets
             return np.asarray((curvature > 0) & (curvature * size**2 <= SUSPECT**2 * self.target_squares))
 
     @cached_property
@@ -286,9 +290,11 @@ def _unscored(samples: Samples) -> Samples | None:
     for piece in samples.pieces:
         scored = np.hstack([np.isfinite(block) for block in _target_blocks(samples, piece)] or [np.zeros((1, 0), bool)])
         reached = np.flatnonzero(scored.any(axis=0))
+        # up to the last scored sample, behind which nothing is simulated
         missing = np.flatnonzero(~scored[:, : reached[-1] + 1].all(axis=0)) if reached.size else reached
         if missing.size:
             end = int(missing[-1]) + 1
+            # the other way round: a target of 0 where there was none, none where there was one
             targets[:, piece.first : piece.first + end][scored[:, :end]] = np.nan
             pieces.append(replace(piece, last=piece.first + end))
     return Samples(samples.inputs.parts, list(targets), pieces, samples.order) if pieces else None

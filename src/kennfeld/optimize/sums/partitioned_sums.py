@@ -56,6 +56,7 @@ def pack(normal: NormalEquations) -> PackedNormal:
         storage, count = matrix.storage, matrix.storage.count
         blocks = PackedBlocks(storage.places[:count].copy(), storage.blocks[:count].copy())
         return PackedNormal(normal.gradient.copy(), blocks)
+    # half of a symmetric matrix is sent
     rows = [row[at:] for at, row in enumerate(matrix)]
     return PackedNormal(normal.gradient.copy(), np.concatenate(rows) if rows else np.zeros(0))
 
@@ -93,6 +94,7 @@ def _add_triangles(first: PackedNormal) -> Addition:
     size, total = first.gradient.size, np.array(first.matrix)
 
     def add(part: PackedNormal) -> None:
+        # in the order of the partitions, so that the sum is the same bit for bit whoever computes it
         np.add(total, part.matrix, out=total)
 
     def result() -> Float:
@@ -113,6 +115,7 @@ def _add_blocks(first: PackedNormal) -> Addition:
         storage.add_blocks(*part.matrix)
 
     def result() -> BlockMatrix:
+        # as `Accumulator.normal` does
         if storage.mostly_used:
             storage.fill()
         return BlockMatrix(storage, np.arange(first.gradient.size))
@@ -138,19 +141,19 @@ class PartitionedSums:
         """Do nothing: every process compiles what it calls."""
 
     def cost(self, values: Float) -> float:
-        """Return the sum of weighted losses; not finite if the model's output is not."""
+        """Compute the sum of weighted losses at all values, Float[values]; not finite if an output is not."""
         return float(sum(self._each(partial_cost, self.widths, values)))
 
     def normal(self, values: Float) -> NormalSum:
-        """Return half the gradient and the Gauss-Newton matrix."""
+        """Compute half the gradient, Float[free], and the Gauss-Newton matrix [free, free]."""
         return add_packed(self._each(partial_normal, self.widths, values))
 
     def residual(self, values: Float) -> Float:
-        """Return residuals, one partition after the other."""
+        """Compute residuals, Float[visits * outputs], one partition after the other."""
         return np.concatenate([*self._each(partial_residual, self.widths, values)])
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Return residuals and Jacobian, one partition after the other."""
+        """Compute residuals and Jacobian, Float[visits * outputs, free], one partition after the other."""
         residuals, jacobians = zip(*self._each(partial_rows, self.widths, values), strict=True)
         return np.concatenate(residuals), np.concatenate(jacobians)
 
@@ -173,6 +176,7 @@ class PartitionedSums:
 
 def _at_widths(compiled: _Compiled, widths: Float) -> Sums:
     sums = compiled.sums
+    # in place: the array is shared with what reads it
     sums.widths[:] = widths
     return sums
 

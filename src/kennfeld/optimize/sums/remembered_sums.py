@@ -51,6 +51,7 @@ class RememberedSums:
         key = self._key(values)
         if key not in self._costs:
             if len(self._costs) >= MOST_COSTS:
+                # the oldest one
                 del self._costs[next(iter(self._costs))]
             self._costs[key] = self._sums.cost(values)
         return self._costs[key]
@@ -60,6 +61,7 @@ class RememberedSums:
         key = self._key(values)
         if self._last is not None and self._last[0] == key:
             return self._last[1].again()
+        # the caller may change the matrix that it gets, so that a copy is kept
         normal, self._last = self._sums.normal(values), None
         matrix = normal.matrix  # in blocks if there are many values
         if isinstance(matrix, np.ndarray) and self._samples >= MIN_SAMPLES * matrix.size:

@@ -42,6 +42,7 @@ class SampleRows:
         if samples.order is None:
             starts = [piece.first for piece in samples.pieces]
             rows: dict[str, Row] = {name: samples.inputs.parts[inputs[name]] for name in needed}
+            # a simulation begins at the first sample, whether or not a piece does
             return cls(rows, samples.count, starts if starts[:1] == [0] else [0, *starts], None)
         rows = {name: samples.inputs.row(inputs[name], samples.order) for name in needed}
         return cls(rows, samples.count, [0], samples.order)

@@ -56,6 +56,7 @@ class SampleSlopes:
         columns, outputs = dict(bound.part(sample + 1 - count, sample + 1)), len(self._kernel.outputs)
         columns |= {name: np.zeros(count) for name in self._columns}
         targets = np.full((outputs, count), np.nan)
+        # only the last sample is scored; its slope does not depend on the target
         targets[:, -1] = 0.0
         samples = Samples(
             [columns[n] for n in self._kernel.layout.inputs], targets, [Piece(0, count, np.ones(outputs))]

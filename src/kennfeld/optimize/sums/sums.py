@@ -42,10 +42,10 @@ class Sums(Protocol):
         """Do before the first iteration what `normal` would otherwise do in it, such as compiling."""
 
     def cost(self, values: Float) -> float:
-        """Return the sum of weighted losses; not finite if the model's output is not."""
+        """Return the sum of weighted losses at Float[values]; not finite if the model's output is not."""
 
     def normal(self, values: Float) -> NormalEquations:
-        """Return half the gradient and the Gauss-Newton matrix."""
+        """Return half the gradient, Float[free], and the Gauss-Newton matrix [free, free]."""
 
     def residual(self, values: Float) -> Float:
         """Return W^1/2 r, Float[visits * outputs]; 0 if not scored."""

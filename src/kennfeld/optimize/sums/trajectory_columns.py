@@ -70,6 +70,7 @@ class TrajectoryColumns:
         """Compute the results for some values, Float[values]; the slopes only if they are needed, else they are 0."""
         results = self._results(values)
         sloped = self._slopes(values, results) if slopes else np.zeros((self._places.size, *results.shape))
+        # the graph adds slope times value to this column, which then is the result again
         reached = results - np.einsum("p,prk->rk", values[self._places], sloped)
         for number, name in enumerate(self._trajectories.results):
             self.columns[name][:] = reached[number]
@@ -79,6 +80,7 @@ class TrajectoryColumns:
     def _slopes(self, values: Float, results: Float) -> Float:
         """Return the slopes, Float[values, results, samples]."""
         if self._step is None:
+            # from the noise at the first values, for all later ones
             self._step = difference_step(self._noise(values, results))
         distances = [self._distances(values, number, self._step) for number in range(self._places.size)]
         changed = [
@@ -115,8 +117,10 @@ class TrajectoryColumns:
     def _distances(self, values: Float, number: int, step: float) -> tuple[float, float]:
         """Return the two distances of the points of a difference, which are within the limits of the value."""
         value, distance = float(values[self._places[number]]), step * self._size(values, number)
+        # at a limit both points are on the other side, at one and two distances
         above = distance if value + distance <= self._upper[number] else -2 * distance
         below = -distance if value - distance >= self._lower[number] else 2 * distance
+        # the distances that the rounded values really have
         return (value + above) - value, (value + below) - value
 
     def _changed(self, values: Float, place: int, distance: float) -> Float:
@@ -130,6 +134,7 @@ class TrajectoryColumns:
             return 0.0
         direction = np.zeros_like(values)
         sizes = np.array([self._size(values, number) for number in range(self._places.size)])
+        # away from an upper limit, which the points of the noise must not pass
         inwards = np.where(values[self._places] + NOISE_POINTS * NOISE_SPACING * sizes <= self._upper, 1.0, -1.0)
         direction[self._places] = NOISE_SPACING * sizes * inwards
         others = [self._simulate(values + number * direction) for number in range(1, NOISE_POINTS)]

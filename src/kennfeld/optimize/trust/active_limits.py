@@ -68,6 +68,7 @@ def find_active_output_limits(
     presses = multipliers(gram, beyond) > 0
     if not (presses.any() and dispersion > 0):
         return ActiveOutputLimits(touched, presses, np.zeros((0, touched.rows.shape[1])), np.zeros(0, dtype=np.int64))
+    # A p scatters with the covariance phi G: independently along the eigenvectors of G, by the roots of the eigenvalues
     sizes, vectors = np.linalg.eigh(gram)
     independent = sizes > RANK_TOLERANCE * sizes[-1]
     axes, units = vectors[:, independent], np.sqrt(sizes[independent])
@@ -83,6 +84,7 @@ def _held(gram: Float, beyond: Float, axes: Float, units: Float) -> Float:
     noise = np.random.default_rng(0).standard_normal((NOISE_DRAWS, units.size)) * units @ axes.T
     # the step within the limits reaches A p - b = v - G l
     ends = [excess - gram @ multipliers(gram, excess) for excess in beyond + noise]
+    # in units of the scatter without limits, which is 1 in each direction
     covariance = np.cov((np.array(ends) @ axes / units).T).reshape(units.size, units.size)
     variances, directions = np.linalg.eigh(covariance)
     return directions[:, variances < MAX_HELD_VARIANCE]
@@ -96,7 +98,7 @@ def _by_side(samples: Float, sides: Int, held: Float) -> tuple[Float, Int]:
     rest, columns, numbers = held, [held[:, :0]], []
     known = np.unique(sides).tolist()
     while rest.shape[1]:
-        # principal angles between the rest and the span of each side
+        # cosines of the principal angles between the rest and the span of each side, the largest first
         angles = {side: np.linalg.svd(_span(samples[sides == side]).T @ rest)[1:] for side in known}
         side = max(known, key=lambda number: float(np.max(angles[number][0], initial=0.0)))
         rotated = rest @ angles[side][1].T
@@ -113,7 +115,7 @@ def _span(rows: Float) -> Float:
 
 
 def multipliers(gram: Float, beyond: Float) -> Float:
-    """Return the l >= 0 that minimises l'Gl / 2 - l'v; shape of `beyond`, which is v.
+    """Minimise l'Gl / 2 - l'v over l >= 0, Float[samples], for G Float[samples, samples] and v, which is `beyond`.
 
     >>> multipliers(np.eye(2), np.array([3.0, -1.0])).round(6).tolist()
     [3.0, 0.0]
@@ -132,6 +134,7 @@ def _lawson_hanson(gram: Float, beyond: Float) -> Float:
     values, inside = np.zeros(size), np.zeros(size, dtype=bool)  # l, and its passive set
     tolerance = 1e-10 * float(np.abs(beyond).max(initial=0.0))
     for _ in range(3 * size):
+        # the steepest multiplier enters the passive set; ends once none would lower the cost
         slope = np.where(inside, -np.inf, beyond - gram @ values)
         best = int(slope.argmax())
         if not slope[best] > tolerance:
@@ -152,6 +155,7 @@ def _minimise_inside(gram: Float, beyond: Float, values: Float, inside: Bool) ->
         low = inside & (target <= 0)
         if not low.any():
             return target
+        # as far towards the target as all stay >= 0; those that reach 0 leave
         share = float(np.min(values[low] / np.maximum(values[low] - target[low], 1e-300)))
         values = np.where(inside, values + share * (target - values), 0.0)
         inside &= ~(low & (values <= ROUNDING * np.abs(values).max(initial=0.0)))
@@ -202,6 +206,7 @@ def describe_output_limits(
         reached = touched.side == number
         count, presses = int(reached.sum()), reached & pressed.presses
         first = int(np.flatnonzero(presses if presses.any() else reached)[0])
+        # samples are counted from 1 in messages
         where = f"sample {touched.sample[first] + 1} of {bounds[touched.data[first]].dataset.name}"
         where = f"at {count} samples, e.g. {where}" if count > 1 else f"at {where}"
         rows = pressed.rows[pressed.sides == number]
@@ -231,7 +236,7 @@ def _held_parameters(rows: Float, columns: Mapping[str, Int], sizes: Float) -> t
 def describe_distances(
     axes: Mapping[AxisKey, FreeAxis], values: ValueLayout, full: Float, names: Mapping[AxisKey, str]
 ) -> Iterator[ActiveLimit]:
-    """Describe neighbouring breakpoints that are at their minimum distance."""
+    """Describe neighbouring breakpoints at their minimum distance, given free and fixed values, Float[values]."""
     for key, axis in axes.items():
         at = values.moving.get(key, values.free)
         points = full[at : at + len(axis.axis)]

@@ -90,6 +90,7 @@ class TrustAssessment:
                 trust = self._trust()
             except (np.linalg.LinAlgError, ArithmeticError, RunnerLostError):  # never lose a result over this
                 trust = Trust(informed=self.informed)
+        # a result would keep its data alive with them
         del self.compiled, self.scorer, self.outputs
         self.__dict__.pop("_objective", None)
         return trust
@@ -111,6 +112,7 @@ class TrustAssessment:
         split = _Split(problem, compiled)
         moved = self.values != compiled.start[: self.values.size]
         informed = {name: self.informed.get(name, also) for name, also in split(local.informed | moved).items()}
+        # `informed` as the fit reports it, over all free values
         known = np.zeros(self.values.size, dtype=bool)
         for name, columns in split.columns.items():
             known[columns] = informed[name].ravel()
@@ -120,6 +122,7 @@ class TrustAssessment:
         moving = {table for axis in split.axes.values() for table, _ in axis.places}
         weak = self._weak_directions(local, split, parameters)
         minima = self._second_minima(limits, local, weak, outputs, split)
+        # mean square distance to the other minimum, by its probability; of several, the largest
         apart = np.max([minimum.weight * minimum.change**2 for minimum in minima], axis=0, initial=0.0)
         deviation = np.sqrt(local.deviation(error=True) ** 2 + apart)
         holdings = [
@@ -162,6 +165,7 @@ class TrustAssessment:
         tables = {name: where for name, where in fixed.items() if name not in split.axes}
         coupled = _coupled_tables(local, split.columns, list(tables))
         candidates = table_changes(self.problem.model.graph, parameters, tables, coupled)
+        # each table change as a row over all values, 0 outside of its table
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
@@ -202,16 +206,16 @@ class TrustAssessment:
         """Describe undetermined values and those only `searched`, table by table; then the weak directions.
 
         A direction in which another minimum is known is described by that alone, and what determines the values of its
-        tables around this one is not told.
+        tables around this one is left out.
         """
         fixed = split(local.reduction.fixed)
         tables = {name: where for name, where in fixed.items() if name not in split.axes}
-        idle = {name: ~known & ~fixed[name] for name, known in informed.items()}
+        uninformed = {name: ~known & ~fixed[name] for name, known in informed.items()}
         flat = {name: split(searched)[name] & ~where for name, where in tables.items()}
-        jumping = self._jumping() if any(where.any() for where in idle.values()) else frozenset()
+        jumping = self._jumping() if any(where.any() for where in uninformed.values()) else frozenset()
         directions = [
             words.jumping(name, where) if name in jumping else words.uninformed(name, where)
-            for name, where in idle.items()
+            for name, where in uninformed.items()
             if where.any()
         ]
         intervals = split.last(self._flat_intervals(searched & ~local.reduction.fixed))
@@ -235,6 +239,7 @@ class TrustAssessment:
             if words.layers.intersection(names):
                 of_layers.append((direction, words.layers.issuperset(names)))
         if of_layers:
+            # one that changes weights only, if there is any; of equals, max takes the first, which is the worst
             worst, alone = max(of_layers, key=lambda pair: pair[1])
             parts = {name: part for name, part in split(worst.change).items() if name in words.layers}
             directions += describe_weights(worst, parts, split(local.deviation(error=True)), parameters, alone=alone)
@@ -275,6 +280,7 @@ class TrustAssessment:
         if sum(shape.kind == "scale" for shape, _ in direction.amounts) < 2:
             return True
         change = direction.change * SCALED / max(abs(amount) for _, amount in direction.amounts)
+        # factors exp(c / p) and differences c have the same first derivative; the second one tells them apart
         relative = np.divide(change, self.values, out=np.zeros_like(change), where=self.values != 0)
         factors, differences = (
             self._objective.data_cost(values) for values in (self.values * np.exp(relative), self.values + change)
@@ -296,6 +302,7 @@ def _keeps_limits(limits: LinearLimits, values: Float, change: Float) -> bool:
     """Return True if values keep bounds and rows with a change, Float[values]."""
     changed = values + change
     within = (limits.lower <= changed) & (changed <= limits.upper)
+    # values that stay may be beyond a bound by rounding
     return bool(np.all(within | (change == 0))) and limits.violation(changed) <= FEASIBLE
 
 
@@ -319,7 +326,7 @@ def _coupled_tables(local: Estimate, columns: Mapping[str, Int], tables: Sequenc
 
 
 def count_touching_samples(compiled: CompiledProblem, full: Float) -> Int:
-    """Count the scored samples that influence each free value; `full` are the free and the fixed values.
+    """Count the scored samples that influence each free value, Int[free]; `full` are all values, Float[values].
 
     Samples that are only simulated, because of `where`, the warmup or a missing target, do not count. A steady-state
     point that is held until the model has settled counts once for all samples over which it is averaged.
@@ -346,12 +353,14 @@ def _owners(compiled: CompiledProblem, bounds: tuple[BoundDataset, ...]) -> Int:
     for piece in samples.pieces:
         visits = np.arange(piece.first, piece.last)
         scored = np.isfinite(samples.targets_of(visits)[piece.scores > 0]).any(axis=0)
+        # a scored sample owns itself; below, the samples of a settled point over which it is averaged
         owners[visits[scored]] = visits[scored]
     end = 0
     for bound in bounds:
         first, end = end, end + bound.count
         if bound.hold is not None:
             points = owners[first:end].reshape(-1, bound.hold.samples)
+            # the last sample of a point is the scored one
             points[:, -bound.hold.window :] = points[:, -1:]
     return owners
 

@@ -78,6 +78,7 @@ class Estimate:
     def distance(self) -> float:
         """Largest step of a value to the minimum of the linearised cost, in standard deviations of that value."""
         step = np.abs(self.spectrum.inverse.times(self.gradient))
+        # values without a deviation of their own, held or undetermined, have no distance in units of it
         sure = np.sqrt(np.maximum(self._error_variances, 0.0))
         known = np.isfinite(sure) & (sure > 0) & ~self.spectrum.loose
         return float(np.max(step[known] / sure[known], initial=0.0))
@@ -98,18 +99,19 @@ class Estimate:
         return self.spectrum.inverse.trace(self.data)
 
     def expand(self, changes: Float) -> Float:
-        """Return changes of all values, given those that the matrices are over in the last dimension."""
+        """Expand changes of the values that the matrices are over, Float[..., seen], to those of all values."""
         independent = np.zeros((*changes.shape[:-1], self.seen.size))
         independent[..., self.seen] = changes
         return self.reduction.expand(independent)
 
     def narrow(self, changes: Float) -> Float:
-        """Return the part of changes of all values that the matrices are over."""
+        """Select the part of changes of all values, Float[..., values], that the matrices are over."""
         return changes[..., self.reduction.independent[self.seen]]
 
     @cached_property
     def undetermined(self) -> Bool:
-        """True for values that nothing determines, alone or in combination with others."""
+        """Mask of the values that nothing determines, alone or in combination with others, Bool[values]."""
+        # from the units of the spectrum to those of the values
         basis = self.spectrum.null / self.spectrum.scale[:, None]
         loose = ~self.seen
         loose[self.seen] = self.spectrum.loose
@@ -117,6 +119,7 @@ class Estimate:
         undetermined[self.reduction.independent] = loose
         follow = self.reduction.follow
         known = follow[:, self.seen]
+        # a dependent value is undetermined if null directions move it by more than rounding of those that it follows
         moved = np.linalg.norm(known @ basis, axis=1) > PART_TOLERANCE * (np.abs(known) @ np.linalg.norm(basis, axis=1))
         undetermined[self.reduction.dependent] = moved | (follow[:, ~self.seen] != 0).any(axis=1)
         return undetermined
@@ -136,13 +139,15 @@ class Estimate:
         if not self.smoothness.diagonal().any():
             return 0
         met = np.flatnonzero(self.data.diagonal() > 0)
+        # null directions of the data alone, less those that smoothness leaves open as well
         null = self.spectrum.null[met]
         undetermined = int(np.linalg.matrix_rank(null, tol=PART_TOLERANCE)) if null.size else 0
         return max(nullity(part(self.data, met)) - undetermined, 0)
 
     def deviation(self, *, error: bool) -> Float:
-        """Return the standard deviations of the error or of the scatter of all values; inf for undetermined ones."""
+        """Compute standard deviations of the error or of the scatter, Float[values]; inf for undetermined values."""
         inverse, follow = self.spectrum.inverse, self.reduction.follow[:, self.seen]
+        # a dependent value is f'q of the independent ones q: phi f'H^-1 f for one noise, else f'H^-1 (M + phi S) H^-1 f
         rows = inverse.times(follow)
         variances = np.zeros(self.reduction.size)
         if error and self.noise is None:
@@ -161,7 +166,7 @@ class Estimate:
         return self.dispersion * inverse.diagonal if self.noise is None else inverse.sandwich(self._claimed)
 
     def covariance(self, *, scatter: bool) -> Float:
-        """Return the covariance matrix of the scatter or of the error of all values, shape (values, values)."""
+        """Compute the covariance matrix of the scatter or of the error of all values, shape (values, values)."""
         inverse = self.spectrum.inverse.array
         if scatter or self.noise is not None:
             known = inverse @ (self._noisy if scatter else self._claimed) @ inverse
@@ -170,20 +175,24 @@ class Estimate:
         return self.expand(self.expand(known).T)
 
     def covariance_of(self, functions: Float) -> Float:
-        """Return the covariance of the errors of linear functions, given as rows over the values of the matrices."""
+        """Compute the covariance, Float[functions, functions], of the errors of linear functions of the values.
+
+        The functions are rows over the values of the matrices, Float[functions, seen values].
+        """
         rows = self.spectrum.inverse.times(functions)
         if self.noise is None:
             return np.asarray(self.dispersion * (rows @ functions.T))
         return np.asarray(rows @ self._claimed @ rows.T)
 
     def leverage(self) -> Float:
-        """Return the share of each value in the degrees of freedom: 1 if the data alone determine it, 0 if they do not.
+        """Compute the share of each value in the degrees of freedom, Float[values]: 1 if the data alone determine it.
 
         It is the diagonal of R H^-1 R, where R is the symmetric root of H_data in units of its diagonal. It lies
         between 0 and 1, and its sum is trace(H^-1 H_data).
         """
         own = np.sqrt(self.data.diagonal())
         met = np.flatnonzero(own > 0)
+        # a diagonal of 1 keeps digits of the root where the units of values differ by powers of ten
         half = root(whole(rescale(part(self.data, met), 1 / own[met])))
         parts = np.einsum("ij,ij->i", half @ rescale(part(self.spectrum.inverse.array, met), own[met]), half)
         leverage = np.zeros(self.reduction.size)
@@ -198,7 +207,7 @@ def estimate(
     judge: Judge,
     touched: NearActiveSamples | None = None,
 ) -> Estimate | None:
-    """Return the estimate at the end of a fit; None if a derivative of the model is not finite there.
+    """Compute the estimate at the end of a fit; None if a derivative of the model is not finite there.
 
     Residuals that an active output limit causes are not noise. If `touched` has samples at which limits are reached,
     the noise is therefore taken from the end of a short descent without the limits.
@@ -206,7 +215,7 @@ def estimate(
     Args:
         compiled: the compiled problem.
         limits: bounds and linear limits of the free values.
-        values: the free values at the end of the fit; shape (values,).
+        values: the free values at the end of the fit, each in its own unit; shape (values,).
         judge: returns the groups of residuals at some values.
         touched: samples at which limits of outputs are reached.
     """
@@ -220,10 +229,12 @@ def estimate(
     held, local = _within(TouchedLimits.of(limits, values, measured.curvature), measured, groups, touched)
     if touched is None or not local.seen.any():
         return local
+    # a descent, as one step is too short for a curved function
     without_limits = levenberg_marquardt(measured.objective, values, limits, DATA_ONLY).values
     local = _estimate(measured, local.reduction, _with_noise_of(groups, judge(without_limits)))
     moving = local.reduction.rows(outputs)[:, local.seen]
     pressed = find_active_output_limits(touched, moving, local.spectrum.inverse, local.gradient, local.dispersion)
+    # limits that are reached but determine nothing leave the residuals as they are
     if not pressed.rows.size:
         return replace(_estimate(measured, local.reduction, groups), pressed=pressed)
     tied = ConstraintElimination.of(held.fixed, np.vstack([held.all_rows, pressed.rows]))
@@ -238,8 +249,10 @@ def _within(
     if not limits.count():
         return limits, local
     gradient = measured.gradient
+    # limits of outputs push as well: without their multipliers, bounds would seem to press against them
     if touched is not None and local.seen.any():
         gradient = gradient + _output_multipliers(touched, local) @ touched.rows
+    # multipliers are those at the minimum of the linearised cost, which the search need not have reached exactly
     step = local.expand(-local.spectrum.inverse.times(local.reduction.vector(gradient)[local.seen]))
     gradient = gradient + measured.data @ step + measured.smoothness @ step
     pressing = limits.pressing(gradient, measured.curvature, measured.cost)
@@ -257,6 +270,7 @@ def _output_multipliers(touched: NearActiveSamples, local: Estimate) -> Float:
 
 def _with_noise_of(groups: Sequence[Group], others: Sequence[Group]) -> Sequence[Group]:
     """Return groups with the noise of others, if these are of the same samples."""
+    # at other values the model may be undefined at some samples
     if [group.count for group in groups] != [group.count for group in others]:
         return groups
     pairs = zip(groups, others, strict=True)
@@ -285,6 +299,7 @@ def _estimate(
     elif isinstance(data, np.ndarray):
         spectrum = Spectrum.of_matrix(data + smoothness)
     else:
+        # absolute values, so that non-zeros of different matrices do not cancel in the pattern
         spectrum = Spectrum.of_sparse(data + smoothness, sum(map(abs, each), abs(data) + abs(smoothness)))
     used = [spectrum.inverse.trace(matrix) for matrix in each]
     groups = measured.with_smooth_effects(groups, used, (reduction, np.flatnonzero(seen), spectrum.inverse))
@@ -294,6 +309,7 @@ def _estimate(
     weights = used if sum(used) > 0 else [float(group.count) for group in groups]
     dispersion = float(np.dot(shares, weights)) / sum(weights) if sum(weights) > 0 else float("nan")
     noise = None
+    # with the exponent 1, or equal weights, the variance of a group's gradient is a multiple of its curvature
     if len(groups) > 1 and any(g.varies and v.exponent < 1 for g, v in zip(groups, by_group, strict=True)):
         noise = part(reduction.matrix(measured.noise(groups, by_group)), seen)
         dispersion = spectrum.inverse.trace(noise) / sum(used) if sum(used) > 0 else dispersion
@@ -317,6 +333,8 @@ def _estimate(
 
 def _share(group: Group, variance: Variance) -> float:
     """Return the variance of the gradient per curvature, both by samples of the typical weight of a group."""
+    # gradient: s w psi j, with the variance (s w)^2 v w^-g times the persistence; curvature: s w psi' j'j;
+    # s score, w weight, j row of the Jacobian, v w^-g variance of psi; their ratio:
     curvature = variance.at(group.typical) * group.typical
     return float(np.divide(group.score * curvature * group.persistence, group.slope))
 
@@ -334,6 +352,7 @@ class _Measured:
         sums = self._slope_weighted()
         if objective.uses_qr:
             residual, jacobian = sums.rows(self._full)
+            # slopes that are rounding count as 0, as in the search
             jacobian[:, self._faint] = 0.0
             data, gradient = jacobian.T @ jacobian, jacobian.T @ residual
             self.rows = np.vstack([jacobian, compiled.roughness.rows(values)[1]])
@@ -357,6 +376,7 @@ class _Measured:
         """Return the variance of the gradient, sum (s w)^2 v w^-g j'j over the samples of weight w and row j."""
         factors, powers = {}, {}
         for own, group, variance in zip(self._groups, groups, variances, strict=True):
+            # the sums multiply each sample by its score and by psi / r, whose mean over the group is divided out
             factors[own] = float(np.divide(group.score * variance.unit * group.persistence, group.weight))
             powers[own] = 2 - variance.exponent
         return self._copy(self._normal(self._compiled.sums_with(rescore, factors, powers))[0])

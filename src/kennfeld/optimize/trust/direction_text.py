@@ -83,7 +83,7 @@ class Describer:
     def uninformed(self, name: str, where: Bool) -> Direction:
         """Describe values of one table that neither data nor smoothness determine."""
         if name in self._free_axes:
-            return self._describe_idle_breakpoints(name, where)
+            return self._describe_uninformed_breakpoints(name, where)
         single = np.count_nonzero(where) == 1
         start, lock = ("its start value", "lock it") if single else ("their start values", "lock them")
         smooth = self._samples[name].any() and _has_smoothness(self._parameters[name])
@@ -145,7 +145,7 @@ class Describer:
     def _noun(self, name: str) -> str:
         return "weights" if name in self.layers else "values"
 
-    def _describe_idle_breakpoints(self, name: str, where: Bool) -> Direction:
+    def _describe_uninformed_breakpoints(self, name: str, where: Bool) -> Direction:
         numbers = np.flatnonzero(where).tolist()
         breakpoints = [self._breakpoint(name, i) for i in numbers[:MAX_NAMED]]
         breakpoints += ["..."] if len(numbers) > MAX_NAMED else []
@@ -167,6 +167,7 @@ class Describer:
         """
         ordered = sorted(weak.amounts, key=lambda pair: ORDER.index(pair[0].kind))
         first, first_amount = ordered[0]
+        # the amount of the first table change is round; all others follow in proportion
         unit = self._possible(weak, self._round_amount(first) / first_amount)
         amounts = [(shape, amount * unit) for shape, amount in ordered]
         size = abs(amounts[0][1]) * weak.deviation / abs(unit)  # as an amount of the first table change
@@ -290,6 +291,7 @@ class Describer:
         order = np.argsort(-weight, axis=None, kind="stable")
         some = int(np.count_nonzero(part)) > MAX_NAMED
         chosen = [int(i) for i in order[:MAX_NAMED] if weight.flat[i] >= MIN_POINT_SHARE * weight.flat[order[0]]]
+        # if more values change than a sentence can name, the strongest one stands for all
         chosen = chosen[:1] if some else chosen
         if name in self._free_axes:
             others = " and others" if some else ""
@@ -324,6 +326,7 @@ class Describer:
         start = np.nan_to_num(self._start[name].values)
         scale_is_open = exact and shape.kind == "scale" and float(np.ptp(start)) > 0
         strength = np.abs(start if scale_is_open else parts[name])
+        # of equally strong grid points, the one with most samples
         best = np.where(strength >= (1 - 1e-6) * strength.max(), self._samples[name], -1)
         at = np.unravel_index(int(best.argmax()), best.shape)
         value = table.values[at]
@@ -334,6 +337,7 @@ class Describer:
 
     def _fixed_value(self, table: Parameter, at: tuple[Any, ...], value: float) -> Remedy:
         """Return a pin, or a lock if a pin has no fixed coordinates."""
+        # coordinates on an axis with free breakpoints move away from a pin
         if not any(axis.free for axis in table.axes):
             places = (float(axis.breakpoints[i]) for axis, i in zip(table.index_axes, at, strict=True))
             return Remedy(pins=(Pin(table.name, tuple(places), value),))

@@ -15,7 +15,7 @@ Intervals = Float  # Float[2, values]: the lower and the upper end; NaN if unkno
 
 
 def flat_intervals(cost: Callable[[Float], float], values: Float, which: Iterable[int], bounds: Float) -> Intervals:
-    """Return the interval around some values in which each alone leaves the cost as it is.
+    """Find the interval around some values in which each alone leaves the cost as it is.
 
     It is NaN for a value that has no effect anywhere within its bounds, and for those after the first few.
 
@@ -35,6 +35,7 @@ def flat_intervals(cost: Callable[[Float], float], values: Float, which: Iterabl
             return bool(abs(cost(changed) - here) <= SAME * abs(here))
 
         ends = [_end(is_same, float(values[number]), float(bound)) for bound in bounds[:, number]]
+        # up to both bounds: the value has no effect at all
         if np.isfinite(ends).all() and ends != bounds[:, number].tolist():
             intervals[:, number] = ends
     return intervals
@@ -45,10 +46,12 @@ def _end(is_same: Callable[[float], bool], value: float, bound: float) -> float:
     span, share = bound - value, FIRST
     if span == 0 or not np.isfinite(span):
         return bound
+    # doubles until the cost differs; an interval that is small beside the bounds takes few evaluations
     while share < 1 and is_same(value + share * span):
         share *= 2
     if share >= 1 and is_same(bound):
         return bound
+    # bisection between the last share with the same cost and the first with another
     near, far = (0.0 if share == FIRST else share / 2), min(share, 1.0)
     for _ in range(HALVINGS):
         middle = 0.5 * (near + far)

@@ -48,13 +48,15 @@ class ConstraintElimination:
 
     @classmethod
     def of(cls, fixed: Bool, rows: Float) -> "ConstraintElimination":
-        """Eliminate one value per row, that of the largest coefficient; redundant rows are dropped."""
+        """Eliminate one value per row, Float[rows, values], that of the largest coefficient; drop redundant rows."""
         moving = np.flatnonzero(~fixed)
         work = np.array(rows[:, moving], dtype=np.float64)
+        # of the rows as they were: what elimination leaves is compared with it
         typical = np.abs(work).max(axis=1, initial=0.0)
         pivots: list[int] = []
         used: list[int] = []
         for _ in range(len(work) if work.size else 0):
+            # Gauss-Jordan elimination by the largest share of any row, so that redundant rows are left as rounding
             shares = np.abs(work) / np.where(typical > 0, typical, 1.0)[:, None]
             shares[used] = 0.0
             row, column = np.unravel_index(int(shares.argmax()), shares.shape)
@@ -70,21 +72,21 @@ class ConstraintElimination:
 
     @property
     def fixed(self) -> Bool:
-        """True for values that never change."""
+        """Mask of the values that never change, Bool[values]."""
         fixed = np.ones(self.size, dtype=bool)
         fixed[self.independent] = False
         fixed[self.dependent] = ~self.follow.any(axis=1)
         return fixed
 
     def expand(self, changes: Float) -> Float:
-        """Return changes of all values, given those of the independent ones in the last dimension."""
+        """Expand changes of the independent values, Float[..., independent], to changes of all, Float[..., values]."""
         full = np.zeros((*changes.shape[:-1], self.size))
         full[..., self.independent] = changes
         full[..., self.dependent] = changes @ self.follow.T
         return full
 
     def matrix(self, matrix: Matrix) -> Matrix:
-        """Return Z'MZ, where Z expands changes of the independent values; M itself if all values are independent."""
+        """Reduce M, [values, values], to Z'MZ with the Z of `expand`; M itself if all values are independent."""
         own = part(matrix, self.independent)
         if not self.dependent.size:
             return own
@@ -93,15 +95,16 @@ class ConstraintElimination:
             from scipy.sparse import csr_array
 
             follow = csr_array(follow)
+        # Z = [1; F] over independent and dependent values: M_ii + F'M_di + M_id F + F'M_dd F
         cross = follow.T @ matrix[self.dependent][:, self.independent]
         return own + cross + cross.T + follow.T @ part(matrix, self.dependent) @ follow
 
     def vector(self, vector: Float) -> Float:
-        """Return Z'v."""
+        """Reduce a gradient v, Float[values], to Z'v, Float[independent]."""
         return vector[self.independent] + self.follow.T @ vector[self.dependent]
 
     def rows(self, rows: Float) -> Float:
-        """Convert rows over all values to rows over the independent ones."""
+        """Convert rows over all values, Float[rows, values], to rows over the independent ones."""
         return rows[:, self.independent] + rows[:, self.dependent] @ self.follow
 
 
@@ -126,13 +129,14 @@ def pivots(basis: Float, preference: Float | None = None) -> Int:
         return np.zeros(0, dtype=np.int64)
     from scipy.linalg import qr
 
+    # slightly more weight for earlier values decides ties
     weight = (1.0 - TIE * np.arange(size) / size) * (1.0 if preference is None else preference)
     order: Int = qr((basis * weight[:, None]).T, mode="r", pivoting=True)[1]
     return order[:dimension].astype(np.int64)
 
 
 def echelon(basis: Float, pivots: Int, most: int | None = None) -> Float:
-    """Return the columns that change one pivot by 1 and the other pivots by 0, those of the first `most` pivots.
+    """Combine columns, Float[values, dimension], to those that change one of the first `most` pivots by 1, others by 0.
 
     >>> echelon(np.array([[0.6], [0.8]]), np.array([0])).round(3).tolist()
     [[1.0], [1.333]]
@@ -142,7 +146,7 @@ def echelon(basis: Float, pivots: Int, most: int | None = None) -> Float:
 
 
 def nullity(matrix: Matrix) -> int:
-    """Count the directions in which a positive semidefinite matrix is zero, relative to its diagonal; that is > 0.
+    """Count the directions in which a positive semidefinite matrix is zero, relative to its diagonal, which is > 0.
 
     >>> nullity(np.array([[1.0, 2.0], [2.0, 4.0]]))
     1
@@ -151,12 +155,14 @@ def nullity(matrix: Matrix) -> int:
     if not isinstance(units, np.ndarray):
         from scipy.sparse import csr_array, eye_array
 
+        # by Sylvester's law of inertia, the negative pivots of L D L' count the eigenvalues below the tolerance
         return BlockFactor(csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))).negative
     try:
         np.linalg.cholesky(units - RANK_TOLERANCE * np.eye(len(units)))
     except np.linalg.LinAlgError:
         from scipy.linalg.lapack import dpstrf
 
+        # pivoted Cholesky factorisation, which ends at the rank; loaded only if the plain one fails
         return len(units) - int(dpstrf(units, tol=RANK_TOLERANCE, lower=1)[2])
     return 0
 
@@ -177,7 +183,7 @@ class Spectrum:
 
     @classmethod
     def of_matrix(cls, matrix: Float) -> "Spectrum":
-        """Analyse H; by its eigenvalues only if it is nearly singular, since these cost five times an inverse."""
+        """Analyse H, Float[values, values]; if nearly singular by its eigenvalues, which cost five times an inverse."""
         scale = np.sqrt(np.diag(matrix))
         units = rescale(matrix, 1 / scale)
         inverse = _sound_inverse(units)
@@ -191,7 +197,7 @@ class Spectrum:
 
     @classmethod
     def of_sparse(cls, matrix: Sparse, pattern: Sparse) -> "Spectrum":
-        """Analyse a sparse H by its factor.
+        """Analyse a sparse H, [values, values], by its factor.
 
         `pattern` has the non-zeros of H and of all matrices that will be multiplied with the inverse.
         """
@@ -204,6 +210,7 @@ class Spectrum:
         scale = np.sqrt(matrix.diagonal())
         none = np.zeros((scale.size, 0))
         inverse = SparseInverse(matrix, pattern, scale, none, np.zeros(0, dtype=np.int64))
+        # mostly nothing is undetermined, and the first factor is all that is needed
         if inverse.factor.negative == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
             weakness, weak = _weakest(inverse.factor.solve, scale.size)
             return cls(scale, inverse, none, weak, weakness)
@@ -211,6 +218,7 @@ class Spectrum:
         if lowest is None:
             return None
         values, vectors, null = lowest
+        # with as many values fixed as there are null directions, the rest is positive definite
         loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
         inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
         if inverse.factor.negative:
@@ -219,19 +227,22 @@ class Spectrum:
 
     @classmethod
     def of_rows(cls, rows: Float, nothing: float = NOTHING) -> "Spectrum":
-        """Analyse H = J'J from J, which avoids the loss of digits in the product.
+        """Analyse H = J'J from J, Float[rows, values], which avoids the loss of digits in the product.
 
         `nothing` is the singular value, relative to the largest, up to which a direction counts as undetermined.
         """
         scale = np.sqrt(np.einsum("ij,ij->j", rows, rows))
+        # R has the singular values of J and as many rows as there are values at most
         triangle = np.linalg.qr(rows / scale, mode="r")
         missing = max(scale.size - len(triangle), 0)
         _, singular, turned = np.linalg.svd(np.vstack([triangle, np.zeros((missing, scale.size))]))
         null = int(np.sum(singular <= nothing * singular[:1]))
+        # singular values fall, eigenvalues rise; fewer rows than values leave singular values of 0
         return cls._of(scale, singular[::-1] ** 2, turned[::-1].T, null)
 
     @classmethod
     def _of(cls, scale: Float, values: Float, vectors: Float, null: int) -> "Spectrum":
+        # pseudo-inverse: without the null directions
         kept = vectors[:, null:] / scale[:, None]
         inverse = (kept / values[null:]) @ kept.T
         weak = slice(null, null + WEAKEST)
@@ -239,7 +250,7 @@ class Spectrum:
 
     @property
     def loose(self) -> Bool:
-        """True for values that take part in an undetermined direction."""
+        """Mask of the values that take part in an undetermined direction, Bool[values]."""
         shares: Float = np.sum(self.null**2, axis=1)
         return shares > PART
 
@@ -262,6 +273,7 @@ def _sound_inverse(matrix: Float) -> Float | None:
 
 
 def _inverse(matrix: Float) -> Float:
+    # raises an error if the matrix is not positive definite, which the inverse would not notice
     np.linalg.cholesky(matrix)
     inverse = np.linalg.inv(matrix)
     return 0.5 * (inverse + inverse.T)
@@ -271,6 +283,7 @@ def _inverse_by_factor(matrix: Float) -> Float:
     """Return the same as `_inverse` in half the time and memory, with LAPACK functions that take 0.1 s to load."""
     from scipy.linalg.lapack import dpotrf, dpotri
 
+    # the transpose is in Fortran order, so that LAPACK needs no copy
     factor, failed = dpotrf(matrix.T, lower=1, clean=0)
     if not failed:
         transposed, failed = dpotri(factor, lower=1, overwrite_c=1)
@@ -287,12 +300,14 @@ def _inverse_by_factor(matrix: Float) -> Float:
 def _weakest(solve: Callable[[Float], Float], size: int) -> tuple[Float, Float]:
     """Return the smallest eigenvalues of a matrix and their eigenvectors, by subspace iteration with its inverse."""
     basis = _iterate_subspace(solve, size, WEAKEST)
+    # Rayleigh-Ritz: the largest eigenvalues of the inverse are one over the smallest
     largest, turned = np.linalg.eigh(basis.T @ solve(basis))
     return 1 / largest[::-1], basis @ turned[:, ::-1]
 
 
 def _iterate_subspace(solve: Callable[[Float], Float], size: int, count: int) -> Float:
     """Return an orthonormal basis that approximates the eigenvectors of the smallest eigenvalues."""
+    # always the same start, so that results can be repeated
     basis = np.random.default_rng(0).standard_normal((size, min(count, size)))
     for _ in range(ROUNDS):
         basis, _ = np.linalg.qr(solve(basis))
@@ -311,6 +326,7 @@ def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
     shifted = BlockFactor(csr_array(matrix + SHIFT * eye_array(size)))
     largest = float(abs(matrix).sum(axis=1).max())  # no eigenvalue is above it
     count = 2 * WEAKEST
+    # the subspace doubles until all null directions and the weakest others fit in
     while shifted.negative == 0 and count <= size // MANY:
         basis = _iterate_subspace(shifted.solve, size, count)
         values, turned = np.linalg.eigh(basis.T @ (matrix @ basis))
@@ -325,6 +341,7 @@ def _separate(basis: Float, most: int) -> Float:
     """Return unit vectors of the space of orthonormal columns, as rows, each with a pivot value of its own."""
     rows = echelon(basis, pivots(basis), most).T
     rows[np.abs(rows) < PART] = 0.0
+    # after rounding errors of pivots that others own are cut to 0
     length: Float = np.linalg.norm(rows, axis=1, keepdims=True)
     return rows / np.maximum(length, 1e-300)
 
@@ -338,6 +355,6 @@ def _settle_equal(vectors: Float, values: Float) -> Float:
 
 
 def root(matrix: Float) -> Float:
-    """Return the symmetric square root of a positive semidefinite matrix."""
+    """Compute the symmetric square root of a positive semidefinite matrix, Float[size, size]."""
     values, vectors = np.linalg.eigh(matrix)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)

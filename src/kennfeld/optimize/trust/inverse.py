@@ -16,20 +16,20 @@ class Inverse(Protocol):
 
     @property
     def array(self) -> Float:
-        """All of it."""
+        """All of it, Float[values, values]."""
 
     @property
     def diagonal(self) -> Float:
-        """Its diagonal."""
+        """Its diagonal, Float[values]."""
 
     def times(self, rows: Float) -> Float:
-        """Return rows @ H^-1, for a vector or an array of rows."""
+        """Return rows @ H^-1, for a vector, Float[values], or rows, Float[rows, values]."""
 
     def trace(self, matrix: Matrix) -> float:
-        """Return the trace of H^-1 M; M is 0 along what H leaves undetermined."""
+        """Return the trace of H^-1 M, with M [values, values]; M is 0 along what H leaves undetermined."""
 
     def sandwich(self, matrix: Matrix) -> Float:
-        """Return the diagonal of H^-1 M H^-1; M is 0 along what H leaves undetermined."""
+        """Return the diagonal of H^-1 M H^-1, Float[values]; M is 0 along what H leaves undetermined."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,13 @@ class SparseInverse:
         return result.reshape(rows.shape)
 
     def trace(self, matrix: Matrix) -> float:
+        # the projection drops out: trace(P G P M) = trace(G M), as M N = 0
         return self.factor.trace(self._own(matrix))
 
     def sandwich(self, matrix: Matrix) -> Float:
         own = self._own(matrix)
         reach = np.zeros_like(self.null)
+        # H^+ M H^+ = P (G M G) P, so that A = G M G and A N = G M (G N)
         reach[self.free] = self.factor.solve(own @ self._reach[self.free])
         return self._diagonal_of(self.factor.sandwich(own), reach) / self.scale**2
 
@@ -114,6 +116,7 @@ class SparseInverse:
         """Return the diagonal of P A P, from that of A over the values that are free, and A N."""
         result = np.zeros(self.scale.size)
         result[self.free] = own
+        # (P A P)_ii = A_ii - 2 (A N)_i N_i' + N_i (N'A N) N_i', with the rows N_i of N
         result += np.einsum("ij,ij->i", self.null @ (self.null.T @ reach) - 2 * reach, self.null)
         return result
 

@@ -16,12 +16,12 @@ def should_be_sparse(matrix: SymmetricMatrix, *others: SymmetricMatrix) -> bool:
 
 
 def whole(matrix: Matrix) -> Float:
-    """Return the matrix as an array."""
+    """Return the matrix as an array, Float[size, size]."""
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
 def part(matrix: Matrix, which: Int | Bool) -> Matrix:
-    """Return some rows and the same columns of a matrix."""
+    """Select some rows and the same columns of a matrix, by numbers or a mask; the matrix itself if these are all."""
     numbers = np.flatnonzero(which) if which.dtype == bool else which
     if numbers.size == matrix.shape[0] and np.array_equal(numbers, np.arange(numbers.size)):
         return matrix
@@ -29,7 +29,7 @@ def part(matrix: Matrix, which: Int | Bool) -> Matrix:
 
 
 def rescale(matrix: Matrix, units: Float) -> Matrix:
-    """Return diag(units) M diag(units)."""
+    """Rescale M, [size, size], to diag(units) M diag(units), with units Float[size]."""
     if isinstance(matrix, np.ndarray):
         result = matrix * units
         result *= units[:, None]
@@ -40,7 +40,7 @@ def rescale(matrix: Matrix, units: Float) -> Matrix:
 
 
 def coupling(matrix: Matrix, groups: Int, count: int) -> Float:
-    """Return how strongly groups of values act on the same data: sums of the entries in units of the diagonal.
+    """Measure how strongly groups of values act on the same data: sums of the entries in units of the diagonal.
 
     Args:
         matrix: curvature, its diagonal > 0 where a value has data.
@@ -50,6 +50,7 @@ def coupling(matrix: Matrix, groups: Int, count: int) -> Float:
     Returns:
         Float[count, count].
     """
+    # values without data, with a diagonal of 0, act on nothing
     units = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
     used = np.flatnonzero((groups >= 0) & (units > 0))
     sizes = abs(rescale(part(matrix, used), 1 / units[used]))

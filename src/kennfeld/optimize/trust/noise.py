@@ -76,7 +76,7 @@ class Group:
         return self.squares_by_exponent[-1]
 
     def contains(self, weights: Float) -> Bool:
-        """Return True for the weights of samples in this group."""
+        """Mark the weights of samples, Float[samples], that are in this group, Bool[samples]."""
         return (weights > self.above) & (weights <= self.most)
 
 
@@ -90,7 +90,7 @@ def groups(
     weighting: SampleWeights,
     partial_sums: Callable[[Classes], Iterable["GroupSums"]] | None = None,
 ) -> list[Group]:
-    """Return the groups of the training data.
+    """Group the residuals of the training data.
 
     Args:
         problem: criteria and training data.
@@ -113,7 +113,7 @@ def groups(
 
 
 def sum_groups(problem: Problem, errors: Errors, weighting: SampleWeights, classes: Classes) -> "GroupSums":
-    """Return the sums over the training data of one partition, in the classes of all data; see `groups`."""
+    """Sum over the training data of one partition, in the classes of all data; see `groups`."""
     residuals = _Residuals(problem, errors, weighting)
     return residuals.sum_all(residuals.survey_all(), classes)
 
@@ -160,6 +160,7 @@ class _Residuals:
         for i in self.numbers:
             name = self._weighting.inputs.get(i)
             weights = np.ones(bound.count) if name is None else columns[name]
+            # NaN, like samples without a target: those of weight 0 are not of the fit either
             yield np.where(weights > 0, errors[i] / self._criteria[i].scale, np.nan), weights
 
     def survey(self, part: BoundPart) -> "_Survey":
@@ -177,6 +178,7 @@ class _Residuals:
         ):
             products = {}
             if lags:
+                # any mean near that of all parts keeps digits; `LaggedProducts.centred` takes the mean of all
                 errors, mean = residual * np.sqrt(weights), known.residuals.mean
                 products[number] = LaggedProducts.of(errors, bound.starts, mean, lags)
             kept = np.isfinite(residual)
@@ -267,6 +269,7 @@ class _NoiseSums:
         for inside, sums in later.classes.items():
             self.classes[inside].merge(sums)
         self.lengths += later.lengths
+        # parts come in the order of the datasets: what the later one does not go on with is complete
         self._close(self.products.keys() - later.products.keys() if later.products else ())
         for number, products in later.products.items():
             if number in self.products:
@@ -295,6 +298,7 @@ class _NoiseSums:
                     count=sums.count,
                     squares_by_exponent=tuple(sums.squares.tolist()),
                     weight=sums.ratios / sums.weights,
+                    # if all residuals are beyond delta, psi' is 0 and no slope is left to divide by
                     slope=max(sums.slopes / sums.weights, 1e-3),
                     persistence=length,
                     correlation=Correlation(plain, window),
@@ -338,9 +342,9 @@ class GroupSums:
 
 
 def classes(weights: Float, counts: Int | None = None) -> list[Range]:
-    """Return ranges (above, most) of sample weights: one for each weight, or with similar numbers of samples.
+    """Divide sample weights into ranges (above, most): one for each weight, or with similar numbers of samples.
 
-    `counts` says how often each of the weights occurs, which then rise.
+    `weights` are Float[weights]; `counts`, Int[weights], says how often each of them occurs, which then rise.
 
     >>> classes(np.array([1.0, 4.0]), np.array([2, 2]))
     [(0.0, 1.0), (1.0, inf)]
@@ -353,6 +357,7 @@ def classes(weights: Float, counts: Int | None = None) -> list[Range]:
         return [ANY]
     edges, ends = weights, np.cumsum(counts)
     if edges.size > MAX_CLASSES:
+        # edges at quantiles of the samples, of which the last is left to the class without an upper end
         ranks = np.floor(np.arange(1, MAX_CLASSES) / MAX_CLASSES * (ends[-1] - 1)).astype(np.int64)
         edges = np.unique(weights[np.searchsorted(ends, ranks, side="right")])
     inner = edges[edges < weights[-1]].tolist()
@@ -360,7 +365,7 @@ def classes(weights: Float, counts: Int | None = None) -> list[Range]:
 
 
 def variances(groups: Sequence[Group], used: Sequence[float]) -> list[Variance]:
-    """Return the variance of psi in each group.
+    """Estimate the variance of psi in each group, in units of the squared scale of its criterion.
 
     A group with too few samples has that of its criterion; NaN if the criterion has too few samples as well.
 
@@ -368,6 +373,7 @@ def variances(groups: Sequence[Group], used: Sequence[float]) -> list[Variance]:
         groups: the groups.
         used: degrees of freedom that the fit used in each.
     """
+    # n - p degrees of freedom, with the p that the fit used among the samples of the group
     pairs = list(zip(groups, used, strict=True))
     result = []
     for group, effective in pairs:
@@ -388,8 +394,10 @@ def variances(groups: Sequence[Group], used: Sequence[float]) -> list[Variance]:
 
 def _likely_exponent(members: Sequence[tuple[Group, float]]) -> int:
     """Return the number of the exponent of a criterion, from its groups and the degrees of freedom used in each."""
+    # correlated errors say less on the exponent than as many independent ones
     independent = [max(group.count - used, 0.0) / group.persistence for group, used in members]
     pairs = list(zip((group for group, _ in members), independent, strict=True))
+    # over groups whose weights are the products of score and sample weight
     squares = np.sum([np.power(g.score, EXPONENTS) * g.squares_by_exponent for g, _ in pairs], axis=0)
     return likely_exponent(squares, sum(n * (g.logarithm + np.log(g.score)) for g, n in pairs), sum(independent))
 
@@ -397,14 +405,14 @@ def _likely_exponent(members: Sequence[tuple[Group, float]]) -> int:
 def noise_of_criteria(
     criteria: Sequence[Criterion], groups: Sequence[Group], variances: Sequence[Variance]
 ) -> dict[str, float]:
-    """Return the standard deviation of the noise of each criterion in the unit of its target, over all its groups."""
+    """Compute the standard deviation of the noise of each criterion in the unit of its target, over all its groups."""
     numbers = [v.at(g.typical) / g.slope**2 for g, v in zip(groups, variances, strict=True)]
     means = _means(criteria, groups, numbers, float("nan"))
     return _by_criterion(criteria, [c.scale * float(np.sqrt(mean)) for c, mean in zip(criteria, means, strict=True)])
 
 
 def persistence_of_criteria(criteria: Sequence[Criterion], groups: Sequence[Group]) -> dict[str, float]:
-    """Return the persistence of the errors of each criterion, over all its groups."""
+    """Average the persistence of the errors of each criterion, in samples, over all its groups."""
     return _by_criterion(criteria, _means(criteria, groups, [group.persistence for group in groups], 1.0))
 
 
@@ -433,7 +441,7 @@ def _mean(pairs: Iterable[tuple[float, int]], empty: float) -> float:
 def rescore(
     compiled: CompiledProblem, factors: Mapping[Group, float], powers: Mapping[Group, float] | None = None
 ) -> Samples:
-    """Return the samples of some groups with other weights; all other weights are 0.
+    """Give the samples of some groups other weights; all other weights are 0.
 
     The factor goes into the samples' own weights, if they have any, else into the weights of their piece.
 
@@ -450,6 +458,7 @@ def rescore(
             for group, factor in factors.items()
             if group.criterion == number
         ]
+        # weights of samples are an input of the kernel, as a row of their own
         row = compiled.kernel.layout.inputs[name]
         rows[row] = [_scale_weights(samples, np.concatenate(rows[row]), number, own)]
     samples.inputs = ColumnTable(rows, samples.inputs.count)
@@ -472,6 +481,7 @@ def _scale_weights(
     scores = np.zeros(weights.size)
     for piece in samples.pieces:
         visits = slice(piece.first, piece.last)
+        # the score of each sample tells the weight of its dataset
         scores[visits if samples.order is None else samples.order[visits]] = piece.scores[number]
     result = np.zeros(weights.size)
     for group, factor, power in factors:

@@ -56,20 +56,20 @@ class NullSpace:
 def null_space(
     estimate: Estimate, columns: Mapping[str, Int], parameters: ParameterSet, moving: Collection[str], words: Describer
 ) -> NullSpace:
-    """Return the undetermined combinations of values at the end of a fit, with a smallest set of values to fix.
+    """Find the undetermined combinations of values at the end of a fit, with a smallest set of values to fix.
 
     Values of small tables are preferred: of the sum of a map and a curve, the curve is fixed.
 
     Args:
         estimate: covariance around the end of the fit.
-        columns: columns of each parameter and of each axis with free breakpoints among all values.
+        columns: columns of each parameter and of each axis with free breakpoints among all values, Int[its values].
         parameters: the fitted parameters.
         moving: tables on an axis with free breakpoints; their values are locked, since a pin needs coordinates.
         words: describes places of values.
     """
-    idle, chosen = estimate.open_values(_preference(columns, parameters, estimate.reduction.size))
-    pinned, locked, axes = _values_to_fix(columns, parameters, {*moving, *words.layers}, (idle, chosen))
-    dimension, by_smoothness = idle.size + chosen.size, estimate.by_smoothness
+    uninformed, chosen = estimate.open_values(_preference(columns, parameters, estimate.reduction.size))
+    pinned, locked, axes = _values_to_fix(columns, parameters, {*moving, *words.layers}, (uninformed, chosen))
+    dimension, by_smoothness = uninformed.size + chosen.size, estimate.by_smoothness
     changed = [name for name, at in columns.items() if estimate.undetermined[at].any()]
     pins = []
     for name, where in pinned.items():
@@ -81,13 +81,14 @@ def null_space(
         dimension=dimension,
         by_smoothness=by_smoothness,
         remedy=Remedy(tuple(pins), locked, axes),
-        sentence=_sentence(dimension, idle.size, by_smoothness, changed, words),
+        sentence=_sentence(dimension, uninformed.size, by_smoothness, changed, words),
         advice=_advice(dimension, pinned, locked, axes, words),
     )
 
 
 def _preference(columns: Mapping[str, Int], parameters: ParameterSet, size: int) -> Float:
     """Return weights that prefer values of small tables to those of large ones, and all of them to breakpoints."""
+    # by rank among the sizes that occur, not by the sizes themselves
     sizes = sorted({at.size for name, at in columns.items() if name in parameters})
     preference = np.full(size, MIN_PREFERENCE * PREFERENCE_PER_SIZE)
     for name, at in columns.items():
@@ -108,23 +109,24 @@ def _values_to_fix(
     locked: dict[str, Bool] = {}
     axes: list[str] = []
     for name, at in columns.items():
-        idle, chosen = (np.isin(at, each) for each in numbers)
+        uninformed, chosen = (np.isin(at, each) for each in numbers)
         if name not in parameters:
-            axes += [name] if (idle | chosen).any() else []
+            axes += [name] if (uninformed | chosen).any() else []
             continue
+        # a pin is stated by coordinates, which move with the axis or do not exist
         if name in unpinned or parameters[name].kind == "rbf":
-            idle, chosen = idle | chosen, np.zeros(at.size, dtype=bool)
-        for marks, where in ((pinned, chosen), (locked, idle)):
+            uninformed, chosen = uninformed | chosen, np.zeros(at.size, dtype=bool)
+        for marks, where in ((pinned, chosen), (locked, uninformed)):
             if where.any():
                 marks[name] = where.reshape(parameters[name].values.shape)
     return pinned, locked, tuple(axes)
 
 
-def _sentence(dimension: int, idle: int, by_smoothness: int, changed: Sequence[str], words: Describer) -> str:
+def _sentence(dimension: int, uninformed: int, by_smoothness: int, changed: Sequence[str], words: Describer) -> str:
     parts = []
     if dimension:
         single = "weights without effect" if words.layers.issuperset(changed) else "values without data"
-        some = f", {idle} of them single {single}" if 0 < idle < dimension else ""
+        some = f", {uninformed} of them single {single}" if 0 < uninformed < dimension else ""
         count = combinations_of_values(dimension).capitalize()
         parts.append(f"{count} of {join_items(changed)} {'is' if dimension == 1 else 'are'} undetermined{some}.")
     if by_smoothness:

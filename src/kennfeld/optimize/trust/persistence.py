@@ -30,7 +30,7 @@ MAX_MEAN_FACTOR = 4.0  # by which the correction for the mean may raise the sum
 
 
 def persistence(residual: Float, starts: Sequence[int] | Int = (0,)) -> tuple[float, int]:
-    """Return the number of samples worth one independent sample, and the number of known samples.
+    """Estimate the number of samples worth one independent sample, and count the known samples.
 
     Args:
         residual: residuals of an evenly sampled recording, NaN if unknown; shape (samples,).
@@ -50,7 +50,7 @@ def persistence(residual: Float, starts: Sequence[int] | Int = (0,)) -> tuple[fl
 
 
 def persistence_lags(starts: Sequence[int] | Int, samples: int) -> int:
-    """Return the number of lags over which persistence is estimated."""
+    """Limit the lags over which persistence is estimated by the longest piece, given its starts, Int[pieces]."""
     edges = [*(int(start) for start in starts), samples]
     return min(max(b - a for a, b in pairwise(edges)) - 1, MAX_LAGS)
 
@@ -106,11 +106,13 @@ class LaggedProducts:
     @property
     def centred(self) -> "LaggedProducts":
         """The products of the errors minus the mean of all."""
+        # at lag 0, both factors of a product are the same error
         return self.about(self.mean + float(self.ends[0]) / max(2 * self.count, 1))
 
     def about(self, mean: float) -> "LaggedProducts":
         """Return the products of the errors minus another mean."""
         rise = mean - self.mean
+        # sum of (e - h)(e' - h) = sum of e e' - h sum of (e + e') + h^2 pairs
         sums = self.sums - rise * self.ends + rise**2 * self.pairs
         return LaggedProducts(sums, self.pairs, self.ends - 2 * rise * self.pairs, mean)
 
@@ -140,8 +142,10 @@ def _sum_ends(values: Float, known: Bool, lags: int) -> Float:
     if not at.size or not size:
         return np.zeros(lags + 1)
     if not _is_without_gap(at):
+        # (u + k)(u' + k') - (u - k)(u' - k') = 2 (u k' + k u'), with values u, 0 where unknown, and k of 1 or 0
         unit = values / size  # so that neither summand is rounding beside the other
         return 0.5 * size * (lagged_products(unit + known, lags) - lagged_products(unit - known, lags))
+    # without gaps, the sum of the first and of the last n - k values
     before = np.concatenate([[0.0], np.cumsum(values[at[0] : at[-1] + 1])])
     left = np.clip(at.size - np.arange(lags + 1), 0, None)  # number of pairs
     return np.asarray(before[left] + before[-1] - before[at.size - left])
@@ -171,13 +175,16 @@ class Correlation:
             return cls()
         weight = pairs[usable] / count
         correlation = sums[usable] / pairs[usable] / (sums[0] / count)
+        # without a correlation at lag 1, later ones are chance
         if correlation[1] * np.sqrt(pairs[usable][1]) < MIN_CORRELATION:
             return cls()
+        # Geyer's pairs r(0) + r(1), r(2) + r(3), ...: they are positive and falling for a reversible chain
         even = correlation.size // 2 * 2
         neighbours, weights = (each[:even].reshape(-1, 2) for each in (correlation, weight))
         together = neighbours.sum(axis=1)
         end = int(np.argmax(together <= 0)) if (together <= 0).any() else together.size
         share = weights[:end].mean(axis=1)
+        # lag 0 counts once, all others for both signs of the lag
         plain = 2 * float(share @ np.minimum.accumulate(together[:end])) - 1
         return cls(plain, 2 * float(weights[:end].sum()) - 1)
 
@@ -196,18 +203,24 @@ class Correlation:
         """
         if self.window <= 1:
             return 1.0
+        # whole = plain + v excess, with the variance v = 1 + smooth (whole - 1) of a fitted value, solved for whole
         excess = fitted / count * (1 + smooth * (self.window - 1) - self.plain)
         whole = (self.plain + (1 - smooth) * excess) / max(1 - smooth * excess, 1 / MAX_MEAN_FACTOR)
         return max(whole, 1.0)
 
 
 def inflation(sums: Float, pairs: Float) -> float:
-    """Return the factor by which correlation raises the variance of a sum, for errors whose mean was subtracted."""
+    """Estimate the factor by which correlation raises the variance of a sum, for errors whose mean was subtracted.
+
+    Args:
+        sums: sums of products of the errors, by lag from 0; shape (lags,).
+        pairs: number of products in each sum; shape (lags,).
+    """
     return Correlation.of(sums, pairs).inflation(float(pairs[0]))
 
 
 def lagged_products(values: Float, lags: int) -> Float:
-    """Return the sums over i of values[i] values[i + k] for k from 0 to `lags`, blockwise by FFT."""
+    """Sum values[i] values[i + k] over i for k from 0 to `lags`, Float[lags + 1], blockwise by FFT."""
     total, spectra = np.zeros(lags + 1), _CrossSpectra()
     spectra.add(values, lags)
     spectra.add_products(total)
@@ -222,9 +235,11 @@ class _CrossSpectra:
 
     def add(self, values: Float, lags: int) -> None:
         """Add the products of a piece at lags up to `lags`."""
+        # each block with the lags behind it, in which the later factors lie
         block = max(SAMPLES_PER_BLOCK, lags)
         for first in range(0, values.size, block):
             left, right = values[first : first + block], values[first : first + block + lags]
+            # at least left + lags, so that no product up to the last lag wraps around
             size = 1 << int(left.size + lags - 1).bit_length()
             spectrum = np.fft.rfft(left, size)
             product = np.conj(spectrum) * (spectrum if right.size == left.size else np.fft.rfft(right, size))

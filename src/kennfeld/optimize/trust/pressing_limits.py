@@ -39,12 +39,13 @@ class TouchedLimits:
 
     @classmethod
     def of(cls, limits: LinearLimits, values: Float, curvature: Float) -> "TouchedLimits":
-        """Return the limits that are touched, given the curvature of the cost along each value."""
+        """Find the limits that values touch, given the curvature of the cost along each value; Float[values] each."""
         movable = limits.movable
         at_bound = np.where(values >= limits.upper, 1.0, np.where(values <= limits.lower, -1.0, 0.0))
         rows = limits.rows
         met = np.flatnonzero(rows.touching(values, TOUCHING) & ~rows.equal)
         product = rows.times(values)[met]
+        # the nearer side is the one that is met
         outward = np.where(product - rows.lower[met] < rows.upper[met] - product, -1.0, 1.0)
         return cls(
             ~movable,
@@ -55,7 +56,7 @@ class TouchedLimits:
 
     @property
     def fixed(self) -> Bool:
-        """True for values that are locked or at a bound."""
+        """Mask of the values that are locked or at a bound, Bool[values]."""
         return np.asarray(self.locked | (self.sign != 0))
 
     @property
@@ -75,10 +76,12 @@ class TouchedLimits:
         # Cauchy and Schwarz: no residual of this cost has a slope above the product of the lengths
         slope = np.where(np.abs(gradient) > PRESSING * np.sqrt(cost) * units, gradient, 0.0)
         tied = np.any(self.all_rows != 0, axis=0) & ~self.locked
+        # a bound whose value is in no row has its multiplier in the gradient: g = -m a, which is < 0 at an upper bound
         alone = (self.sign != 0) & (self.sign * slope < 0)
         if not len(self.rows) and not (tied & (self.sign != 0)).any():
             return self._only(alone, np.zeros(0, dtype=bool))
         bounds = np.flatnonzero(tied & (self.sign != 0))
+        # changes with the same effect on the cost; values without an effect get the largest of them
         scale = 1 / np.where(units > 0, units, np.min(units[units > 0], initial=np.inf) if units.any() else 1.0)
         matrix = np.vstack([self.equal, self.rows, np.diag(self.sign)[bounds]])[:, tied] * scale[tied]
         holds = _hold(matrix, (slope * scale)[tied], len(self.equal))
@@ -109,6 +112,7 @@ def _hold(matrix: Float, slope: Float, equalities: int) -> Bool:
     multipliers = nonnegative_dual(rows @ rows.T, -rows @ slope, equalities)
     holds = multipliers > SHARE * np.abs(multipliers).max(initial=0.0)
     holds[:equalities] = True
+    # rows that follow from those that press hold anyway; the others hold if they are opposed
     rest = rows - _project(rows[holds & used], rows)
     open_rows = np.flatnonzero(used & ~holds & (np.linalg.norm(rest, axis=1) > DEPENDENT))
     holds[open_rows[_opposed(rest[open_rows])]] = True
@@ -132,8 +136,10 @@ def _opposed(rows: Float) -> Bool:
     gram = rows @ rows.T
     opposed = np.zeros(len(rows), dtype=bool)
     for i in range(len(rows)):
+        # -r_i = sum of s_j r_j with s >= 0 needs a row with r_i'r_j < 0
         if opposed[i] or not (gram[i] < -DEPENDENT).any():
             continue
+        # nonnegative least squares: min |r_i + sum of s_j r_j| over s >= 0
         shares = nonnegative_dual(gram, -gram[i], 0)
         if np.linalg.norm(rows[i] + shares @ rows) <= DEPENDENT * (1 + shares.sum()):
             opposed |= shares > SHARE * shares.max()

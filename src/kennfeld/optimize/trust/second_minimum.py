@@ -78,15 +78,18 @@ def second_minima(
         place, around, ways = places.pop(0)
         for direction, end in _ends_beyond_folds(objective, limits, place, around, ways):
             rise, change = (end.cost - cost) / variance, end.values - values
+            # the cost of the linearised model there: if it is small, the place belongs to the known minimum
             narrow = local.narrow(change)
             said = float(narrow @ (local.data @ narrow) + narrow @ (local.smoothness @ narrow)) / variance
             new = not any(np.allclose(change, other, rtol=0.1, atol=0.0) for other in known)
             if rise > EQUAL or said < max(APART, APART * rise) or not new or not allowed(end.values):
                 continue
             known.append(change)
+            # the likelihoods of both places are as exp(-rise / 2) to 1; the exponent is limited to what a double holds
             yield SecondMinimum(direction, change, end.cost, float(1 / (1 + np.exp(np.clip(rise / 2, -700, 700)))))
             if len(known) == MAX_MINIMA:
                 return
+            # breadth first: the directions of the first minimum before those of others
             beside = surroundings(end.values)
             if beside is not None:
                 places.append((end.values, beside[0], list(beside[1])))
@@ -113,11 +116,14 @@ def _beyond_fold(
 ) -> Float | None:
     """Return the change that leads as far beyond the nearest fold as it is away; None without."""
     weights = local.narrow(direction.change)
+    # f = D w / w'D w measures the amount of the direction w; it is 1 for the change H^-1 f / f'H^-1 f, to which all
+    # other values are adapted
     amount = np.maximum(local.data.diagonal(), 0.0) * weights
     amount /= amount @ weights
     reach = local.spectrum.inverse.times(amount)
     curvature = 1 / float(amount @ reach)
     change = local.expand(reach * curvature)
+    # values near 0 count as large as a share of the largest one
     sizes = np.maximum(np.abs(values), np.abs(values).max(initial=0.0) * WAY[0])
     size = 1 / float(np.max(np.abs(change) / np.where(sizes > 0, sizes, 1.0)))
     way = min(max(DEVIATIONS * float(np.sqrt(local.dispersion / curvature)), WAY[0] * size), WAY[1] * size)
@@ -132,9 +138,11 @@ def _find_fold(curvature_at: Callable[[float], float], here: float, way: float, 
 
     It is extrapolated from a short way; if this leads too far, it is then interpolated.
     """
+    # the root of the curvature falls linearly: 1 here, slope after the way, and 0 at way / (1 - slope)
     slope = float(np.sqrt(curvature_at(way) / here))
     fold = np.divide(way, 1 - slope)
     for _ in range(2):
+        # the other minimum is twice as far; false for NaN as well
         if not abs(fold) <= reach / 2:
             return None
         ratio = curvature_at(fold) / here
@@ -149,6 +157,7 @@ def _curvature(objective: LeastSquaresObjective, values: Float, local: Estimate,
     matrix = objective.normal(values)[1]
     whole = local.reduction.matrix(as_array(matrix) if isinstance(local.data, np.ndarray) else as_sparse(matrix))
     narrow = part(whole, local.seen)
+    # a value without effect there has no curvature to adapt by
     if not (narrow.diagonal() > 0).all():
         return float("nan")
     return 1 / float(amount @ solve_singular(narrow, amount))

@@ -56,6 +56,7 @@ def _lasts(group: Group) -> bool:
 
 def _raised(group: Group, used: float, smooth: float) -> Group:
     persistence = max(group.correlation.inflation(group.count, max(used, 1.0), smooth), group.persistence)
+    # v = 1 + smooth (persistence - 1): with smooth effects, each value takes the variance of that many errors
     freedom = group.count - used * (1 + smooth * (persistence - 1))
     ratio = (group.count - used) / max(freedom, MIN_LEFT * group.count)
     # without its correlation, a group is not raised again
@@ -69,6 +70,7 @@ def _smooth_share(
     reduction, seen, inverse = narrow
     partitions = compiled.problem.partitions
     width = len(compiled.kernel.outputs) * compiled.values.free
+    # rows are dense: samples, lags, outputs, values
     count = int(min(SAMPLES, MAX_ENTRIES // ((LAGS + 1) * width)))
     lags = np.unique(np.linspace(0, reach, LAGS + 1).astype(np.int64))
     products = np.zeros(lags.size)
@@ -76,12 +78,14 @@ def _smooth_share(
         _lagged_rows, full, count // len(partitions.training) if partitions else count, lags
     ):
         if rows.size:
+            # P between two samples is the product j H^-1 j' of their rows, summed over the outputs
             own = reduction.rows(rows.reshape(-1, rows.shape[-1]))[:, seen].reshape(*rows.shape[:2], -1)
             here = own[places[0]]
             reached = inverse.times(here.reshape(-1, here.shape[-1])).reshape(here.shape)
             products += [np.sum(reached * own[each]) for each in places]
     if not products[0] > 0:
         return 0.0
+    # the mean over all lags from the products at few of them
     return float(np.clip(np.trapezoid(products / products[0], lags) / lags[-1], 0.0, 1.0))
 
 
@@ -107,11 +111,14 @@ def _visits(compiled: CompiledProblem, count: int, lags: Int) -> tuple[Int, Int]
         firsts = chosen
         visits = np.where(firsts + lags[:, None] < total, firsts + lags[:, None], -1)
     else:
+        # neighbours in time are not neighbours in the order of visits; -1 for samples that are not visited, and for the
+        # last entry, which stands for all samples beyond the end
         visit_of = np.full(int(order.max(initial=0)) + 2, -1, dtype=np.int32)
         visit_of[order] = np.arange(total, dtype=np.int32)
         firsts = np.sort(order)[chosen].astype(np.int64)
         visits = visit_of[np.minimum(firsts + lags[:, None], visit_of.size - 1)].astype(np.int64)
     begins = np.sort([piece.first for piece in samples.pieces])
+    # a lag does not reach into the next piece
     piece = np.searchsorted(begins, visits, side="right")
     inside = (visits >= 0).all(axis=0) & (piece == piece[0]).all(axis=0)
     return firsts[inside], visits[:, inside]

@@ -43,7 +43,7 @@ class TableChange:
 def table_changes(
     graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool], coupled: Mapping[str, Sequence[str]]
 ) -> list[TableChange]:
-    """Return the distinct simple changes of some tables; none of expansions and of layers of neural networks.
+    """List the distinct simple changes of some tables; none of expansions and of layers of neural networks.
 
     Args:
         graph: the model.
@@ -57,12 +57,14 @@ def table_changes(
     tables = [name for name in held if parameters[name].kind != "rbf" and name not in layers]
     for name in tables:
         changes += _own_changes(parameters[name], held[name], fed.get(name, []))
+        # only tables that are always looked up at the same coordinates can take over each other's share
         others = [other for other in coupled[name] if other in tables and places.get(name) == places.get(other)]
         if places.get(name):
             for other in others[:MAX_FOLLOWED]:
                 table = parameters[other]
                 values, axes = np.nan_to_num(table.values), parameters[name].index_axes
                 change = regrid(values, table.index_axes, axes, table.extrapolation)
+                # a multiple of a constant table is an offset
                 if np.ptp(change) > FLAT * np.abs(change).max():
                     changes.append(TableChange("follow", name, change, other=other))
     return changes
@@ -74,6 +76,7 @@ def _lookups(graph: Graph) -> tuple[Mapping[str, set[tuple[int, ...]]], Mapping[
     places: dict[str, set[tuple[int, ...]]] = {}
     fed: dict[str, list[frozenset[str]]] = {}
     for node in graph.nodes:
+        # nodes come after their arguments, so that one pass collects what is above each
         reached = frozenset[str]().union(*(above[at] for at in node.args))
         if node.op == "lookup":
             if node.args:
@@ -90,14 +93,18 @@ def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) ->
     values = np.nan_to_num(table.values)
     largest = float(np.abs(values).max())
     changes = [TableChange("scale", table.name, values)] if largest > 0 else []
+    # an offset of a constant table is a factor
     if not changes or float(np.ptp(values)) > FLAT * largest:
         changes.append(TableChange("offset", table.name, np.ones(values.shape)))
     about = values[held]
+    # values that are held at one level, such as an efficiency pinned to 1 at its maximum, stay if the others are
+    # stretched about it
     if about.size and about[0] != 0 and float(np.ptp(about)) <= FLAT * largest:
         changes.append(TableChange("stretch", table.name, values - about[0], about=float(about[0])))
     for i, axis in enumerate(table.index_axes):
         if len(axis) > 1:
             slope = np.gradient(values, axis.breakpoints, axis=i)
+            # with the same slope everywhere, a shift is an offset
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
                 changes.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i]))
     return changes

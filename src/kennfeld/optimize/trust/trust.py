@@ -128,6 +128,7 @@ class Trust(NotebookDisplay):
         covariance = self.covariance(names, scatter=scatter)
         deviation = np.sqrt(np.diag(covariance))
         usable = np.isfinite(deviation) & (deviation > 0)
+        # fixed values have a deviation of 0, undetermined ones inf
         units = np.where(usable, deviation, np.nan)
         correlation: Float = np.clip(covariance / np.outer(units, units), -1.0, 1.0)
         np.fill_diagonal(correlation, 1.0)

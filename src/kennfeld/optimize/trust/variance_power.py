@@ -31,7 +31,7 @@ class Variance(NamedTuple):
 
 
 def sum_squares(errors: Float, weights: Float) -> Float:
-    """Return sum w^g r^2 for each exponent; Float[exponents].
+    """Sum w^g r^2 over errors r and weights w, Float[samples] each, for each exponent; Float[exponents].
 
     >>> sum_squares(np.array([1.0, 2.0]), np.array([1.0, 16.0])).tolist()
     [5.0, 9.0, 17.0, 33.0, 65.0]
@@ -41,7 +41,7 @@ def sum_squares(errors: Float, weights: Float) -> Float:
 
 
 def likely_exponent(squares: Float, logarithms: float, freedom: float) -> int:
-    """Return the number of the least exponent that the errors do not distinguish from the most likely one.
+    """Find the number of the least exponent that the errors do not distinguish from the most likely one.
 
     Args:
         squares: sum w^g r^2 for each exponent, Float[exponents].
@@ -57,4 +57,5 @@ def likely_exponent(squares: Float, logarithms: float, freedom: float) -> int:
     if not np.all(squares > 0) or not np.all(np.isfinite(squares)):
         return len(EXPONENTS) - 1
     likelihood = np.array(EXPONENTS) / 2 * logarithms - freedom / 2 * np.log(squares)
+    # the first one within reach of the maximum, since exponents rise
     return int(np.argmax(likelihood >= likelihood.max() - INDISTINCT))

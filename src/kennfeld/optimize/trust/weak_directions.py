@@ -49,7 +49,7 @@ class _TrialDirection:
 def weak_directions(
     estimate: Estimate, shapes: Sequence[TableChange], changes: Float, most: int
 ) -> list[WeakDirection]:
-    """Return at most `most` poorly determined directions, worst first.
+    """Find at most `most` poorly determined directions, worst first.
 
     Args:
         estimate: curvatures and covariance around the end of a fit.
@@ -67,6 +67,7 @@ def weak_directions(
                 count -= 1
 
     named = sorted(search.named(), key=lambda trial: trial.score)
+    # what the data do not see at all comes first, as later directions are rated by what they add
     exact = [trial for trial in named if trial.seen <= EXACT]
     directions = estimate.spectrum.directions
     undetermined = min(estimate.spectrum.null.shape[1], len(directions))
@@ -76,6 +77,7 @@ def weak_directions(
     take([trial for trial in named if trial.seen > EXACT], MIN_NEW_SHARE, most)
     take(search.others(directions[undetermined:]), MIN_NEW_SHARE_OTHERS, MAX_OTHERS)
     smoothed = bool(estimate.smoothness.diagonal().any())
+    # of equal ratios, one that consists of table changes comes first
     trials.sort(key=lambda trial: (_rounded(max(trial.ratio, ROUNDING)), not trial.shapes))
     return [
         WeakDirection(
@@ -101,10 +103,12 @@ class _DirectionSearch:
 
     def __init__(self, estimate: Estimate, shapes: Sequence[TableChange], rows: Float) -> None:
         self.data, self.total = estimate.data, estimate.data + estimate.smoothness
+        # values without data still count a little, so that a change of them has a length
         self.diagonal = np.maximum(self.data.diagonal(), EXACT * self.total.diagonal())
         self.root = np.sqrt(self.diagonal)
         self.covariance = estimate.covariance_of
         self.null, self.scale = estimate.spectrum.null, estimate.spectrum.scale
+        # sqrt(v'D v), by which changes are scaled: their ratio is then v'H v, the diagonal of `whole_gram`
         length = np.sqrt(np.einsum("ij,j,ij->i", rows, self.diagonal, rows))
         self.numbers: list[int] = np.flatnonzero(length > 0).tolist()
         self.length = length[self.numbers]
@@ -134,11 +138,13 @@ class _DirectionSearch:
         """
         if not trials:
             return []
+        # as rows v'D / v'D v
         functions = np.stack([trial.change * self.diagonal for trial in trials])
         functions /= np.einsum("ij,ij->i", functions, [trial.change for trial in trials])[:, None]
         undetermined = self._settle(functions)
         covariance = self.covariance(functions)
         size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        # a correlation matrix, as deviations differ by powers of ten; the ridge gives equal functions a factor
         scaled = covariance / np.outer(size, size) + 1e-10 * np.eye(len(trials))
         if not np.isfinite(scaled).all():
             return [float("nan")] * len(trials)
@@ -153,6 +159,7 @@ class _DirectionSearch:
             moved = function @ basis
             if np.linalg.norm(moved) > OPEN * np.linalg.norm(function / self.scale):
                 undetermined[i] = True
+                # conditional on it: what follows must not move along the null direction of this function
                 shares = functions[i + 1 :] @ (basis @ moved) / (moved @ moved)
                 functions[i + 1 :] -= np.outer(shares, function)
                 functions[i] = 0.0
@@ -174,6 +181,7 @@ class _DirectionSearch:
                     yield trial
                 elif count == 2:
                     nearly.setdefault(tuple(self.tables[i] for i in group), []).append(trial)
+            # two tables may be poorly determined only once their other values adapt
             for names, trials in nearly.items():
                 yield from self._adapt(names, trials)
 
@@ -188,6 +196,8 @@ class _DirectionSearch:
     ) -> _TrialDirection:
         shapes = tuple(self.numbers[i] for i in group)
         amounts = tuple(float(weight / self.length[i]) for i, weight in zip(group, weights, strict=True))
+        # the ratio times a penalty for each table, and for the kinds that are harder to grasp; below EXACT, the ratio
+        # is rounding and only the penalty counts
         words = SIMPLER ** len(shapes) * PLAINER ** sum(self.kinds[i] in ("follow", "shift") for i in group)
         plain = _rounded(seen) if seen > EXACT else 1e-3 * EXACT
         return _TrialDirection(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, plain * words)
@@ -195,6 +205,7 @@ class _DirectionSearch:
     def _max_ratio(self, group: Sequence[int] | Int) -> float:
         """Return the ratio below which a combination counts as poorly determined."""
         pairs = permutations(group, 2) if len(group) == 2 else ()
+        # raising the table from which another one gets its coordinate, and shifting that one by as much
         moved = any(self.kinds[i] == "shift" and self.tables[j] in self.fed[i] and self.raised[j] for i, j in pairs)
         return MAX_SHIFT_RATIO if moved else MAX_RATIOS[len(group) - 1]
 
@@ -228,6 +239,7 @@ class _DirectionSearch:
         used = np.unique(np.concatenate(groups))
         where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
         parts = (self.rows[used] * self.diagonal)[:, where]
+        # w = H^-1 P' (P H^-1 P')^-1 a minimises w'Hw with P w = a, for the rows P = s'D and the amounts a
         reach = solve_singular(part(self.total, where), parts.T)
         for trial, group in zip(best, groups, strict=True):
             at = np.searchsorted(used, group)
@@ -235,13 +247,14 @@ class _DirectionSearch:
             change = np.zeros(where.size)
             change[where] = reach[:, at] @ np.linalg.solve(parts[at] @ reach[:, at], weights)
             adapted = self.rate(change, group, weights)
+            # squares of the lengths by D, in which the combination consists of orthonormal rows
             similarity = float(weights @ weights) / float(change @ (self.diagonal * change))
             if adapted.ratio < self._max_ratio(group) and similarity > MIN_SIMILARITY:
                 yield adapted
 
 
 def solve_singular(matrix: Matrix, right: Float) -> Float:
-    """Solve with a matrix that may be singular."""
+    """Solve M x = right, [values, values] and Float[values, ...], with a matrix that may be singular."""
     ridge = RIDGE * matrix.diagonal()
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.solve(matrix + np.diag(ridge), right), dtype=np.float64)

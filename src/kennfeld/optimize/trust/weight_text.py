@@ -56,4 +56,5 @@ def describe_weights(
 
 
 def _is_unsure(deviation: Float, values: Float) -> Bool:
+    # negated, so that an unknown deviation, NaN, counts as unsure
     return ~(deviation <= float(np.sqrt(np.mean(np.square(values)))))

@@ -59,20 +59,21 @@ def resolve_automatic(
         result = search(ready, None)
     total = time.perf_counter() - began + read
     compiling = result.seconds.compile
-    spent = Seconds(total, read, compiling, total - read - compiling)
+    account = Seconds(total, read, compiling, total - read - compiling)
     message = " ".join(part for part in (result.message, sentences) if part)
     warnings = (*warnings, *result.warnings)
-    return replace(result, shifts=shifts, message=message, warnings=warnings, seconds=spent)
+    return replace(result, shifts=shifts, message=message, warnings=warnings, seconds=account)
 
 
 def choose_smoothness(
     run: FitRun, start: Float, limits: LinearLimits, known: SmoothnessChoice | None = None
 ) -> SmoothnessChoice:
-    """Choose the automatic factors of the problem of a run, from a start within the limits."""
+    """Choose the automatic factors of the problem of a run, from a start within the limits, Float[values]."""
 
     def independent(values: Float) -> float:
         return independent_samples(run.problem, run.parameters(values))
 
+    # steady-state points count as independent
     steady = all(bound.dataset.time is None for bound in run.problem.training)
     samples = None if steady else independent
     return SmoothnessSelection(run.exact, limits, run.options.settings, run.record, samples).run(start, known)
@@ -108,6 +109,7 @@ class _Smoothing:
         if options.method == "global" or options.steps or plain.problem.limits or result.status == "stopped":
             return self._merge(result, choice)
         end = plain.exact.values.pack(result.parameters)[: start.size]
+        # the fit of the choice has ended lower than the search: the smoothness is chosen again from there
         if choice.fit.cost < (1 - SAME_END) * result.cost_after:
             end = choice.fit.values
         elif options.continuation == "off" or not smoothable(plain.problem):
@@ -129,6 +131,7 @@ class _Smoothing:
 
     def _merge(self, result: Result, choice: SmoothnessChoice, before: Result | None = None) -> Result:
         """Add the choice, and the trace and the effort of all searches, to a result."""
+        # a last search has the trace of the plain run in its own
         own = [line for line in result.trace if line not in self.plain.trace]
         efforts: list[SolverResult | Result] = [choice.fit, result, *([before] if before else [])]
         search = before or result

@@ -83,6 +83,7 @@ class HoldoutBlocks:
         Many short recordings are held out whole, neighbouring ones together. Steady-state points are never held out.
         Returns None if there are fewer than `FEWEST` blocks.
         """
+        # each block has a dense matrix of its own
         most = min(BLOCKS, MAX_ENTRIES // max(compiled.values.free**2, 1))
         if most < FEWEST:
             return None
@@ -96,7 +97,7 @@ class HoldoutBlocks:
         return _number_samples(self.compiled, self.divisions)
 
     def linearise(self, full: Float) -> Iterator[HoldoutBlock]:
-        """Return the contribution of each block at the values `full`, fixed ones included."""
+        """Yield the contribution of each block at free and fixed values, Float[values]."""
         misfits = np.zeros(self.sizes.size)
         totals: dict[int, NormalAddition] = {}
         for part in self.compiled.each(_sum_blocks, self.divisions, full):
@@ -133,6 +134,7 @@ def _keys(datasets: Sequence[Dataset]) -> Sequence[Key]:
 
 def _recordings(problem: Problem, bound: BoundDataset) -> Iterator[tuple[int, int]]:
     """Yield the range of samples of each recording in time."""
+    # with states, a recording ends where they start anew
     starts = bound.starts if problem.graph.states else bound.dataset.starts
     if bound.dataset.time is not None and bound.hold is None:
         yield from pairwise([*starts.tolist(), bound.count])
@@ -145,6 +147,7 @@ def _count_scored(compiled: CompiledProblem, size: int) -> Int:
     counting = np.zeros(size + 1, dtype=np.int64)
     for first in range(0, samples.count, SAMPLES_PER_BLOCK):
         visits = np.arange(first, min(first + SAMPLES_PER_BLOCK, samples.count))
+        # one place later, so that the running sum counts the samples before each
         counting[numbers[visits] + 1] = np.isfinite(samples.targets_of(visits)[weighted]).any(axis=0)
     return np.cumsum(counting)
 
@@ -176,6 +179,7 @@ def _divide(groups: Sequence[_Group], most: int) -> tuple[dict[Key, list[Divisio
     if len(filled) > most:
         numbers, blocks = _number_groups(scored[filled], most), np.ones(filled.size, dtype=np.int64)
     else:
+        # no more blocks than scored samples
         blocks = np.minimum(max(most // max(filled.size, 1), 1), scored[filled])
         numbers = np.cumsum(blocks) - blocks
     sizes = np.zeros(int((numbers + blocks).max(initial=0)), dtype=np.int64)
@@ -192,6 +196,7 @@ def _divide(groups: Sequence[_Group], most: int) -> tuple[dict[Key, list[Divisio
 def _number_groups(scored: Int, count: int) -> Int:
     """Number groups of neighbouring recordings with similar numbers of scored samples, Int[recordings]."""
     ends = np.cumsum(scored)
+    # by the middle of each recording on the scale of all scored samples
     groups = np.minimum(((ends - scored / 2) * count / ends[-1]).astype(np.int64), count - 1)
     return np.asarray(np.unique(groups, return_inverse=True)[1], dtype=np.int64)
 
@@ -202,6 +207,7 @@ def _number_samples(compiled: CompiledProblem, divisions: Divisions) -> Int:
     size = max(int(compiled.sample_numbers().max(initial=-1)) + 1, max((row.last for row in rows), default=0))
     numbers, counted = np.full(size, NEVER, dtype=np.int64), _count_scored(compiled, size)
     for first, last, block, blocks, before, scored in rows:
+        # number of each sample among the scored ones of the whole recording, from 1
         position = before + counted[first + 1 : last + 1] - counted[first]
         numbers[first:last] = block + np.minimum((position - 1).clip(0) * blocks // scored, blocks - 1)
     return numbers
@@ -221,6 +227,7 @@ def _sum_blocks(compiled: CompiledProblem, divisions: Divisions, full: Float) ->
 def _in_time(samples: Samples, mine: Bool) -> Samples:
     """Return the recordings that contain a block, with its targets only: states depend on the samples before."""
     visits = np.flatnonzero(mine)
+    # pieces without a sample of the block need not be simulated
     edges = np.searchsorted(visits, [[p.first, p.last] for p in samples.pieces]).tolist()
     pieces = [piece for piece, (first, last) in zip(samples.pieces, edges, strict=True) if last > first]
     targets = np.full((len(samples.wanted.parts), samples.wanted.count), np.nan)
@@ -231,6 +238,7 @@ def _in_time(samples: Samples, mine: Bool) -> Samples:
 def _anywhere(samples: Samples, mine: Bool) -> Samples:
     """Return the samples of a block, in the order in which they are visited."""
     order = np.arange(samples.count, dtype=np.uint32) if samples.order is None else samples.order
+    # pieces count visits, of which only those of the block remain
     before = np.concatenate([[0], np.cumsum(mine)])
     pieces = [Piece(int(before[p.first]), int(before[p.last]), p.scores) for p in samples.pieces]
     filled = [piece for piece in pieces if piece.last > piece.first]

@@ -47,12 +47,15 @@ class CorrelationSums:
         """The correlation time in samples, see `correlation_time`."""
         if not self.sums[0] > 0:
             return 1.0
+        # products at lags beyond half of a piece are few, and their sum is noise
         shares = self.sums[1 : self.longest // 2] / self.sums[0]
         return float(1 + 2 * np.max(np.cumsum(shares), initial=0.0))
 
 
 def correlation_time(pieces: Sequence[Float]) -> float:
-    """Return 1 + 2 sum of the autocorrelation in samples, up to the lag where it is largest; NaN is ignored.
+    """Estimate 1 + 2 sum of the autocorrelation over pieces, Float[samples] each, up to the lag where it is largest.
+
+    The result is in samples; NaN is ignored.
 
     The variance of a mean of n correlated samples is that of n / (this number) independent ones.
 

@@ -78,7 +78,7 @@ class Point:
 
 
 def balanced_factor(block: Roughness, diagonal: Float) -> float:
-    """Return the factor at which roughness and data have about equal weight; 0 for a table without data.
+    """Compute the factor at which roughness and data have about equal weight; 0 for a table without data.
 
     Args:
         block: roughness with unit factor.
@@ -99,6 +99,7 @@ class Prediction:
     def __init__(self, fit: Linearised, blocks: Sequence[Roughness], fixed: Sequence[Roughness] = ()) -> None:
         diagonal = fit.matrix.diagonal()
         self._balanced = np.log([max(balanced_factor(block, diagonal), 1e-300) for block in blocks])
+        # values that neither data nor roughness touch would make the matrix singular
         touched = diagonal > 0
         for block in (*blocks, *fixed):
             touched[block.columns] = True
@@ -110,6 +111,7 @@ class Prediction:
         self._cholesky = Cholesky(self._free.size)
         self._probes = _probes(self._data)
         size = self._free.size
+        # the whole inverse takes `size` solves, the probes theirs, and once more for each block
         self._explicit = size <= MAX_EXPLICIT and len(self._probes) * (1 + len(blocks)) >= size
 
     def at(self, logarithms: Float) -> Point:
@@ -123,6 +125,7 @@ class Prediction:
         if not self._fit.blocks:
             return gcv
         share = self._fit.holdout_share
+        # n log D_b and n log GCV are -2 log L up to constants, as is the distribution of the factors
         terms = [(share, self._held_out(factors, matrix)), (1.0, self._typical(logarithms))]
         if share < 1:
             terms.append((1 - share, gcv))
@@ -137,6 +140,7 @@ class Prediction:
         residual = samples - GAMMA * freedom
         if residual < MIN_RESIDUAL_SHARE * samples:
             return Point(np.inf, d_misfit, dd_misfit, freedom)
+        # n log(n D / (n - gamma F)^2) but for a constant, and its derivatives by the product rule
         value = samples * (np.log(misfit) - 2 * np.log(residual / samples))
         slope = samples * (d_misfit / misfit + 2 * GAMMA * d_freedom / residual)
         curvature = dd_misfit / misfit - np.outer(d_misfit, d_misfit) / misfit**2
@@ -159,6 +163,7 @@ class Prediction:
         value, slope, curvature = 0.0, np.zeros(count), np.zeros((count, count))
         for block in self._fit.blocks:
             own = block.matrix[np.ix_(self._free, self._free)]
+            # the fit to the others needs no data again: matrix and gradient without those of the block
             solve = self._inverse(matrix - own)
             if solve is None:
                 return self._undefined
@@ -171,7 +176,7 @@ class Prediction:
         return Point(float(samples * value), samples * slope, samples * curvature)
 
     def freedom(self, logarithms: Float) -> float:
-        """Return the effective number of values that the data determine."""
+        """Compute the effective number of values that the data determine, at logarithms of factors, Float[blocks]."""
         solve = self._inverse(self._add_penalty(np.exp(logarithms)))
         return float("nan") if solve is None else self._freedom(np.exp(logarithms), solve)[0]
 
@@ -208,10 +213,13 @@ class Prediction:
         pull = fitted[free] + self._penalty_slope(factors)
         step = -solve(pull)
         gradient = scored.gradient[free] + scored.matrix @ step
+        # misfit + 2 g'd + d'H d = misfit + (g + (g + H d))'d; above 0, as its logarithm is taken
         misfit = max(scored.misfit + float((scored.gradient[free] + gradient) @ step), 1e-12 * scored.misfit, 1e-300)
         ends = np.stack([step, solve(gradient)], axis=1)
         pulls, back = np.array([penalty.times(ends).T for penalty in self._blocks]).transpose(1, 0, 2)
         moves = -factors[:, None] * solve(pulls + [penalty.slope for penalty in self._blocks])
+        # with m_i = dd/dlog f_i and the gradient q = g + H d: slope_i = 2 m_i'q, and curvature_ij =
+        # delta_ij slope_i + 2 m_i'H m_j - 2 (f_i q'V P_i m_j + f_j q'V P_j m_i)
         slope = 2 * moves @ gradient
         cross = factors[:, None] * (back @ moves.T)
         return misfit, slope, np.diag(slope) + 2 * moves @ (scored.matrix @ moves.T) - 2 * (cross + cross.T)
@@ -228,6 +236,7 @@ class Prediction:
         """Return the trace of the influence matrix V H, and its derivatives, from dV/df_i = -V P_i V."""
         trace, traces, squares = (self._traces if self._explicit else self._probed_traces)(solve)
         slope = -factors * traces
+        # d2 tr(V H) / df_i df_j = tr(V P_i V P_j V H) + tr(V P_j V P_i V H)
         bends = np.outer(factors, factors) * (squares + squares.T)
         return trace, slope, np.diag(slope) + bends
 
@@ -235,6 +244,7 @@ class Prediction:
         """Return the traces of V H, of P_i V H V and of P_i V P_j V H V; each P is a block over few values."""
         inverse = solve(np.eye(self._free.size))
         influence = inverse @ self._data
+        # V H V, of which each trace needs the part over the values of a block
         spread = influence @ inverse
         blocks = [(penalty.own, penalty.dense) for penalty in self._blocks]
         traces = [np.sum(matrix * spread[np.ix_(own, own)]) for own, matrix in blocks]
@@ -274,6 +284,7 @@ def _constrained(solve: Solve, equalities: Float) -> Solve:
     """Return the product with the inverse in the directions that equalities leave free."""
     if not len(equalities):
         return solve
+    # V - V A' (A V A')^+ A V, with the equalities as rows A; the pseudo-inverse allows dependent ones
     across = solve(equalities)
     middle = np.linalg.pinv(across @ equalities.T)
 
@@ -293,6 +304,7 @@ class _Penalty:
         place = np.full(values.size, -1, dtype=np.int64)
         place[free] = np.arange(free.size)
         columns = place[block.columns]
+        # rows of fixed values alone do not change; the fixed values of others have the coefficient 0
         some = (columns >= 0).any(axis=1)
         self._columns = columns[some].clip(0)
         self._coefficients = np.where(columns[some] >= 0, block.coefficients[some], 0.0)
@@ -361,7 +373,9 @@ def _probes(data: Float | Sparse) -> Float:
     if factor is None:  # not finite
         return np.full(probes.shape, np.nan)
     signs = np.zeros((len(probes), factor.inverse.size))
+    # unit vectors give the trace itself, random signs an estimate of it
     signs[:, : seen.size] = np.eye(seen.size) if few else _random_signs(seen.size)
+    # rows w = U L^-1 H, in units of the diagonal of H
     probes[:, seen] = (scale * factor.solve_upper(signs)) @ own
     return probes
 
@@ -374,13 +388,14 @@ def _random_signs(size: int) -> Float:
 def minimise_prediction(
     prediction: Prediction, start: Float, lower: Float, upper: Float, iterations: int = 50
 ) -> Float:
-    """Return the logarithms of the factors, within bounds, that minimise the criterion, by Newton's method.
+    """Minimise the criterion over the logarithms of the factors, Float[blocks], within bounds, by Newton's method.
 
     A factor whose best value is infinite ends at its bound, or at the point from which the criterion is flat.
     """
     values = np.clip(start, lower, upper)
     point = prediction.at(values)
     for _ in range(iterations):
+        # factors at a bound stay there while the criterion falls outwards
         inner = ~(((values <= lower) & (point.slope > 0)) | ((values >= upper) & (point.slope < 0)))
         if not (inner.any() and np.isfinite(point.value)):
             break
@@ -399,6 +414,7 @@ def minimise_prediction(
 def _newton_step(slope: Float, curvature: Float) -> Float:
     """Return a descent step of at most MAX_STEP in each logarithm; negative curvatures count by their magnitude."""
     sizes, directions = np.linalg.eigh(curvature)
+    # a flat direction gets a long step, which MAX_STEP limits
     bends = np.maximum(np.abs(sizes), 1e-3 * max(float(np.abs(sizes).max()), 1e-12))
     step: Float = -directions @ ((directions.T @ slope) / bends)
     return step * min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-300))
@@ -411,6 +427,7 @@ def _line_search(
     for halvings in range(12):
         trial = np.clip(values + step / 2**halvings, lower, upper)
         trial_point = prediction.at(trial)
+        # condition of Armijo: a decrease by a share of what the slope promises
         if trial_point.value < point.value - 1e-4 * abs(float(point.slope @ (trial - values))):
             return trial, trial_point
     return None

@@ -84,8 +84,10 @@ class Minimum:
     def clear(self) -> bool:
         """True if the data rule out the rival, assuming independent errors."""
         best, other = min(self.costs.values()), self.costs[self.rival]
+        # an exact fit, or lags at which no fit exists
         if not (np.isfinite(other) and best > 0):
             return not other <= best
+        # -2 log L of n normal errors of unknown variance is n log(mean square)
         return self.scored * float(np.log(other / best)) > MIN_LIKELIHOOD_RATIO
 
     @property
@@ -266,6 +268,7 @@ class _ShiftSearch:
         """Return the search over all data in partitions, from the values of the fit at these lags."""
         other = copy(self)
         other.problem, other.fits = problem, {}
+        # by this search, on the data that were scanned
         other.begin = self._cached_fit(lags, self.begin, ROUGH)[1]
         other.compiled = CompiledProblem(other._shift(lags))
         return other
@@ -308,6 +311,7 @@ class _ShiftSearch:
         """Return the lags with one of them at its best within the window."""
         costs = self._scan(which, lags)
         self.scans[which] = costs
+        # costs of the scan depend on the way there: the best, of equal ones the smaller shifts, are fitted again
         candidates = sorted(costs, key=lambda lag: (costs[lag], abs(lag)))[:CANDIDATES]
         for lag in candidates:
             trial = _with_lag(lags, which, lag)
@@ -320,6 +324,7 @@ class _ShiftSearch:
         cost, parameters = self._cached_fit(_with_lag(lags, which, here), self.begin, SCAN)
         costs = {float(here): cost}
         for side in (range(here + 1, most + 1), range(here - 1, -most - 1, -1)):
+            # to each side, a fit begins at the values of the lag before it
             near = parameters
             for lag in side:
                 costs[float(lag)], near = self._cached_fit(_with_lag(lags, which, lag), near, SCAN)
@@ -381,6 +386,7 @@ class _ShiftSearch:
         problem = replace(self._shift(lags), parameters=start)
         compiled = self.compiled.over(problem)
         limits = linear_limits(problem, compiled.values)
+        # a scan only compares, for which half the digits are enough
         objective = LeastSquaresObjective(compiled, by_rows=settings is not SCAN)
         begin, _ = project(objective.start, limits)
         if begin is None or not compiled.sample_count:
@@ -396,6 +402,7 @@ class _ShiftSearch:
         margins: dict[int, int] = {}
         for at, lag, most, step in zip(self.sought, lags, self.most, self.steps, strict=True):
             shifts.setdefault(at.dataset, {})[at.channel] = lag * step
+            # scored only where a shift by the whole window stays within the recording
             margins[at.dataset] = max(most, margins.get(at.dataset, 0))
         if self.problem.partitions is not None:
             names = [data.name for data in self.problem.datasets]
@@ -416,6 +423,7 @@ def _half_width(data: Dataset) -> int:
 def _greatest_half_width(data: Dataset) -> int:
     """Return half the width up to which a window may grow: a quarter of the piece that the median sample is in."""
     lengths = np.diff([*data.starts, data.samples])
+    # not the median piece: many short ones may hold few of the samples
     typical = int(np.sort(lengths)[np.searchsorted(np.cumsum(np.sort(lengths)), data.samples / 2)])
     return min(WIDEST, max(typical // 4, 1))
 
@@ -433,4 +441,5 @@ def _step(data: Dataset) -> float:
     """Return the sample time in s; 1 for steady-state data, which count in samples."""
     if data.time is None or data.samples < 2:
         return 1.0
+    # without the jumps of time from one piece to the next
     return float(np.median(np.delete(np.diff(data.time), data.starts[1:] - 1)))

@@ -74,10 +74,11 @@ class Round:
         return self.prediction is not None and not np.isfinite(self.value)
 
     def propose(self, radius: float) -> tuple[Float, float]:
-        """Return the best factors of the linearised problem within a radius, and their predicted gain."""
+        """Find the best logarithms of the factors, Float[factors], within a radius, and their predicted gain."""
         if self.prediction is None:
             return self.logarithms, 0.0
         here, spread = self.logarithms[self.live], np.log(RANGE)
+        # within the range of factors, and within the trust region
         lower, upper = (np.clip(self.middle + side, here - radius, here + radius) for side in (-spread, spread))
         best = minimise_prediction(self.prediction, here, lower, upper)
         return self._with(best), self.value - self.prediction.at(best).value
@@ -152,6 +153,7 @@ class SmoothnessSelection:
 
     def __post_init__(self) -> None:
         self.problem = self.compiled.problem
+        # a fit has as much noise as values per residual: digits beyond a share of that are not worth iterations
         share = NOISE_SHARE * self.compiled.values.free / max(self.compiled.residuals, 1)
         most = min(ROUGH.max_iterations, self.settings.max_iterations)
         self.settings = replace(ROUGH, max_iterations=most, tolerance=float(np.clip(share, *TOLERANCES)))
@@ -164,6 +166,7 @@ class SmoothnessSelection:
         blocks = list(_blocks(self.compiled))
         self.automatic = [block for block in blocks if block.factor is None]
         self.fixed = [
+            # rows of a square: the root of the factor goes into the coefficients
             replace(block.unit, coefficients=block.unit.coefficients * block.factor**0.5)
             for block in blocks
             if block.factor is not None
@@ -171,10 +174,11 @@ class SmoothnessSelection:
         self.rounds = self.iterations = self.evaluations = 0
 
     def run(self, start: Float, known: SmoothnessChoice | None) -> SmoothnessChoice:
-        """Choose the factors, from free values within the limits, and from an earlier choice if there is one."""
+        """Choose the factors, from free values within the limits, Float[values], and from an earlier choice if any."""
         if known is None:
             best = self._search(start)
         else:
+            # those of the earlier choice, so that both are compared by one criterion
             self._set_samples(known.samples)
             self.holdout_share = known.holdout_share
             self.restraints = known.restraints  # at each new target, values that the data leave open could move on
@@ -210,9 +214,11 @@ class SmoothnessSelection:
         if self.independent is not None:
             # a lightly smoothed fit: the errors of a smoother one are correlated by the smoothness itself
             self._set_samples(self.independent(self._fit(reference + LIGHT * np.log(10), start).values))
+        # restraints come from a fit, so the first one has none
         plain = self._fit(reference, start, LOOSE)
         if plain.cut_short:
             return Round(reference, plain)
+        # first towards the start, then towards the start moved by what this restrained fit shows to be determined
         self.restraints = self._restraints(plain.values, move_start=False)
         restrained = self._fit(reference, plain.values)
         self.restraints = self._restraints(restrained.values, move_start=True)
@@ -268,6 +274,7 @@ class SmoothnessSelection:
         for decade in PATH:
             logarithms = reference + decade * np.log(10)
             trials.append(self._judge(logarithms, self._fit(logarithms, start), hold_out=self.holdout_share == 1))
+            # from almost straight tables to bent ones
             start = trials[-1].fit.values
             if trials[-1].fit.cut_short:
                 break
@@ -283,6 +290,7 @@ class SmoothnessSelection:
             trial = self._round(proposal, best.fit.values)
             if trial.fit.cut_short:
                 return trial if trial.stopped else best
+            # trust region around the best factors: halved after a poor prediction, widened after a good one at its edge
             moved = np.abs(proposal[best.live] - best.logarithms[best.live]).max()
             ratio = (best.value - trial.value) / gain
             radius = moved / 2 if ratio < POOR else max(radius, 2 * moved) if ratio > GOOD else radius
@@ -298,6 +306,7 @@ class SmoothnessSelection:
         """
         gradient, matrix = self._data(values)
         weights, offsets = matrix.diagonal(), self.compiled.values.offsets
+        # of an error, in units of the cost
         variance = self.compiled.sums.cost(self.compiled.full(values)) / self.samples
         toward = self.objective.start
         if move_start:
@@ -350,11 +359,13 @@ class SmoothnessSelection:
         total = gradient.copy()
         self.compiled.roughness.add(values, total, BlockMatrix(BlockStorage(values.size), np.arange(values.size)))
         limits, full = self.limits, self.compiled.full(values)
+        # at a bound and pressed against it by the gradient of data and penalty
         active = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
         misfit = self.compiled.sums.cost(full)
         free, fixed = limits.movable & ~active, list(self.fixed)
         penalty, pull = self.compiled.roughness, {}
         if isinstance(penalty, Restrained):
+            # the parts of a restraint have factors of their own, which are not chosen
             fixed.append(penalty.steps)
             pull = {"pull": penalty.weights, "toward": penalty.toward}
         rows = limits.rows.matrix(np.flatnonzero(limits.rows.touching(values, ACTIVE_TOLERANCE)), values.size)

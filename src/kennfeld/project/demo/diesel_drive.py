@@ -184,6 +184,7 @@ class _Car:
         if self.shifting or (wish == 0.0 and turning < IDLE_SPEED):
             return self._open(turning, losses, most, resistance)
         lever = LEVERS[gear]
+        # the drive train loses power in either direction: 1 / CHAIN when the engine drives, CHAIN when it brakes
         force = INERTIA * self.acceleration + resistance
         fuel = (force / lever * (1 / CHAIN if force > 0.0 else CHAIN) + losses) / TORQUE_PER_FUEL
         missing = (fuel - most) * TORQUE_PER_FUEL * lever * CHAIN if fuel > most else 0.0
@@ -201,6 +202,7 @@ class _Car:
         target = max(IDLE_SPEED, turning) if self.shifting else IDLE_SPEED
         self.shifting = max(self.shifting - 1, 0)
         fuel = losses / TORQUE_PER_FUEL * (1.0 + 0.004 * (target - self.speed))
+        # a car at rest does not roll backwards
         rolling = resistance / INERTIA if self.velocity > 0.0 else 0.0
         return self._move(min(self.acceleration, 0.0) - rolling, target, fuel, most)
 

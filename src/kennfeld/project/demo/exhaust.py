@@ -46,6 +46,7 @@ def _record(name: str, samples: int, seed: int, use: Use) -> Dataset:
     air = _lag(settled, diesel_drive.turbo_lag(speed))
     flow = diesel_drive.air_flow(speed, air)
     temperature = _lag(diesel_drive.settled_temperature(speed, fuel), diesel_drive.lag(flow))
+    # far from the seed of the drive, so that both are independent
     noise = np.random.default_rng(seed + 1_000_000).normal(0.0, NOISE, samples)
     channels = (
         Channel("Speed", speed.round(1), "rpm"),
@@ -58,6 +59,7 @@ def _record(name: str, samples: int, seed: int, use: Use) -> Dataset:
 
 def _lag(values: Float, constant: Float) -> Float:
     """Return a first-order lag with a variable time constant in s, from rest; exact for inputs held over a step."""
+    # x_k = x_{k-1} + (1 - exp(-step / T_k)) (u_k - x_{k-1})
     share = -np.expm1(-STEP / constant)
     y = float(values[0])
     lagged = [y := y + part * (x - y) for x, part in zip(values.tolist(), share.tolist(), strict=True)]

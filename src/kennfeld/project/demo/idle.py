@@ -47,6 +47,7 @@ def recording(name: str, minutes: float, seed: int, use: Use = "training") -> Da
     """Simulate an engine on a bench: throttle and load change in random steps, the speed is recorded with noise."""
     rng, samples = np.random.default_rng(seed), round(60 * minutes / STEP)
     throttle, load = random_steps(rng, samples, THROTTLE, 10, 100), random_steps(rng, samples, LOAD, 50, 300)
+    # rounded before the simulation: the recording has exactly the inputs that the engine had
     throttle, load = throttle.round(2), load.round(1)
     speed = simulate_engine(throttle, load, STEP) + rng.normal(0.0, NOISE, samples)
     channels = (
@@ -130,11 +131,13 @@ def on_the_engine(kp: float, ki: float) -> tuple[Float, Float]:
     def governor(k: int, speed: float) -> float:
         nonlocal held
         miss = wanted[k] - speed
+        # the integrator acts with the value before this step, as in the formula text
         angle = min(max(kp * miss + held, THROTTLE[0]), THROTTLE[1])
         held = min(max(held + ki * miss, THROTTLE[0]), THROTTLE[1])
         return float(angle)
 
     miss = wanted - simulate_engine(governor, data["load"].values, STEP)
     changes = np.sign(np.diff(wanted, prepend=wanted[0]))
+    # sample of the latest change of the set value
     last = np.maximum.accumulate(np.where(changes != 0, np.arange(wanted.size), 0))
     return miss, -changes[last] * miss

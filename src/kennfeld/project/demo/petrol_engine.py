@@ -39,6 +39,8 @@ def torque(speed: Float, air: Float, spark: Float) -> Float:
 
 def torque_of_charge(n: Number, charge: Number, spark: Number) -> Number:
     """Return the torque in Nm at `n` in rad/s and a `charge` of air in g."""
+    # T = -181.3 + 379.36 m + 21.91 AF - 0.85 AF^2 + 0.26 s - 0.0028 s^2 + 0.027 n - 0.000107 n^2 + 0.00048 n s
+    #     + 2.55 s m - 0.05 s^2 m, with the charge m, the air-fuel ratio AF, the spark advance s and the speed n
     mixture = 21.91 * AIR_FUEL_RATIO - 0.85 * AIR_FUEL_RATIO**2
     timing = spark * (0.26 + 0.00048 * n + 2.55 * charge) - spark**2 * (0.0028 + 0.05 * charge)
     return -181.3 + 379.36 * charge + mixture + timing + 0.027 * n - 0.000107 * n**2
@@ -47,6 +49,7 @@ def torque_of_charge(n: Number, charge: Number, spark: Number) -> Number:
 def best_spark(speed: Float, air: Float) -> Float:
     """Return the spark advance in degrees with maximum torque."""
     n, charge = speed * (np.pi / 30), air * (FULL_CHARGE / 100)
+    # dT/ds = 0
     result: Float = (0.26 + 0.00048 * n + 2.55 * charge) / (2 * (0.0028 + 0.05 * charge))
     return result
 
@@ -82,6 +85,7 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
     for k, brake in enumerate(load.tolist()):
         speeds[k] = speed * RPM
         angle_of_plate = governor(k, speeds[k])
+        # flow through the throttle at critical pressure ratio in g/s, a polynomial in its angle in degrees
         opened = 2.821 - 0.05231 * angle_of_plate + 0.10299 * angle_of_plate**2 - 0.00063 * angle_of_plate**3
         for _ in range(inner):
             out = _pumped_flow(speed, pressure)
@@ -103,6 +107,7 @@ def _play_back(throttle: Float) -> Throttle:
 
 def _intake_flow(pressure: float) -> float:
     """Return the flow through the throttle relative to critical flow, at an inlet pressure of 1 bar."""
+    # below half of the inlet pressure the flow is choked
     if pressure <= 0.5:
         return 1.0
     return 2 * math.sqrt(max(pressure - pressure**2, 0.0))

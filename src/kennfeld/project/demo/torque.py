@@ -43,6 +43,7 @@ def bench(seed: int = 0) -> Dataset:
     A bench meets its set points nearly, not exactly. That matters: with four exact levels of ignition a constant map
     of the best ignition would turn the efficiency curve into a list of four unrelated numbers, which fits and is wrong.
     """
+    # far from the seeds of the noise, so that both are independent
     rng = np.random.default_rng(seed + 2_000_000)
     levels = [np.linspace(*span, count) for span, count in zip((SPEED, AIR, IGNITION), LEVELS, strict=True)]
     grid = np.meshgrid(*levels, indexing="ij")

@@ -41,10 +41,12 @@ def write(name: str, folder: str | Path) -> Path:
 @contextmanager
 def all_or_none(folder: Path) -> Iterator[None]:
     """Remove what the block has written into a folder that was empty, or did not exist, if it raises an exception."""
+    # before anything is written: a folder that was there stays
     created = [path for path in (folder, *folder.parents) if not path.exists()]
     new = folder.is_dir() and not is_link(folder) and not any(folder.iterdir())
     try:
         yield
+    # KeyboardInterrupt too
     except BaseException:
         for path in folder.iterdir() if new else ():
             _remove(path)

@@ -1,63 +1,16 @@
-"""Enumerations: members of class files and dictionary definitions, each a fixed integer."""
+"""Enumerations as variables: members of class files and dictionary definitions, each a fixed integer."""
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from kennfeld.base.errors import InputError
 from kennfeld.base.file_state import note_opened
 from kennfeld.importers.simulink.reader.section_tree import SectionNode
 from kennfeld.importers.simulink.variables.mask_scope import Variable
-from kennfeld.matlab.evaluator import evaluate
+from kennfeld.matlab.enumerations import MAX_CHARACTERS, enumeration_of, is_class, number_of
 
-_REST = re.compile(r"%.*|\.\.\..*")
-_HEAD = re.compile(r"\s*classdef\s*(?:\([^)]*\))?\s*(\w+)\s*(?:<\s*([\w.]+))?")
-_LISTS = re.compile(r"(?:^|[;,])\s*enumeration\b\s*(?:\([^)\n]*\))?(.*?)\bend\b", re.MULTILINE | re.DOTALL)
-_MEMBER = re.compile(r"([A-Za-z]\w*)\s*(?:\(((?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\))?")
-_BASES = ("Simulink.IntEnumType", "Simulink.Mask.EnumerationBase", "double", "single", "logical")
-_INTEGER = re.compile(r"u?int\d+\Z")
-_MAX_CLASS_CHARACTERS = 1_000_000  # in a class file
 _MAX_HEAD_BYTES = 4096  # in which the word classdef stands
-
-
-def is_class(text: str) -> bool:
-    """Return True if MATLAB code defines a class."""
-    return bool(_HEAD.match(_plain_class(text)))
-
-
-def enumeration_of(text: str) -> tuple[str, dict[str, float]] | None:
-    r"""Return name and members of an enumeration class, None for other classes and non-numeric members.
-
-    >>> enumeration_of("classdef Gear < Simulink.IntEnumType\nenumeration\nFirst(1), Second(2)\nend\nend")
-    ('Gear', {'First': 1.0, 'Second': 2.0})
-    """
-    plain = _plain_class(text)
-    head = _HEAD.match(plain)
-    if head is None or not (head[2] in _BASES or _INTEGER.match(head[2] or "")):
-        return None
-    members: dict[str, float] = {}
-    for match in _MEMBER.finditer("\n".join(section[1] for section in _LISTS.finditer(plain[head.end() :]))):
-        value = _number(match[2])
-        if value is None:
-            return None
-        members[match[1]] = value
-    return (head[1], members) if members else None
-
-
-def _plain_class(text: str) -> str:
-    """Return a text without comments and line continuations."""
-    return "\n".join(_REST.sub("", line) for line in text[:_MAX_CLASS_CHARACTERS].splitlines()).lstrip("\ufeff \t\r\n")
-
-
-def _number(written: str | None) -> float | None:
-    """Return the number of a member, which may be a cast or an expression of literals."""
-    try:
-        value = np.asarray(evaluate(written or ""), dtype=np.float64)
-    except (InputError, TypeError, ValueError):
-        return None
-    return float(value.item()) if value.size == 1 else None
 
 
 def enumerals(definition: SectionNode) -> dict[str, float]:
@@ -65,7 +18,7 @@ def enumerals(definition: SectionNode) -> dict[str, float]:
     members: dict[str, float] = {}
     for part in definition.every():
         said = {inner.keys.get("Name", ""): inner.text.strip() for inner in part.all("P")}
-        value = _number(said.get("Value"))
+        value = number_of(said.get("Value"))
         if said.get("Name") and value is not None:
             members[said["Name"]] = value
     return members
@@ -122,7 +75,7 @@ def _class_text(path: Path) -> str:
     try:
         with path.open("rb") as stream:
             head = stream.read(_MAX_HEAD_BYTES)
-            rest = stream.read(_MAX_CLASS_CHARACTERS) if b"classdef" in head else b""
+            rest = stream.read(MAX_CHARACTERS) if b"classdef" in head else b""
     except OSError:
         return ""
     text = (head + rest).decode("utf-8", "replace")

@@ -15,7 +15,7 @@ import numpy as np
 from kennfeld.base.errors import Finding, InputError, Location, Severity
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.file_state import note_opened
-from kennfeld.importers.simulink.variables.enumerations import enumeration_of, enumeration_variable, is_class
+from kennfeld.importers.simulink.variables.enumerations import enumeration_variable
 from kennfeld.importers.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -24,6 +24,7 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     equal_values,
 )
 from kennfeld.matlab import syntax as m
+from kennfeld.matlab.enumerations import enumeration_of, is_class
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS

@@ -4,17 +4,22 @@ from pathlib import Path
 
 from kennfeld.base.formatting import count_noun, number_text, size_text
 from kennfeld.domain.parameters import Parameter
+from kennfeld.files.file_info import DescribedFile, FileInfo, Table, json_entry
 from kennfeld.models.function_files import list_functions, read_function_file
-from kennfeld.terminal.describers import PARAMETER_KINDS, DescribedFile, FileInfo, Table
+from kennfeld.models.import_report import describe_import
+from kennfeld.models.importer import NO_OPTIONS, Importer, ImportRequest
+from kennfeld.models.quantities import PARAMETER_KINDS
 
 
 def describe_functions(file: DescribedFile) -> FileInfo:
-    """Describe the functions of a file: their arguments and results as the file declares them.
+    """Describe the functions of a file, their arguments and results as the file declares them, or the chosen one.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: the file cannot be read, or has no such function.
     """
     path = file.path
+    if file.choice:
+        return _describe_reference(f"{path}:{file.choice}")
     functions = list_functions(path)
     rows = [(f.name, ", ".join(f.arguments), ", ".join(f.results), f.problem) for f in functions]
     as_json = {
@@ -30,12 +35,16 @@ def describe_functions(file: DescribedFile) -> FileInfo:
     return FileInfo(f"{path}: {count_noun(len(functions), 'function')}", tables, notes, as_json)
 
 
-def describe_function(reference: str) -> FileInfo:
-    """Describe a function: its arguments with their defaults, results, parameters, states, and what runs differently.
+def describe_function(importer: Importer, file: DescribedFile) -> FileInfo:
+    """Describe the function of a file by the report on its import, for importers that describe nothing else."""
+    request = ImportRequest(file.path, file.options or NO_OPTIONS, file.choice)
+    outline = FileInfo(f"{file.path.name}: {importer.name}", [], [], json_entry("function", file.path))
+    chosen = bool(file.choice) or request.options.chosen(importer.keys)
+    return describe_import(outline, lambda: importer.import_(request).report, chosen=chosen)
 
-    Raises:
-        InputError: the file cannot be read, or has no such function.
-    """
+
+def _describe_reference(reference: str) -> FileInfo:
+    """Describe a function: arguments with their defaults, results, parameters, states, and what runs differently."""
     function = read_function_file(reference, Path())
     defaults = ["" if item.default is None else f"{item.default:g}" for item in function.inputs]
     inputs = [(item.name, item.unit, default) for item, default in zip(function.inputs, defaults, strict=True)]

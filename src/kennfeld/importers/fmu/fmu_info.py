@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kennfeld.base.formatting import join_names, number_text
-from kennfeld.terminal.describers import PARAMETER_KINDS, DescribedFile, FileInfo, Table
+from kennfeld.files.file_info import DescribedFile, FileInfo, Table
+from kennfeld.importers.fmu.fmu_archive import read_archive
+from kennfeld.models.importer import FileFacts
+from kennfeld.models.quantities import PARAMETER_KINDS
 
 if TYPE_CHECKING:
     from kennfeld.importers.fmu.description import FmuDescription
@@ -16,22 +19,32 @@ if TYPE_CHECKING:
 _MOST_PLATFORMS = 8
 
 
-def describe_fmu_file(file: DescribedFile) -> FileInfo:
-    """Describe an FMU by the interface that is used."""
-    return describe_fmu(file.path)
+def facts(path: Path) -> FileFacts:
+    """Return what an FMU says of itself. Raises `InputError` if the file is damaged."""
+    description = read_archive(path)
+    offered = {"model exchange": description.model_exchange, "co-simulation": description.co_simulation}
+    words = [word for word, interface in offered.items() if interface is not None]
+    rows = [
+        ("standard", f"FMI {description.version} for {' and '.join(words)}"),
+        ("model", description.name),
+        ("exported by", description.tool),
+        ("platforms", ", ".join(description.platforms)),
+        ("variables", str(len(description.variables))),
+    ]
+    choices = [word.replace(" ", "-") for word in ("co-simulation", "model exchange") if word in words]
+    states = [element for state in description.states for element in state.elements]
+    return FileFacts(rows, choices if len(choices) > 1 else (), states)
 
 
-def describe_fmu(path: Path, interface: str = "") -> FileInfo:
+def describe_fmu(file: DescribedFile) -> FileInfo:
     """Describe an FMU: its interfaces, inputs, outputs, states and parameters. None of its code runs.
 
     Args:
-        path: the file.
-        interface: `model-exchange` or `co-simulation`; by default the one that is used.
+        file: the file, with the interface as its choice; by default the one that is used.
 
     Raises:
         InputError: the file is damaged.
     """
-    from kennfeld.importers.fmu.fmu_archive import read_archive
     from kennfeld.importers.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
@@ -41,8 +54,9 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         usable_interface,
     )
 
+    path = file.path
     description = read_archive(path)
-    used = interface or usable_interface(description, path)
+    used = file.choice or usable_interface(description, path)
     interfaces = [each for each in INTERFACES if interface_of(description, each) is not None]
     numbers = _FmuNumbers.of(description, stepped=used == CO_SIMULATION)
     obstacles = find_obstacles(description, path, used)

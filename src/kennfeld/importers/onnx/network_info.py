@@ -1,14 +1,30 @@
 """Contents of an ONNX network, which is read but not run."""
 
 from collections import Counter
+from pathlib import Path
 
 from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.formatting import count_noun, size_text
+from kennfeld.files.file_info import DescribedFile, FileInfo, Table
 from kennfeld.importers.onnx.importing import network_function
 from kennfeld.importers.onnx.network import Network, NetworkPort
 from kennfeld.importers.onnx.reading import read_network
+from kennfeld.models.importer import FileFacts
 from kennfeld.models.model_function import ModelFunction
-from kennfeld.terminal.describers import DescribedFile, FileInfo, Table
+
+
+def facts(path: Path) -> FileFacts:
+    """Return what a network says of itself. Raises `InputError` if the file is damaged."""
+    network = read_network(path)
+    operators = Counter(operator.label for operator in network.operators)
+    rows = [
+        ("network", network.name),
+        ("exported by", network.producer),
+        ("operator sets", ", ".join(f"{domain or 'ai.onnx'} {n}" for domain, n in network.opsets.items())),
+        ("constants", str(sum(array.size for array in network.constants.values()))),
+        *((kind, count_noun(count, "operator")) for kind, count in operators.items()),
+    ]
+    return FileFacts(rows)
 
 
 def describe_network(file: DescribedFile) -> FileInfo:

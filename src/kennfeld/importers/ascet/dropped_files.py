@@ -5,19 +5,21 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from kennfeld.app.folders import writable
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.files import ARCHIVE
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.base.output_paths import plain_name
+from kennfeld.base.output_paths import plain_name, within
+from kennfeld.files.calibrations import AMD
 from kennfeld.importers.ascet.declarations import read_source
-from kennfeld.project.schema import COMPONENTS, is_esdl_file
+from kennfeld.importers.ascet.importer import IMPORTER
+from kennfeld.importers.ascet.method_choice import APPLICATION, source_root
 
-APPLICATION = ".app"
 _COPY = re.compile(r"-\d+$")  # behind the name of a file whose name was taken
 _CLASS = re.compile(r"^[^\S\n]*(?:(?:public|singleton|static|stateless)\s+)*class\s+\w", re.MULTILINE)
+_WITHOUT_LINKS = "Name a file in the folder of the project, without links."
 _MAX_DEPTH = 8  # of folders that are searched
 _MAX_FILES = 20_000  # that are looked at
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -36,7 +38,7 @@ class _DroppedFile:
     @staticmethod
     def read(folder: Path, name: str) -> "_DroppedFile":
         """Read a file; one that cannot be read has no package, nor has one of ASCET 6."""
-        if name.lower().endswith(COMPONENTS):
+        if name.lower().endswith(AMD.endings):
             return _DroppedFile(name)
         try:
             text = read_source(folder / name)
@@ -69,7 +71,9 @@ def program_files(folder: Path) -> Iterator[str]:
             if seen > _MAX_FILES:
                 return
             path = Path(place) / name
-            if is_esdl_file(name) and (name.lower().endswith((APPLICATION, ARCHIVE)) or _has_class(path)):
+            if name.lower().endswith(IMPORTER.endings) and (
+                name.lower().endswith((APPLICATION, ARCHIVE)) or _has_class(path)
+            ):
                 yield path.relative_to(folder).as_posix()
 
 
@@ -80,17 +84,18 @@ def _has_class(path: Path) -> bool:
         return False
 
 
-def place_by_package(folder: Path, root: Path, names: Iterable[str]) -> list[str]:
+def place_by_package(folder: Path, present: Path | None, names: Iterable[str]) -> list[str]:
     """Move dropped files into the folders of their packages; return their new names.
 
     Args:
         folder: the folder of the project, in which they are.
-        root: the folder of the packages.
+        present: the file of the present function, whose packages they add to; None if it is something else.
         names: names of the files.
 
     Raises:
         InputError: a file of the same name and another content exists in its package.
     """
+    root = folder if present is None else _package_root(present, folder)
     base = folder / root.resolve().relative_to(folder.resolve()) if _is_inside(root, folder) else folder
     findings: list[Finding] = []
     result = []
@@ -98,7 +103,10 @@ def place_by_package(folder: Path, root: Path, names: Iterable[str]) -> list[str
         file = _DroppedFile.read(folder, name)
         parts = [plain_name(part) for part in file.package.split(".")] if file.package else []
         place = base.joinpath(*parts, plain_name(file.own_name)) if parts else folder / name
-        target = writable(folder, place.relative_to(folder))
+        with convert_errors(
+            place.name, "cannot be written", "Name a file in the folder of the project, without links."
+        ):
+            target = within(folder, place.relative_to(folder))
         label = target.resolve().relative_to(folder.resolve()).as_posix()
         if target != folder / name and not _moved(folder / name, target):
             message = "exists with another content, which was kept"
@@ -107,6 +115,14 @@ def place_by_package(folder: Path, root: Path, names: Iterable[str]) -> list[str
     if findings:
         raise InputError(findings)
     return result
+
+
+def _package_root(present: Path, folder: Path) -> Path:
+    """Return the folder that contains the packages; that of the project if the file cannot be read."""
+    try:
+        return source_root(present)
+    except InputError:
+        return folder
 
 
 def _is_inside(root: Path, folder: Path) -> bool:

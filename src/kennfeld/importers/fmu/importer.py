@@ -1,0 +1,13 @@
+"""The record of the importer of FMUs."""
+
+from kennfeld.files.functions import FMU
+from kennfeld.models.importer import Importer
+
+IMPORTER = Importer(
+    "an FMU",
+    (FMU,),
+    reads="kennfeld.importers.fmu.importing:read_fmu",
+    choices=("co-simulation", "model-exchange"),
+    runs=True,
+    facts="kennfeld.importers.fmu.fmu_info:facts",
+)

@@ -1,0 +1,16 @@
+"""The record of the importer of Simulink models."""
+
+from kennfeld.files.functions import PROTECTED, SIMULINK
+from kennfeld.models.importer import Importer
+
+IMPORTER = Importer(
+    "a Simulink model",
+    (SIMULINK, PROTECTED),
+    imports="kennfeld.importers.simulink.importing:import_requested",
+    keys=("subsystem", "parameters", "bind", "folders"),
+    export="kennfeld.importers.simulink.formula_export:formula_lines",
+    heading="kennfeld.importers.simulink.formula_export:heading",
+    screen="diagram",
+    view="kennfeld.importers.simulink.page:view",
+    parts="kennfeld.importers.simulink.page:parts",
+)
