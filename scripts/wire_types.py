@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from docstrings import parse
 
-from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import StateNews
 from kennfeld.app.wire import Absent, Question, is_array, is_arrays, members, wire_fields
@@ -63,14 +62,11 @@ class _Types:
 
     def question(self, name: str, question: Question[Any]) -> Iterator[str]:
         """Yield the lines of a question."""
-        replies = [each for each in members(question.reply) if each not in (NoneType, Answer)]
+        replies = [each for each in members(question.reply) if each is not NoneType]
         asked = question.asked
-        asks = "Nothing" if asked is None else self.name(asked, sent=True) if is_dataclass(asked) else "object"
-        if Answer in members(question.reply):
-            head, arrays = "Record<string, unknown>", "Record<string, Float32Array>"
-        else:
-            head = " | ".join(map(self.head, replies)) or "Nothing"
-            arrays = " | ".join(dict.fromkeys(map(self.arrays, replies))) or "Nothing"
+        asks = "Nothing" if asked is None else self.name(asked, sent=True)
+        head = " | ".join(map(self.head, replies)) or "Nothing"
+        arrays = " | ".join(dict.fromkeys(map(self.arrays, replies))) or "Nothing"
         key = name if name.isidentifier() else json.dumps(name)
         line = f"  {key}: {{ asks: {asks}; head: {head}; arrays: {arrays} }};"
         if len(line) <= WIDTH:

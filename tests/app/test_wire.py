@@ -20,9 +20,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 
 ROOT = Path(__file__).parents[2]
-ALL: Mapping[str, Question[Any]] = {
-    name: question for name, question in {**QUESTIONS, **COMMANDS, **_OWN}.items() if question.reply is not Answer
-}
+ALL: Mapping[str, Question[Any]] = {**QUESTIONS, **COMMANDS, **_OWN}
 
 
 @dataclass(frozen=True)

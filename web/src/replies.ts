@@ -799,6 +799,324 @@ export interface KeyChoice {
   options: string[];
 }
 
+/** The files that can be the function, and the one that is. */
+export interface FunctionFiles {
+  files: string[];
+  chosen: string;
+}
+
+/** The function of the project as its importer shows it: blocks or source text, and as far as it can be imported. */
+export interface ImportedFunction {
+  file: string;
+  subsystem: string;
+  /** Channels or formulas in place of blocks. */
+  bind: Record<string, string>;
+  /** With values of variables. */
+  files: string[];
+  chosen: ImportChoice;
+  problems: ImportProblem[];
+  sources?: SourceText[];
+  name?: string;
+  version?: string;
+  blocks?: BlockRow[];
+  subsystems?: string[];
+  /** Formula text. */
+  lines?: FormulaLine[];
+  /** True if all of it can be imported. */
+  whole?: boolean;
+  /** In s. */
+  step?: number | null;
+  inputs?: NamedUnit[];
+  outputs?: NamedUnit[];
+  parameters?: CalibratableParameter[];
+  notes?: string[];
+  /** Number of blocks. */
+  total?: number;
+  supported?: number;
+  /** Number of blocks that no output depends on. */
+  unreached?: number;
+  solver?: string;
+  blocking?: BlockingBlock[];
+  undefined?: UndefinedVariable[];
+  /** Paths of blocks that depend on each other. */
+  loops?: string[][];
+  stopped?: ImportProblem[];
+  classes?: ClassChoice[];
+  tasks?: TaskChoice[];
+  /** Names that are not declared. */
+  missing?: string[];
+  /** Methods in the order of their calls. */
+  calls?: string[];
+  startup?: string[];
+  schedule?: ScheduledTask[];
+  states?: StateRow[];
+  places?: SourcePlace[];
+}
+
+/** What the project chooses of an ASCET model: a class with its methods, or tasks. */
+export interface ImportChoice {
+  class: string;
+  methods: string[];
+  tasks: string[];
+}
+
+/** A problem of an import. */
+export interface ImportProblem {
+  /** Number of the file that it is about; -1 for none. */
+  source: number;
+  /** Line of the file; 0 for none. */
+  line: number;
+  /** Place within the file, such as a block. */
+  place: string;
+  message: string;
+  remedy: string;
+  /** The whole message. */
+  text: string;
+}
+
+/** A file of source text. */
+export interface SourceText {
+  file: string;
+  text: string;
+}
+
+/** A block of the tree; the blocks of a subsystem follow it, one level deeper. */
+export interface BlockRow {
+  /** Path from the imported system; a slash within a name is doubled. */
+  path: string;
+  name: string;
+  type: string;
+  depth: number;
+  /** Number of blocks directly within it. */
+  inner: number;
+  /** The field that says most about it, empty if there is none. */
+  field: string;
+  /** That field as written. */
+  detail: string;
+  state: "supported" | "bound" | "undefined" | "unsupported" | "unused" | "unreached";
+}
+
+/** A line of formula text. */
+export interface FormulaLine {
+  /** The line. */
+  text: string;
+  /** Name of the node in the model; empty for declarations and comments. */
+  node: string;
+  /** Where it comes from: the path of a block. */
+  path: string;
+}
+
+/** A node, channel or port with its unit. */
+export interface NamedUnit {
+  name: string;
+  unit: string;
+}
+
+/**
+ * A parameter that can be calibrated: kind, shape, range of values, limits (None for none) and origin. A locked
+ * parameter keeps its values unless it is selected by name.
+ */
+export interface CalibratableParameter {
+  name: string;
+  kind: string;
+  shape: number[];
+  smallest: number;
+  largest: number;
+  unit: string;
+  lower: number | null;
+  upper: number | null;
+  locked: boolean;
+  source: string;
+}
+
+/** A block that is not supported; undefined are variables that it lacks. */
+export interface BlockingBlock {
+  path: string;
+  type: string;
+  why: string;
+  remedy: string;
+  stops: boolean;
+  undefined: string[];
+}
+
+/** A variable without a value, and the blocks that use it. */
+export interface UndefinedVariable {
+  name: string;
+  paths: string[];
+  reason: string;
+}
+
+/** A class with the methods that a step can call. */
+export interface ClassChoice {
+  name: string;
+  methods: string[];
+}
+
+/** A task with its period in s and its methods. */
+export interface TaskChoice {
+  name: string;
+  period: number | null;
+  methods: string[];
+}
+
+/** A task that is imported, with its period and delay in s. */
+export interface ScheduledTask {
+  name: string;
+  period: number;
+  delay: number;
+  methods: string[];
+}
+
+/** A state with its first value; null if that is calculated. */
+export interface StateRow {
+  name: string;
+  initial: number | null;
+}
+
+/** The line at which a node or a parameter is declared, with the number of its file. */
+export interface SourcePlace {
+  name: string;
+  source: number;
+  line: number;
+}
+
+/** Words that messages are about. */
+export interface SpellingRows {
+  spellings: SpellingRow[];
+}
+
+/** A word at a character of the formula text, and a known name like it. */
+export interface SpellingRow {
+  line: number;
+  column: number;
+  word: string;
+  similar: string;
+}
+
+/** The nodes of the function from inputs to outputs. */
+export interface SignalFlow {
+  inputs: string[];
+  nodes: FlowNode[];
+  outputs: string[];
+}
+
+/** A node with what computes it; kind is that of its table, or its operation. */
+export interface FlowNode {
+  name: string;
+  sources: string[];
+  tables: string[];
+  kind: string;
+}
+
+/** The parts of the file that can be imported by themselves, largest first. */
+export interface ImportableParts {
+  parts: ImportablePart[];
+}
+
+/** A part of the file that can be imported by itself. */
+export interface ImportablePart {
+  path: string;
+  blocks: number;
+  inputs: string[];
+  outputs: string[];
+}
+
+/** A formula over channels. */
+export interface AskedFormula {
+  text: string;
+}
+
+/** The channels that a formula reads, and what is wrong with it. */
+export interface FormulaReads {
+  channels: ReadChannel[];
+  problem: string;
+}
+
+/** A channel that a formula reads, with its range if the recordings have it, else a question that offers another. */
+export interface ReadChannel {
+  name: string;
+  least: number | null;
+  greatest: number | null;
+  known: boolean;
+  guess: string;
+}
+
+/** The function of the project in a file; what follows problems is known if it can be read. */
+export interface FileFunction {
+  file: string;
+  reference: string;
+  kind: string;
+  named: boolean;
+  function: string;
+  functions: string[];
+  choices: string[];
+  /** Text of the file; empty if it is not one of text. */
+  source: string;
+  /** Names and texts that the file states of itself. */
+  facts: [string, string][];
+  whole: boolean;
+  problems: ImportProblem[];
+  inputs?: FunctionPort[];
+  outputs?: NamedUnit[];
+  parameters?: CalibratableParameter[];
+  states?: StateRow[];
+  notes?: string[];
+  step?: number | null;
+  solver?: string;
+  /** True if code of the file runs with the function. */
+  runs?: boolean;
+  lines?: FormulaLine[];
+}
+
+/** An input of a function; later tells that only later samples use its value. */
+export interface FunctionPort {
+  name: string;
+  unit: string;
+  default: number | null;
+  later: boolean;
+}
+
+/** The functions that formula text may call. */
+export interface CalledFunctions {
+  functions: CalledFunction[];
+}
+
+/** A function that formula text may call; memory tells if it has states, as far as it can be read. */
+export interface CalledFunction {
+  file: string;
+  reference: string;
+  kind: string;
+  named: boolean;
+  function: string;
+  functions: string[];
+  choices: string[];
+  name: string;
+  calls: FunctionCall[];
+  parameters: CalibratableParameter[];
+  notes: string[];
+  problems: ImportProblem[];
+  memory?: boolean;
+  runs?: boolean;
+}
+
+/** The way in which formula text calls an output. */
+export interface FunctionCall {
+  signature: string;
+  unit: string;
+}
+
+/** The names that formula text can use. */
+export interface CompletionRows {
+  completions: CompletionRow[];
+}
+
+/** A name that formula text can use, and how it is called or its unit. */
+export interface CompletionRow {
+  label: string;
+  kind: "function" | "parameter" | "node" | "input";
+  detail: string;
+}
+
 /** The surrogates of the project, then training files whose surrogate it does not use. */
 export interface SurrogateRows {
   surrogates: SurrogateRow[];
@@ -1112,6 +1430,37 @@ export interface TextEdit {
   drag?: string;
 }
 
+/** A file of the folder that becomes the function. */
+export interface ChosenFunction {
+  file: string;
+}
+
+/** Name and text of new formula text; empty ones are chosen. */
+export interface NewFormula {
+  name?: string;
+  text?: string;
+}
+
+/** The file of new formula text. */
+export interface WrittenFormula {
+  file: string;
+}
+
+/** Digests of files whose code may run, and of addresses that may be read. */
+export interface AllowedCode {
+  digests: string[];
+}
+
+/** Files of the folder. */
+export interface FunctionsCommand {
+  files: string[];
+}
+
+/** The names by which formula text calls the functions of files. */
+export interface FunctionNames {
+  names: string[];
+}
+
 /** A surrogate of a channel by others; kind is dynamic or static. */
 export interface NewSurrogate {
   name: string;
@@ -1305,6 +1654,7 @@ export interface AppState {
   seconds: number;
   changedOnDisk: boolean;
   recoverable: boolean;
+  function: ShownFunction;
   nodes?: NamedUnit[];
   inputs?: string[];
   scores?: ScoreRow[];
@@ -1368,10 +1718,10 @@ export interface RunRow {
   status: string;
 }
 
-/** A node, channel or port with its unit. */
-export interface NamedUnit {
-  name: string;
-  unit: string;
+/** The file of the function, and the screen that shows it: formula, or the one of its importer. */
+export interface ShownFunction {
+  file: string;
+  screen: string;
 }
 
 /** Errors of a criterion over the datasets of a use: now, at the start, and before the last change. */
@@ -1452,16 +1802,16 @@ export interface Questions {
   names: { asks: Nothing; head: NamesReply; arrays: Nothing };
   files: { asks: Nothing; head: DataFiles; arrays: Nothing };
   proposals: { asks: Nothing; head: ProposalRows; arrays: Nothing };
-  functions: { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  diagram: { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  program: { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  spellings: { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  flow: { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  parts: { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "formula-reads": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "function-file": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "called-functions": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  completions: { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
+  functions: { asks: Nothing; head: FunctionFiles; arrays: Nothing };
+  diagram: { asks: Nothing; head: ImportedFunction; arrays: Nothing };
+  program: { asks: Nothing; head: ImportedFunction; arrays: Nothing };
+  spellings: { asks: Nothing; head: SpellingRows; arrays: Nothing };
+  flow: { asks: Nothing; head: SignalFlow; arrays: Nothing };
+  parts: { asks: Nothing; head: ImportableParts; arrays: Nothing };
+  "formula-reads": { asks: AskedFormula; head: FormulaReads; arrays: Nothing };
+  "function-file": { asks: Nothing; head: FileFunction; arrays: Nothing };
+  "called-functions": { asks: Nothing; head: CalledFunctions; arrays: Nothing };
+  completions: { asks: Nothing; head: CompletionRows; arrays: Nothing };
   surrogates: { asks: Nothing; head: SurrogateRows; arrays: Nothing };
   validity: { asks: Nothing; head: ValidityRows; arrays: Nothing };
   formats: { asks: Nothing; head: ExportFormats; arrays: Nothing };
@@ -1475,12 +1825,12 @@ export interface Questions {
   "set-keys": { asks: KeysEdit; head: Nothing; arrays: Nothing };
   "set-toml": { asks: TomlEdit; head: Nothing; arrays: Nothing };
   "set-text": { asks: TextEdit; head: Nothing; arrays: Nothing };
-  "choose-function": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "reread-function": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "new-function": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "convert-function": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "allow-code": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
-  "add-functions": { asks: object; head: Record<string, unknown>; arrays: Record<string, Float32Array> };
+  "choose-function": { asks: ChosenFunction; head: Nothing; arrays: Nothing };
+  "reread-function": { asks: Nothing; head: Nothing; arrays: Nothing };
+  "new-function": { asks: NewFormula; head: WrittenFormula; arrays: Nothing };
+  "convert-function": { asks: Nothing; head: WrittenFormula; arrays: Nothing };
+  "allow-code": { asks: AllowedCode; head: Nothing; arrays: Nothing };
+  "add-functions": { asks: FunctionsCommand; head: FunctionNames; arrays: Nothing };
   "new-surrogate": { asks: NewSurrogate; head: WrittenTraining; arrays: Nothing };
   "train-surrogate": { asks: TrainCommand; head: Nothing; arrays: Nothing };
   "stop-training": { asks: Nothing; head: Nothing; arrays: Nothing };

@@ -16,7 +16,7 @@ export type Screen = (typeof SCREENS)[number];
 const EMPTY: AppState = {
   project: null, revision: 0, textRevision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [], code: [],
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, training: { state: "idle", file: "", seconds: 0, lines: [] }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
-  nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false, excerpt: null,
+  nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false, function: { file: "", screen: "formula" }, excerpt: null,
 };
 
 export const state = signal<AppState>(EMPTY);

@@ -3,9 +3,8 @@
 import { autocompletion, type Completion, type CompletionContext, type CompletionResult } from "@codemirror/autocomplete";
 import type { Extension } from "@codemirror/state";
 import { ask } from "../connection";
+import type { CompletionRow } from "../replies";
 import { state } from "../store";
-
-interface Name { label: string; kind: "function" | "parameter" | "node" | "input"; detail: string }
 
 const BOOST = { node: 3, input: 2, parameter: 1, function: 0 }; // those of the project come first
 let known: { revision: number; options: Promise<Completion[]> } | null = null;
@@ -13,12 +12,12 @@ let known: { revision: number; options: Promise<Completion[]> } | null = null;
 /** The names that formula text can use; asked again once the texts have changed. */
 function options(): Promise<Completion[]> {
   const revision = state.value.textRevision;
-  if (known?.revision !== revision) known = { revision, options: ask("completions").then((reply) => (reply.head.completions as Name[]).map(asCompletion), () => []) };
+  if (known?.revision !== revision) known = { revision, options: ask("completions").then((reply) => reply.head.completions.map(asCompletion), () => []) };
   return known.options;
 }
 
 /** A function is completed with the parenthesis of its arguments, which are shown beside it. */
-const asCompletion = ({ label, kind, detail }: Name): Completion => ({
+const asCompletion = ({ label, kind, detail }: CompletionRow): Completion => ({
   label, detail: kind === "function" && detail.startsWith(label) ? detail.slice(label.length) : detail, type: kind, boost: BOOST[kind],
   apply: kind === "function" ? `${label}(` : label,
 });

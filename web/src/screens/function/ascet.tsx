@@ -2,6 +2,7 @@
 
 import { Icon } from "../../icons";
 import { ErrorSplit, placeText, split } from "../../instruments/error-split";
+import type { FormulaLine } from "../../replies";
 import { request, state } from "../../store";
 import { FormulaLines } from "./formula-lines";
 import { Fold } from "./fold";
@@ -9,7 +10,7 @@ import { FunctionChoice } from "./function-choice";
 import { ProgramState } from "./program-state";
 import { ProgramText, showPlace } from "./program-text";
 import { FunctionSettings } from "./settings";
-import { chosen, program, type Line } from "./source";
+import { chosen, program } from "./source";
 
 export function Ascet() {
   const own = program.value;
@@ -35,7 +36,7 @@ export function Ascet() {
   );
 }
 
-const isLit = (line: Line): boolean => line.path !== "" && line.path === chosen.value;
+const isLit = (line: FormulaLine): boolean => line.path !== "" && line.path === chosen.value;
 
 /** Messages of the check that the import does not report itself; a click goes to the line. */
 function Findings() {

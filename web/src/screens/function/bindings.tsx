@@ -5,19 +5,18 @@ import { useEffect, useRef } from "preact/hooks";
 import { newest } from "../../connection";
 import { significant } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { ReadChannel } from "../../replies";
 import { setKeys } from "../../settings";
 import { request } from "../../store";
 import { diagram } from "./source";
 
-interface Channel { name: string; least: number | null; greatest: number | null; known: boolean; guess: string }
-
 export const binding = signal(""); // path of the block that is being bound
 const text = signal("");
-const reads = signal<{ channels: Channel[]; problem: string }>({ channels: [], problem: "" });
+const reads = signal<{ channels: ReadChannel[]; problem: string }>({ channels: [], problem: "" });
 
 const check = newest(async (formula: string) => {
   const reply = await request("formula-reads", { text: formula });
-  if (reply !== null) reads.value = reply.head as unknown as { channels: Channel[]; problem: string };
+  if (reply !== null) reads.value = reply.head;
 });
 
 effect(() => { if (binding.value !== "" && text.value.trim()) check(text.value); });

@@ -1,14 +1,15 @@
 // What can be done with the chosen block: replace it, or make the number in its field a parameter.
 
 import { plain } from "../../drawing/numbers";
+import type { BlockRow } from "../../replies";
 import { setKeys, valueAt } from "../../settings";
 import { binding } from "./bindings";
-import { chosen, diagram, type Block } from "./source";
+import { chosen, diagram } from "./source";
 
-const chosenBlock = (): Block | undefined => diagram.value?.blocks?.find((block) => block.path === chosen.value);
+const chosenBlock = (): BlockRow | undefined => diagram.value?.blocks?.find((block) => block.path === chosen.value);
 
 /** The number in the field of a block, null if it is something else, or a parameter already. */
-function literal(block: Block): number | null {
+function literal(block: BlockRow): number | null {
   const value = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(block.detail) ? Number(block.detail) : null;
   return value === null || valueAt(["parameters", `${block.path}:${block.field}`]) !== undefined ? null : value;
 }

@@ -6,9 +6,10 @@ import { significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { split } from "../../instruments/error-split";
+import type { BlockRow } from "../../replies";
 import { binding } from "./bindings";
 import { promote } from "./block-actions";
-import { chosen, diagram, type Block, type BlockState } from "./source";
+import { chosen, diagram } from "./source";
 
 const search = signal("");
 const column = signal("fields");
@@ -18,8 +19,8 @@ const SIGNS: Record<string, string> = {
   SubSystem: "▭", "MATLAB Function": "ƒ", Chart: "◫", Sum: "Σ", Gain: "▷", Product: "×", Constant: "#", Integrator: "∫", DiscreteIntegrator: "∫", Inport: "→", Outport: "←",
   "Lookup_n-D": "▦", Lookup: "▦", Lookup2D: "▦", Interpolation_n_D: "▦", Switch: "⋎", MultiPortSwitch: "⋎", UnitDelay: "z", Delay: "z", Memory: "z", Saturate: "⊏", RelationalOperator: "≥", Logic: "∧", Goto: "⇥", From: "↦", Mux: "⊐", Demux: "⊏",
 };
-const WORDS: Record<BlockState, string> = { supported: "can be imported", bound: "bound to a channel or formula", undefined: "a variable has no value", unsupported: "not supported, and an output depends on it", unused: "not supported, but no output depends on it", unreached: "not checked: behind a block that is not supported" };
-const WORSE: BlockState[] = ["supported", "unused", "unreached", "bound", "undefined", "unsupported"];
+const WORDS: Record<BlockRow["state"], string> = { supported: "can be imported", bound: "bound to a channel or formula", undefined: "a variable has no value", unsupported: "not supported, and an output depends on it", unused: "not supported, but no output depends on it", unreached: "not checked: behind a block that is not supported" };
+const WORSE: BlockRow["state"][] = ["supported", "unused", "unreached", "bound", "undefined", "unsupported"];
 
 /** The state of each block, of a subsystem the worst of its blocks. */
 const states = computed(() => {
@@ -81,7 +82,7 @@ export function BlockTree() {
   );
 }
 
-function Row({ block, state }: { block: Block; state: BlockState }) {
+function Row({ block, state }: { block: BlockRow; state: BlockRow["state"] }) {
   const open = opened.value.has(block.path) || search.value !== "";
   const value = valuesAt.value.get(block.path);
   return (
@@ -96,13 +97,13 @@ function Row({ block, state }: { block: Block; state: BlockState }) {
   );
 }
 
-function Mark({ state }: { state: BlockState }) {
+function Mark({ state }: { state: BlockRow["state"] }) {
   if (state === "bound") return <Icon name="link" kind="acc" />;
   if (state === "unsupported" || state === "undefined") return <Icon name="warning" kind={state === "undefined" ? "warn" : "bad"} />;
   return state === "unused" || state === "unreached" ? <span class="q">–</span> : <Icon name="done" kind="good" />;
 }
 
-function toggle(block: Block): void {
+function toggle(block: BlockRow): void {
   if (!block.inner) return;
   const next = new Set(opened.value);
   if (!next.delete(block.path)) next.add(block.path);

@@ -2,9 +2,10 @@
 
 import { FUNCTION_FILES } from "../../function-files";
 import { Icon } from "../../icons";
+import type { CalledFunction } from "../../replies";
 import { setKeys } from "../../settings";
 import { droppedFiles } from "../../uploads";
-import { addCalled, calledFunctions, setCalled, type CalledFunction } from "./file-source";
+import { addCalled, calledFunctions, setCalled } from "./file-source";
 import { Fold } from "./fold";
 import { range } from "./import-lists";
 

@@ -2,7 +2,7 @@
 
 import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../../icons";
-import type { FileFunction } from "./file-source";
+import type { FileFunction } from "../../replies";
 import { chosen } from "./source";
 
 /** Show a line of the source text. */

@@ -3,10 +3,11 @@
 import { isAsked } from "../../code-consent";
 import { Icon } from "../../icons";
 import { ErrorSplit, placeText, split } from "../../instruments/error-split";
+import type { FileFunction } from "../../replies";
 import { request, state } from "../../store";
 import { CodeText } from "./code-text";
 import { FileState } from "./file-state";
-import { fileFunction, type FileFunction as Own } from "./file-source";
+import { fileFunction } from "./file-source";
 import { Fold } from "./fold";
 import { FormulaLines } from "./formula-lines";
 import { FunctionChoice } from "./function-choice";
@@ -44,16 +45,16 @@ export function FileFunction() {
 /** True if code has to be allowed before anything is evaluated. */
 const isPending = (): boolean => state.value.code.length > 0;
 
-function Verdict({ own }: { own: Own }) {
+function Verdict({ own }: { own: FileFunction }) {
   if (own.whole && isPending()) return <span class="tag w">runs code</span>;
   if (own.whole) return <span class="tag g">can be calibrated</span>;
   return own.problems.length > 0 ? <span class="tag b">{own.problems.length} to solve</span> : <span class="tag w">choose a function</span>;
 }
 
-const withoutText = (own: Own): string => (own.runs ? `The code of ${own.file} is called at each step, which formula text cannot express.` : "Formula text cannot express the layers of a network.");
+const withoutText = (own: FileFunction): string => (own.runs ? `The code of ${own.file} is called at each step, which formula text cannot express.` : "Formula text cannot express the layers of a network.");
 
 /** The outputs at the cursor, for a function that has no formula text. */
-function Values({ own }: { own: Own }) {
+function Values({ own }: { own: FileFunction }) {
   return (
     <div class="scroll grow">
       <div class="head"><h2>At the cursor</h2><span class="sub">{split.value && !isPending() ? placeText(split.value) : ""}</span></div>
@@ -64,7 +65,7 @@ function Values({ own }: { own: Own }) {
 }
 
 /** What the file of an FMU or a network says of itself. */
-function Facts({ own }: { own: Own }) {
+function Facts({ own }: { own: FileFunction }) {
   return (
     <>
       <div class="head mid"><h2>{own.file}</h2><span class="sub">{own.kind}</span></div>
@@ -75,7 +76,7 @@ function Facts({ own }: { own: Own }) {
 }
 
 /** Messages of the check that the pane in the middle does not show. */
-function Findings({ own }: { own: Own | null }) {
+function Findings({ own }: { own: FileFunction | null }) {
   const known = [...(own?.problems ?? []).map((each) => each.message), ...(own?.notes ?? [])];
   const others = state.value.findings.filter((each) => each.screen === "function" && !isAsked(each) && (own?.whole || each.file !== own?.file) && !known.some((text) => each.text.includes(text) || text.includes(each.message)));
   if (others.length === 0) return null;

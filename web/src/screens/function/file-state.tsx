@@ -3,11 +3,12 @@
 import { CodeConsent } from "../../code-consent";
 import { plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { CalibratableParameter, FileFunction, ImportProblem } from "../../replies";
 import { open, screen, state } from "../../store";
 import { showLine } from "./code-text";
-import { fileFunction, type FileFunction, type FileProblem } from "./file-source";
+import { fileFunction } from "./file-source";
 import { limits, Ports, range } from "./import-lists";
-import { choose, type Variable } from "./source";
+import { choose } from "./source";
 
 const FEW = 8; // problems that are listed at once
 
@@ -29,7 +30,7 @@ export function FileState() {
   );
 }
 
-function Problem({ problem }: { problem: FileProblem }) {
+function Problem({ problem }: { problem: ImportProblem }) {
   return (
     <div class="note bad" role="alert"><Icon name="warning" /><span class="grow">
       {problem.line > 0 ? <button class="link plain" title="Show the line" onClick={() => showLine(problem.line)}>{problem.text}</button> : problem.text}
@@ -65,7 +66,7 @@ function Interface({ own }: { own: FileFunction }) {
   );
 }
 
-function Parameters({ rows }: { rows: Variable[] }) {
+function Parameters({ rows }: { rows: CalibratableParameter[] }) {
   if (rows.length === 0) return null;
   const known = new Set(state.value.parameters.map((each) => each.name));
   return (

@@ -3,12 +3,11 @@
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { shown, split } from "../../instruments/error-split";
+import type { FlowNode, SignalFlow } from "../../replies";
 import { request, screen, settled, state } from "../../store";
 import { isFileFunction } from "./file-source";
 import { chosen, esdl, simulink } from "./source";
 
-interface FlowNode { name: string; sources: string[]; tables: string[]; kind: string }
-interface Flow { inputs: string[]; nodes: FlowNode[]; outputs: string[] }
 interface Box { name: string; sign: string; x: number; y: number; input: boolean; node?: FlowNode }
 
 const WIDTH = 102;
@@ -16,7 +15,7 @@ const HEIGHT = 32;
 const GAP = 22;
 const MOST = 60; // boxes that are drawn; of larger functions those around the chosen node
 
-const flow = signal<Flow | null>(null);
+const flow = signal<SignalFlow | null>(null);
 const SIGNS: Record<string, string> = { add: "+", sub: "−", mul: "×", div: "÷", neg: "−", state: "memory", select: "if", input: "input", const: "constant" };
 
 const pageWidth = signal(innerWidth);
@@ -27,7 +26,7 @@ const room = computed(() => Math.max(3, Math.floor((0.45 * (pageWidth.value - 13
 
 const load = newest(async (_: number) => {
   const reply = await request("flow");
-  if (reply !== null) flow.value = reply.head as unknown as Flow;
+  if (reply !== null) flow.value = reply.head;
 });
 const textRevision = computed(() => state.value.textRevision);
 effect(() => {
@@ -36,7 +35,7 @@ effect(() => {
 });
 
 /** The nodes and inputs that are drawn. */
-function around(own: Flow): Set<string> {
+function around(own: SignalFlow): Set<string> {
   const names = [...own.inputs, ...own.nodes.map((node) => node.name)];
   if (names.length <= MOST) return new Set(names);
   const kept = new Set<string>([chosen.value || (own.outputs[0] ?? own.nodes.at(-1)!.name)]);
@@ -53,7 +52,7 @@ function around(own: Flow): Set<string> {
 }
 
 /** Each node one column to the right of what it reads; reads of earlier samples close a loop and do not count. */
-function columns(own: Flow, drawn: Set<string>): Map<string, number> {
+function columns(own: SignalFlow, drawn: Set<string>): Map<string, number> {
   const byName = new Map(own.nodes.map((node) => [node.name, node]));
   const ranks = new Map<string, number>();
   const entered = new Set<string>();

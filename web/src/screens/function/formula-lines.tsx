@@ -4,16 +4,17 @@ import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Segment } from "../../fields";
 import { shown, split, useSplit } from "../../instruments/error-split";
-import { chosen, type Line } from "./source";
+import type { FormulaLine } from "../../replies";
+import { chosen } from "./source";
 
 const filter = signal("all");
 
 interface Props {
-  lines: Line[] | undefined;
+  lines: FormulaLine[] | undefined;
   tables: string[];
   part?: string; // what a line comes from: this block, this variable
   alone?: string; // why a part has no line
-  lit?: (line: Line) => boolean;
+  lit?: (line: FormulaLine) => boolean;
   go?: (path: string) => void; // shows where a line comes from
 }
 
@@ -38,9 +39,9 @@ export function FormulaLines({ lines: own, tables, part = "", alone, lit = () =>
 }
 
 /** True if the line is that of the node itself, not of an auxiliary node `_1`. */
-const defines = (line: Line): boolean => line.node !== "" && !/^_\d+ =/.test(line.text);
+const defines = (line: FormulaLine): boolean => line.node !== "" && !/^_\d+ =/.test(line.text);
 
-function LineRow({ line, tables, go, value }: { line: Line & { number: number; lit: boolean }; tables: string[]; go: (path: string) => void; value: { start: number | null; now: number | null; unit: string } | undefined }) {
+function LineRow({ line, tables, go, value }: { line: FormulaLine & { number: number; lit: boolean }; tables: string[]; go: (path: string) => void; value: { start: number | null; now: number | null; unit: string } | undefined }) {
   return (
     <div class={`ln ${line.lit ? "lit-line" : ""}`} role="listitem" data-line={line.number} title={line.path || undefined} onClick={() => { if (line.path) go(line.path); }}>
       <i>{line.number}</i><code><Formula text={line.text} tables={tables} /></code><span class="num q">{value && shown(value.start)}</span><span class="num ink">{value && shown(value.now)}</span>

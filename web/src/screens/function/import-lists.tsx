@@ -2,12 +2,13 @@
 
 import { MISSING, plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { CalibratableParameter, NamedUnit } from "../../replies";
 import { setKeys, valueAt } from "../../settings";
 import { state } from "../../store";
-import { setTexts, textsAt, type Port, type Variable } from "./source";
+import { setTexts, textsAt } from "./source";
 
-export const range = (each: Variable): string => (each.smallest === each.largest ? plain(each.smallest) : `${plain(each.smallest, 4)} … ${plain(each.largest, 4)}`);
-export const limits = (each: Variable): string => (each.lower === null && each.upper === null ? "" : `limits ${each.lower ?? "−∞"} … ${each.upper ?? "∞"}`);
+export const range = (each: CalibratableParameter): string => (each.smallest === each.largest ? plain(each.smallest) : `${plain(each.smallest, 4)} … ${plain(each.largest, 4)}`);
+export const limits = (each: CalibratableParameter): string => (each.lower === null && each.upper === null ? "" : `limits ${each.lower ?? "−∞"} … ${each.upper ?? "∞"}`);
 
 interface FolderProps { title: string; sub: string; word: string; accept: string; add: (files: File[]) => void }
 
@@ -31,7 +32,7 @@ export function Folders({ title, sub, word, accept, add }: FolderProps) {
 }
 
 /** The inputs of the function with the channels that they are read from, and its outputs. */
-export function Ports({ own, name = "inport" }: { own: { inputs?: Port[]; outputs?: Port[] }; name?: string }) {
+export function Ports({ own, name = "inport" }: { own: { inputs?: NamedUnit[]; outputs?: NamedUnit[] }; name?: string }) {
   const { inputs = [], outputs = [] } = own;
   if (inputs.length + outputs.length === 0) return null;
   const channels = [...new Set(state.value.datasets.flatMap((data) => data.channels.map((each) => each.name)))];

@@ -2,11 +2,12 @@
 
 import { parseNumber, plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { BlockingBlock, ImportedFunction } from "../../replies";
 import { setKeys } from "../../settings";
 import { Binding, Bindings, binding } from "./bindings";
 import { reveal } from "./block-tree";
 import { Folders, Ports, limits, range } from "./import-lists";
-import { addLibraries, addValueFiles, diagram, setTexts, textsAt, type Blocking, type Diagram } from "./source";
+import { addLibraries, addValueFiles, diagram, setTexts, textsAt } from "./source";
 
 const FEW = 4; // blocks with the same reason that are listed at once
 
@@ -31,8 +32,8 @@ export function ImportState() {
 }
 
 /** Blocks with the same reason and remedy, together. */
-function grouped(blocks: Blocking[]): Blocking[][] {
-  const groups = new Map<string, Blocking[]>();
+function grouped(blocks: BlockingBlock[]): BlockingBlock[][] {
+  const groups = new Map<string, BlockingBlock[]>();
   for (const block of blocks) {
     const key = `${block.why}\n${block.remedy}`;
     groups.set(key, [...(groups.get(key) ?? []), block]);
@@ -41,7 +42,7 @@ function grouped(blocks: Blocking[]): Blocking[][] {
 }
 
 /** Why blocks are not supported, with a button for each that binds it. */
-function Stop({ blocks }: { blocks: Blocking[] }) {
+function Stop({ blocks }: { blocks: BlockingBlock[] }) {
   const [first] = blocks;
   const sentence = `${first!.why}${/[.!?]$/.test(first!.why) ? "" : "."} ${first!.remedy}`.replaceAll("`folders`", "Libraries");
   return (
@@ -54,7 +55,7 @@ function Stop({ blocks }: { blocks: Blocking[] }) {
   );
 }
 
-function StopRow({ block, text }: { block: Blocking; text: string }) {
+function StopRow({ block, text }: { block: BlockingBlock; text: string }) {
   return <span class="row stop" data-blocking={block.path}><button class="link cut" title={`${block.path}\nShow it in the tree`} onClick={() => reveal(block.path)}><b>{block.path}</b></button><span class="q">{block.type}</span><button class="btn small" title={`A channel or a formula in place of ${block.path}\n[model] bind`} onClick={() => { binding.value = block.path; }}>{text}</button></span>;
 }
 
@@ -68,7 +69,7 @@ function Loop({ loop }: { loop: string[] }) {
   );
 }
 
-function Variables({ own }: { own: Diagram }) {
+function Variables({ own }: { own: ImportedFunction }) {
   const files = textsAt(["model", "parameters"]);
   const missing = own.undefined ?? [];
   const provided = (file: string) => (own.parameters ?? []).filter((each) => each.source.includes(file.split("/").at(-1)!)).length;
@@ -96,7 +97,7 @@ function Value({ name }: { name: string }) {
   }} /></span>;
 }
 
-function Notes({ own }: { own: Diagram }) {
+function Notes({ own }: { own: ImportedFunction }) {
   const step = own.step ? `the fixed step ${plain(own.step)} s` : "the step of the data";
   const notes = own.notes ?? [];
   return (

@@ -2,11 +2,12 @@
 
 import { MISSING, plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { ImportProblem, ImportedFunction } from "../../replies";
 import { setKeys } from "../../settings";
 import { open, screen, state } from "../../store";
 import { Folders, Ports, limits, range } from "./import-lists";
 import { showPlace } from "./program-text";
-import { addSources, program, type Program, type ProgramProblem } from "./source";
+import { addSources, program } from "./source";
 
 const ALL = "*"; // every periodic task
 const FEW = 8; // problems that are listed at once
@@ -42,7 +43,7 @@ function Missing({ packages }: { packages: string[] }) {
   );
 }
 
-function Problem({ problem }: { problem: ProgramProblem }) {
+function Problem({ problem }: { problem: ImportProblem }) {
   return (
     <div class="note bad" role="alert"><Icon name="warning" /><span class="grow">
       {problem.line > 0 && problem.source >= 0 ? <button class="link plain" title="Show the line" onClick={() => showPlace(`${problem.source}:${problem.line}`)}>{problem.text}</button> : problem.text}
@@ -50,7 +51,7 @@ function Problem({ problem }: { problem: ProgramProblem }) {
   );
 }
 
-function Classes({ own }: { own: Program }) {
+function Classes({ own }: { own: ImportedFunction }) {
   if ((own.classes ?? []).length < 2) return null;
   const change = (name: string) => setKeys([[["model", "class"], name || null], [["model", "methods"], null], [["model", "startup"], null]], name ? `The class is ${name}` : "No class is chosen");
   return (
@@ -70,7 +71,7 @@ function Boxes({ names, chosen, change, titles, ordered = false }: { names: stri
   ))}</div>;
 }
 
-function Methods({ own }: { own: Program }) {
+function Methods({ own }: { own: ImportedFunction }) {
   const classes = own.classes ?? [];
   const item = classes.length === 1 ? classes[0] : classes.find((each) => each.name === own.chosen.class);
   if (item === undefined || item.methods.length < 2) return null;
@@ -87,7 +88,7 @@ function Methods({ own }: { own: Program }) {
 
 const seconds = (period: number | null): string => (period === null ? "not periodic" : `every ${plain(period)} s`);
 
-function Tasks({ own }: { own: Program }) {
+function Tasks({ own }: { own: ImportedFunction }) {
   const tasks = own.tasks ?? [];
   if (tasks.length === 0) return null;
   const periodic = tasks.filter((each) => each.period !== null).map((each) => each.name);
@@ -108,7 +109,7 @@ function Tasks({ own }: { own: Program }) {
   );
 }
 
-function Characteristics({ own }: { own: Program }) {
+function Characteristics({ own }: { own: ImportedFunction }) {
   const rows = own.parameters ?? [];
   if (rows.length === 0) return null;
   const known = new Set(state.value.parameters.map((each) => each.name));
@@ -123,20 +124,20 @@ function Characteristics({ own }: { own: Program }) {
           return <tr key={each.name} title={limits(each)}>
             <td class="cut">{known.has(each.name) ? <button class="link" title={`Open ${each.name}`} onClick={() => { open(each.name); screen.value = "parameters"; }}>{each.name}</button> : <b>{each.name}</b>}</td>
             <td class="q">{each.kind} {each.shape.join(" × ")}{each.locked && " locked"}</td><td class="num ink">{range(each)} <span class="q">{each.unit}</span></td>
-            <td class="cut">{place && <button class="link" title="Show the line" onClick={() => showPlace(`${place.source}:${place.line}`)}>{own.sources[place.source]?.file.split("/").at(-1)}:{place.line}</button>}</td></tr>;
+            <td class="cut">{place && <button class="link" title="Show the line" onClick={() => showPlace(`${place.source}:${place.line}`)}>{own.sources?.[place.source]?.file.split("/").at(-1)}:{place.line}</button>}</td></tr>;
         })}</tbody>
       </table>
     </>
   );
 }
 
-function States({ own }: { own: Program }) {
+function States({ own }: { own: ImportedFunction }) {
   const rows = own.states ?? [];
   if (rows.length === 0) return null;
   return <details class="more"><summary>{rows.length} {rows.length === 1 ? "variable keeps its value" : "variables keep their values"} from step to step</summary><table class="list"><thead><tr><th>state</th><th class="num">first value</th></tr></thead><tbody>{rows.map((each) => <tr><td class="cut"><b>{each.name}</b></td><td class="num">{each.initial === null ? "calculated" : plain(each.initial)}</td></tr>)}</tbody></table></details>;
 }
 
-function Notes({ own }: { own: Program }) {
+function Notes({ own }: { own: ImportedFunction }) {
   const notes = own.notes ?? [];
   const step = own.step ? `the step ${plain(own.step)} s` : "the step of the data";
   return (

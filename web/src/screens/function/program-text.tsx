@@ -20,7 +20,8 @@ export function showPlace(place: string): void {
   chosen.value = `${source}:${line}`;
 }
 
-const source = computed(() => program.value?.sources[file.value] ?? program.value?.sources[0]);
+const sources = computed(() => program.value?.sources ?? []);
+const source = computed(() => sources.value[file.value] ?? sources.value[0]);
 
 /** Names that are declared in the lines of the file that is shown. */
 const declared = computed(() => {
@@ -43,14 +44,14 @@ export function ProgramText() {
     <>
       <div class="filter">
         <select class="field grow" aria-label="Source file" title="Files of the classes and data interfaces that take part" value={file.value} onChange={(event) => { file.value = Number(event.currentTarget.value); }}>
-          {own.sources.map((each, k) => <option value={k}>{each.file}{own.problems.some((problem) => problem.source === k) ? " (!)" : ""}</option>)}
+          {sources.value.map((each, k) => <option value={k}>{each.file}{own.problems.some((problem) => problem.source === k) ? " (!)" : ""}</option>)}
         </select>
-        <span class="q">{own.sources.length === 1 ? "1 file" : `${own.sources.length} files`}, read-only</span>
+        <span class="q">{sources.value.length === 1 ? "1 file" : `${sources.value.length} files`}, read-only</span>
       </div>
       <div class="ln hd"><i /><code>ESDL</code><span class="num">start</span><span class="num">now</span></div>
       <div class="code mono" ref={list} role="list" aria-label="Source text">
         {source.value?.text ? rows.map((text, k) => <Row key={k} number={k + 1} text={text} names={declared.value.get(k + 1) ?? []} values={values} parameters={parameters} problem={wrong.get(k + 1)?.message} />)
-          : <p class="pad q">{own.sources.length === 0 ? "No file can be read." : "The text of this file cannot be shown."}</p>}
+          : <p class="pad q">{sources.value.length === 0 ? "No file can be read." : "The text of this file cannot be shown."}</p>}
       </div>
     </>
   );

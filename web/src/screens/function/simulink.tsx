@@ -3,6 +3,7 @@
 import { count } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { ErrorSplit, placeText, split } from "../../instruments/error-split";
+import type { FormulaLine } from "../../replies";
 import { setKeys } from "../../settings";
 import { request, state } from "../../store";
 import { BlockActions } from "./block-actions";
@@ -12,9 +13,9 @@ import { Fold } from "./fold";
 import { ImportState } from "./import-state";
 import { FunctionChoice } from "./function-choice";
 import { FunctionSettings } from "./settings";
-import { chosen, diagram, parts, type Line } from "./source";
+import { chosen, diagram, parts } from "./source";
 
-const isOf = (line: Line, path: string): boolean => path !== "" && line.path !== "" && (line.path === path || line.path.startsWith(`${path}/`));
+const isOf = (line: FormulaLine, path: string): boolean => path !== "" && line.path !== "" && (line.path === path || line.path.startsWith(`${path}/`));
 
 export function Simulink() {
   const own = diagram.value;

@@ -3,43 +3,18 @@
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { holdsFunctions, isHeader } from "../../function-files";
-import type { Path, Toml } from "../../replies";
+import type { ImportablePart, ImportedFunction, Path, Toml } from "../../replies";
 import { setKeys, valueAt } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
 
-export type BlockState = "supported" | "bound" | "undefined" | "unsupported" | "unused" | "unreached";
-export interface Block { path: string; name: string; type: string; depth: number; inner: number; field: string; detail: string; state: BlockState }
-export interface Line { text: string; node: string; path: string }
-export interface Problem { place: string; message: string; remedy: string; text: string }
-export interface Blocking { path: string; type: string; why: string; remedy: string; stops: boolean }
-export interface Variable { name: string; kind: string; shape: number[]; smallest: number; largest: number; unit: string; lower: number | null; upper: number | null; locked: boolean; source: string }
-export interface Part { path: string; blocks: number; inputs: string[]; outputs: string[] }
-export interface Diagram {
-  file: string; subsystem: string; bind: Record<string, string>; problems: Problem[]; name?: string; version?: string;
-  blocks?: Block[]; subsystems?: string[]; lines?: Line[]; files?: string[]; total?: number; supported?: number; unreached?: number; whole?: boolean;
-  solver?: string; step?: number | null; blocking?: Blocking[]; undefined?: { name: string; paths: string[]; reason: string }[];
-  loops?: string[][]; stopped?: Problem[]; parameters?: Variable[]; inputs?: Port[];
-  outputs?: Port[]; notes?: string[];
-}
-
-export interface ProgramProblem { source: number; line: number; message: string; remedy: string; text: string }
-export interface Program {
-  file: string; chosen: { class: string; methods: string[]; tasks: string[] }; sources: { file: string; text: string }[]; problems: ProgramProblem[];
-  classes?: { name: string; methods: string[] }[]; tasks?: { name: string; period: number | null; methods: string[] }[];
-  whole?: boolean; missing?: string[]; calls?: string[]; startup?: string[]; step?: number | null; schedule?: { name: string; period: number; delay: number; methods: string[] }[];
-  inputs?: Port[]; outputs?: Port[]; parameters?: Variable[]; states?: { name: string; initial: number | null }[]; notes?: string[];
-  lines?: Line[]; places?: { name: string; source: number; line: number }[];
-}
-export interface Port { name: string; unit: string }
-
 export const functionFile = computed(() => String(valueAt(["model", "file"]) ?? ""));
-export const simulink = computed(() => /\.(slx|mdl|slxp)$/i.test(functionFile.value));
-export const esdl = computed(() => /\.(esdl|app)$/i.test(functionFile.value));
+export const simulink = computed(() => state.value.function.screen === "diagram");
+export const esdl = computed(() => state.value.function.screen === "program");
 export const files = signal<string[]>([]); // of the project's folder that can be the function
-export const diagram = signal<Diagram | null>(null);
-export const program = signal<Program | null>(null);
-export const parts = signal<Part[] | null>(null);
+export const diagram = signal<ImportedFunction | null>(null);
+export const program = signal<ImportedFunction | null>(null);
+export const parts = signal<ImportablePart[] | null>(null);
 export const chosen = signal(""); // path of a block, or name of a node of formula text
 
 const shown = computed(() => screen.value === "function" && state.value.project !== null);
@@ -47,20 +22,20 @@ const textRevision = computed(() => state.value.textRevision);
 
 const loadFiles = newest(async (_: number) => {
   const reply = await request("functions");
-  if (reply !== null) files.value = reply.head.files as string[];
+  if (reply !== null) files.value = reply.head.files;
 });
 
 const loadDiagram = newest(async (_: number) => {
   const reply = await request("diagram");
   if (reply === null) return;
-  diagram.value = reply.head as unknown as Diagram;
+  diagram.value = reply.head;
   const answer = await request("parts");
-  parts.value = answer === null ? [] : (answer.head.parts as Part[]);
+  parts.value = answer === null ? [] : answer.head.parts;
 });
 
 const loadProgram = newest(async (_: number) => {
   const reply = await request("program");
-  if (reply !== null) program.value = reply.head as unknown as Program;
+  if (reply !== null) program.value = reply.head;
 });
 
 effect(() => { if (shown.value) loadFiles(textRevision.value); });
