@@ -2,7 +2,17 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import type { AskedContents, AskedDifferences, AskedPair, SourceName, CalibrationFiles, LabelPair, SetContents, SetDifferences, WrittenCalibration } from "./replies";
+import type {
+  AskedContents,
+  AskedDifferences,
+  AskedPair,
+  CalibrationFiles,
+  LabelPair,
+  SetContents,
+  SetDifferences,
+  SourceName,
+  WrittenCalibration,
+} from "./replies";
 import { message, request, screen, settled } from "./store";
 import { upload } from "./uploads";
 
@@ -55,7 +65,9 @@ const loadContents = newest(async (given: AskedContents) => {
 const active = computed(() => screen.value === "files" && settled.value.project !== null);
 const key = computed(() => `${settled.value.revision} ${settled.value.runs.length} ${changed.value}`);
 
-effect(() => { if (active.value) loadFolder(key.value); });
+effect(() => {
+  if (active.value) loadFolder(key.value);
+});
 effect(() => {
   if (!active.value || !key.value) return;
   const [first, second] = [source(sides.first.value), source(sides.second.value)];
@@ -63,7 +75,8 @@ effect(() => {
   else loadComparison({ first, second, tolerance: tolerance.value.absolute, relative: tolerance.value.relative });
 });
 effect(() => {
-  if (active.value && comparison.value !== null) loadPair({ first: source(sides.first.value), second: source(sides.second.value), name: chosen.value });
+  if (active.value && comparison.value !== null)
+    loadPair({ first: source(sides.first.value), second: source(sides.second.value), name: chosen.value });
 });
 
 /** Store dropped files, and compare the first with the present values. */
@@ -78,7 +91,9 @@ export async function addFiles(files: File[]): Promise<void> {
 
 /** Take the ticked labels of the second set into the values of the project. */
 export async function take(): Promise<string[] | null> {
-  const names = (comparison.value?.rows ?? []).filter((row) => row.takeable && ticked.value.has(row.label)).map((row) => row.label);
+  const names = (comparison.value?.rows ?? [])
+    .filter((row) => row.takeable && ticked.value.has(row.label))
+    .map((row) => row.label);
   const reply = await request("take-values", { source: source(sides.second.value), names });
   if (reply === null) return null;
   message.value = `Took ${names.length} parameter${names.length > 1 ? "s" : ""} from ${comparison.value?.labels[1] ?? ""}`;
@@ -86,10 +101,23 @@ export async function take(): Promise<string[] | null> {
 }
 
 /** Write a set, or the first one with the ticked labels of the second, as a file of the folder. */
-export async function write(given: { merged: boolean; target: string; image: string; a2l: string; force: boolean }): Promise<void> {
+export async function write(given: {
+  merged: boolean;
+  target: string;
+  image: string;
+  a2l: string;
+  force: boolean;
+}): Promise<void> {
   const first = source(given.merged ? sides.first.value : sides.second.value);
   const more = given.merged ? { second: source(sides.second.value), names: [...ticked.value] } : {};
-  const reply = await request("write-calibration", { first, ...more, target: given.target, image: given.image, a2l: given.a2l, force: given.force });
+  const reply = await request("write-calibration", {
+    first,
+    ...more,
+    target: given.target,
+    image: given.image,
+    a2l: given.a2l,
+    force: given.force,
+  });
   existing.value = reply !== null && "exists" in reply.head ? reply.head.exists : "";
   if (reply === null || "exists" in reply.head) return;
   written.value = reply.head;

@@ -5,7 +5,19 @@ import { newest } from "./connection";
 import type { AskedChoice, ComparedScore, TableChange, TrustReply } from "./replies";
 import { request, screen, settled, state } from "./store";
 
-const NOTHING: Required<TrustReply> = { directions: [], coupled: [], sentence: "", advice: "", remark: "", dimension: 0, remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
+const NOTHING: Required<TrustReply> = {
+  directions: [],
+  coupled: [],
+  sentence: "",
+  advice: "",
+  remark: "",
+  dimension: 0,
+  remedies: [],
+  holdings: [],
+  noise: [],
+  freedom: null,
+  values: 0,
+};
 
 export const first = signal("start");
 export const second = signal("now");
@@ -20,7 +32,10 @@ export const rejected = signal<Record<string, Set<number>>>({}); // cells that k
 export const shown = computed(() => changes.value.find((each) => each.name === chosen.value) ?? changes.value[0]);
 
 const load = newest(async (_: string) => {
-  const [compared, known] = await Promise.all([request("compare", { first: first.value, second: second.value }), request("trust")]);
+  const [compared, known] = await Promise.all([
+    request("compare", { first: first.value, second: second.value }),
+    request("trust"),
+  ]);
   if (compared !== null) {
     changes.value = compared.head.changes;
     scores.value = compared.head.scores;
@@ -37,14 +52,22 @@ effect(() => {
 export const ranking = signal<"max" | "mean">("max");
 
 /** Tables with the biggest change first. */
-export const ranked = computed(() => (ranking.value === "max" ? changes.value : changes.value.toSorted((a, b) => b.mean / (b.largest || 1) * b.relative - a.mean / (a.largest || 1) * a.relative)));
+export const ranked = computed(() =>
+  ranking.value === "max"
+    ? changes.value
+    : changes.value.toSorted(
+        (a, b) => (b.mean / (b.largest || 1)) * b.relative - (a.mean / (a.largest || 1)) * a.relative,
+      ),
+);
 
 export const keptCount = computed(() => Object.values(rejected.value).reduce((sum, cells) => sum + cells.size, 0));
 export const valueCount = computed(() => changes.value.reduce((sum, each) => sum + each.first.length, 0));
 
 /** Keep the start of every value, or of none. */
 export function keepAll(keep: boolean): void {
-  rejected.value = keep ? Object.fromEntries(changes.value.map((each) => [each.name, new Set(each.first.map((_, k) => k))])) : {};
+  rejected.value = keep
+    ? Object.fromEntries(changes.value.map((each) => [each.name, new Set(each.first.map((_, k) => k))]))
+    : {};
 }
 
 /** RMSE on training data if the choice were accepted; null if all is accepted. */

@@ -6,9 +6,8 @@ import { letInAgain } from "./restart";
 export type Question = keyof Questions;
 
 /** What is asked: left out if every detail of the question may be. */
-export type Asked<Q extends Question> = Record<string, never> extends Questions[Q]["asks"]
-  ? [given?: Questions[Q]["asks"]]
-  : [given: Questions[Q]["asks"]];
+export type Asked<Q extends Question> =
+  Record<string, never> extends Questions[Q]["asks"] ? [given?: Questions[Q]["asks"]] : [given: Questions[Q]["asks"]];
 
 export interface Reply<Q extends Question> {
   head: Questions[Q]["head"];
@@ -63,7 +62,9 @@ function open(pause: number): void {
   };
   next.onmessage = (event: MessageEvent<ArrayBuffer>) => receive(unpack(event.data));
   let opened = false;
-  next.addEventListener("open", () => { opened = true; });
+  next.addEventListener("open", () => {
+    opened = true;
+  });
   next.onclose = () => {
     socket = null;
     for (const { reject } of waiting.values()) reject(new Error("The connection to Kennfeld was lost."));

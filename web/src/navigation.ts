@@ -66,5 +66,8 @@ export function showFinding(finding: FindingRow): void {
 
 /** Every key with its section, in the order of the documentation. */
 export function allKeys(): { section: string; key: KeyRow }[] {
-  return sections.value.flatMap((section) => [{ section: section.name, key: { ...section, name: "" } }, ...(section.form.keys ?? []).map((key) => ({ section: section.name, key }))]);
+  return sections.value.flatMap((section) => [
+    { section: section.name, key: { ...section, name: "" } },
+    ...(section.form.keys ?? []).map((key) => ({ section: section.name, key })),
+  ]);
 }

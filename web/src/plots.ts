@@ -4,7 +4,10 @@ import { batch, computed, signal } from "@preact/signals";
 import type { SignalName, SignalRange } from "./replies";
 import { settled } from "./store";
 
-export interface Stretch { begin: number; end: number }
+export interface Stretch {
+  begin: number;
+  end: number;
+}
 
 /** Samples that are selected: a stretch of time, those within ranges of signals, or those that inform a grid point. */
 export type Brush = Stretch | { ranges: SignalRange[] } | { point: { parameter: string; value: number } };
@@ -22,8 +25,12 @@ export const part = signal<"point" | "sample" | "range">("point"); // the pane a
 
 const chosenCriterion = signal(0);
 
-export const dataset = computed(() => settled.value.datasets[Math.min(datasetNumber.value, settled.value.datasets.length - 1)]);
-export const criterionNumber = computed(() => Math.max(0, Math.min(chosenCriterion.value, settled.value.criteria.length - 1)));
+export const dataset = computed(
+  () => settled.value.datasets[Math.min(datasetNumber.value, settled.value.datasets.length - 1)],
+);
+export const criterionNumber = computed(() =>
+  Math.max(0, Math.min(chosenCriterion.value, settled.value.criteria.length - 1)),
+);
 export const criterion = computed(() => settled.value.criteria[criterionNumber.value]);
 
 export const visible = computed<Stretch>(() => {
@@ -118,5 +125,7 @@ export function follow(position: number): void {
 
 /** Light up nothing, measure nothing, and forget the cursor. */
 export function clearMarks(): void {
-  batch(() => { brush.value = range.value = cursor.value = null; });
+  batch(() => {
+    brush.value = range.value = cursor.value = null;
+  });
 }

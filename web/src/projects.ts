@@ -2,8 +2,8 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { holdsFunctions } from "./function-files";
-import type { Questions, KnownProjects } from "./replies";
-import { message, request, screen, state, type Screen } from "./store";
+import type { KnownProjects, Questions } from "./replies";
+import { message, request, type Screen, screen, state } from "./store";
 import { upload } from "./uploads";
 
 export const known = signal<KnownProjects>({ recent: [], demos: [], folder: "", version: "" });
@@ -26,12 +26,20 @@ effect(() => {
 /** Projects whose name, path or node contain every word of the filter. */
 export const shownProjects = computed(() => {
   const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
-  return known.value.recent.filter((each) => words.every((word) => `${each.name} ${each.path} ${each.node ?? ""}`.toLowerCase().includes(word)));
+  return known.value.recent.filter((each) =>
+    words.every((word) => `${each.name} ${each.path} ${each.node ?? ""}`.toLowerCase().includes(word)),
+  );
 });
 
-export const selected = computed(() => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0]);
+export const selected = computed(
+  () => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0],
+);
 
-export async function openProject<Q extends "open" | "demo" | "new">(question: Q, given: Questions[Q]["asks"], next: Screen = "parameters"): Promise<void> {
+export async function openProject<Q extends "open" | "demo" | "new">(
+  question: Q,
+  given: Questions[Q]["asks"],
+  next: Screen = "parameters",
+): Promise<void> {
   opening.value = true; // files that are dropped from now on belong to that project
   try {
     if ((await request<"open" | "demo" | "new">(question, given)) !== null) screen.value = next;
@@ -42,7 +50,8 @@ export async function openProject<Q extends "open" | "demo" | "new">(question: Q
 
 /** Make a project from dropped files: recordings, a function, or a calibration. */
 export async function projectFrom(files: File[]): Promise<void> {
-  const first = files.find((file) => /\.app$/i.test(file.name)) ?? files[0]; // an application names a project of many files
+  // an application names a project of many files
+  const first = files.find((file) => /\.app$/i.test(file.name)) ?? files[0];
   if (first === undefined || (await request("new", { name: first.name, free: true })) === null) return;
   screen.value = "data";
   const names = await upload(files);
@@ -58,8 +67,11 @@ export async function projectFrom(files: File[]): Promise<void> {
 export function spoken(seconds: number, now = new Date()): string {
   if (!seconds) return "";
   const then = new Date(seconds * 1000);
-  const days = Math.round((new Date(now.toDateString()).getTime() - new Date(then.toDateString()).getTime()) / 86_400_000);
-  if (days === 0) return `today ${String(then.getHours()).padStart(2, "0")}:${String(then.getMinutes()).padStart(2, "0")}`;
+  const days = Math.round(
+    (new Date(now.toDateString()).getTime() - new Date(then.toDateString()).getTime()) / 86_400_000,
+  );
+  if (days === 0)
+    return `today ${String(then.getHours()).padStart(2, "0")}:${String(then.getMinutes()).padStart(2, "0")}`;
   if (days === 1) return "yesterday";
   return `${then.getDate()} ${then.toLocaleString("en", { month: "short" })}${then.getFullYear() === now.getFullYear() ? "" : ` ${then.getFullYear()}`}`;
 }

@@ -994,7 +994,7 @@ export interface SpellingRow {
 }
 
 /** The nodes of the function from inputs to outputs. */
-export interface SignalFlow {
+export interface FunctionFlow {
   inputs: string[];
   nodes: FlowNode[];
   outputs: string[];
@@ -1042,7 +1042,7 @@ export interface ReadChannel {
 }
 
 /** The function of the project in a file; what follows problems is known if it can be read. */
-export interface FileFunction {
+export interface ProjectFunction {
   file: string;
   reference: string;
   kind: string;
@@ -1806,10 +1806,10 @@ export interface Questions {
   diagram: { asks: Nothing; head: ImportedFunction; arrays: Nothing };
   program: { asks: Nothing; head: ImportedFunction; arrays: Nothing };
   spellings: { asks: Nothing; head: SpellingRows; arrays: Nothing };
-  flow: { asks: Nothing; head: SignalFlow; arrays: Nothing };
+  flow: { asks: Nothing; head: FunctionFlow; arrays: Nothing };
   parts: { asks: Nothing; head: ImportableParts; arrays: Nothing };
   "formula-reads": { asks: AskedFormula; head: FormulaReads; arrays: Nothing };
-  "function-file": { asks: Nothing; head: FileFunction; arrays: Nothing };
+  "function-file": { asks: Nothing; head: ProjectFunction; arrays: Nothing };
   "called-functions": { asks: Nothing; head: CalledFunctions; arrays: Nothing };
   completions: { asks: Nothing; head: CompletionRows; arrays: Nothing };
   surrogates: { asks: Nothing; head: SurrogateRows; arrays: Nothing };

@@ -17,7 +17,8 @@ const load = newest(async (_: string) => {
 effect(() => {
   const { revision, project, runs } = settled.value;
   const { job } = state.value;
-  if (screen.value === "optimization" && project !== null && !isRunning(job)) load(`${revision} ${runs.length} ${job.state}`);
+  if (screen.value === "optimization" && project !== null && !isRunning(job))
+    load(`${revision} ${runs.length} ${job.state}`);
 });
 
 export const running = (): boolean => isRunning(state.value.job);
@@ -26,7 +27,8 @@ export const running = (): boolean => isRunning(state.value.job);
 export const run = (): void => void request("run", workers.value === null ? {} : { workers: workers.value });
 
 /** Continue an interrupted run from its checkpoints. */
-export const resume = (): void => void request("run", { resume: true, ...(workers.value === null ? {} : { workers: workers.value }) });
+export const resume = (): void =>
+  void request("run", { resume: true, ...(workers.value === null ? {} : { workers: workers.value }) });
 
 /** Fit every part of the data without one, and score it there. */
 export const validate = (folds: number, parts: string): void => void request("run", { folds, parts });

@@ -14,7 +14,10 @@ let asked = false;
 effect(() => {
   if (settled.value.project === null || asked) return;
   asked = true;
-  void request("schema").then((reply) => { if (reply === null) asked = false; else sections.value = reply.head.sections; });
+  void request("schema").then((reply) => {
+    if (reply === null) asked = false;
+    else sections.value = reply.head.sections;
+  });
 });
 
 const loadNames = newest(async (_: number) => {
@@ -34,7 +37,9 @@ export const sectionOf = (name: string): SectionRow | undefined => sections.valu
 /** The keys of an entry of a section, or of the section itself. */
 export const keysOf = (name: string): KeyRow[] => sectionOf(name)?.form.keys ?? [];
 
-/** The key that a path names, or the one around it: that of `gradient` for `["parameters", "MapX", "gradient", "x"]`. */
+/**
+ * The key that a path names, or the one around it: that of `gradient` for `["parameters", "MapX", "gradient", "x"]`.
+ */
 export function keyAt(path: Path): KeyRow | undefined {
   const section = sectionOf(String(path[0]));
   if (section === undefined || section.form.kind === "table") return section;
@@ -61,18 +66,43 @@ export function shows(form: KeyForm, value: Toml): boolean {
   const isTable = typeof value === "object" && !Array.isArray(value);
   const isScalar = typeof value !== "object";
   switch (form.kind) {
-    case "text": case "choice": return typeof value === "string" && (form.options === undefined || form.options.includes(value));
-    case "number": case "integer": return typeof value === "number" || (typeof value === "string" && (form.words ?? []).includes(value));
-    case "flag": return typeof value === "boolean";
-    case "texts": return typeof value === "string" || (Array.isArray(value) && value.every((each) => typeof each !== "object"));
-    case "numbers": return typeof value === "number" || (Array.isArray(value) && value.every((each) => typeof each !== "object")) || (typeof value === "string" && (form.words ?? []).includes(value));
-    case "pair": return Array.isArray(value) && value.length === 2 && value.every((each) => typeof each !== "object");
-    case "table": return isTable && Object.entries(value as Table).every(([name, inner]) => (!form.names?.length || form.names.includes(name)) && shows(form.values!, inner));
-    case "entry": return isTable && Object.keys(value as Table).every((name) => form.keys!.some((key) => key.name === name));
-    case "entries": return Array.isArray(value) ? value.every((each) => typeof each === "object" && !Array.isArray(each)) : isTable && form.single === true;
-    case "either": return form.forms!.some((each) => shows(each, value));
-    case "list": return (Array.isArray(value) ? value : [value]).every((each) => shows(form.item!, each));
-    default: return !isScalar || form.kind === "toml";
+    case "text":
+    case "choice":
+      return typeof value === "string" && (form.options === undefined || form.options.includes(value));
+    case "number":
+    case "integer":
+      return typeof value === "number" || (typeof value === "string" && (form.words ?? []).includes(value));
+    case "flag":
+      return typeof value === "boolean";
+    case "texts":
+      return typeof value === "string" || (Array.isArray(value) && value.every((each) => typeof each !== "object"));
+    case "numbers":
+      return (
+        typeof value === "number" ||
+        (Array.isArray(value) && value.every((each) => typeof each !== "object")) ||
+        (typeof value === "string" && (form.words ?? []).includes(value))
+      );
+    case "pair":
+      return Array.isArray(value) && value.length === 2 && value.every((each) => typeof each !== "object");
+    case "table":
+      return (
+        isTable &&
+        Object.entries(value as Table).every(
+          ([name, inner]) => (!form.names?.length || form.names.includes(name)) && shows(form.values!, inner),
+        )
+      );
+    case "entry":
+      return isTable && Object.keys(value as Table).every((name) => form.keys!.some((key) => key.name === name));
+    case "entries":
+      return Array.isArray(value)
+        ? value.every((each) => typeof each === "object" && !Array.isArray(each))
+        : isTable && form.single === true;
+    case "either":
+      return form.forms!.some((each) => shows(each, value));
+    case "list":
+      return (Array.isArray(value) ? value : [value]).every((each) => shows(form.item!, each));
+    default:
+      return !isScalar || form.kind === "toml";
   }
 }
 
@@ -81,7 +111,10 @@ type Table = { [key: string]: Toml };
 /** A value as one line of TOML. */
 export function asToml(value: Toml): string {
   if (Array.isArray(value)) return `[${value.map(asElement).join(", ")}]`;
-  if (typeof value === "object") return `{ ${Object.entries(value).map(([name, inner]) => `${/^[\w-]+$/.test(name) ? name : JSON.stringify(name)} = ${asToml(inner)}`).join(", ")} }`;
+  if (typeof value === "object")
+    return `{ ${Object.entries(value)
+      .map(([name, inner]) => `${/^[\w-]+$/.test(name) ? name : JSON.stringify(name)} = ${asToml(inner)}`)
+      .join(", ")} }`;
   return typeof value === "string" ? JSON.stringify(value) : String(value);
 }
 
@@ -92,6 +125,9 @@ const MAIN = ["channel", "node", "hex", "parameter", "where", "input"]; // keys 
 /** A value in a few words, for the line of an entry. */
 export function brief(value: Toml): string {
   if (Array.isArray(value)) return value.length <= 3 ? value.map(brief).join(", ") : `${value.length} entries`;
-  if (typeof value === "object") return Object.entries(value).map(([name, inner]) => (MAIN.includes(name) ? brief(inner) : `${name} ${brief(inner)}`)).join(" ");
+  if (typeof value === "object")
+    return Object.entries(value)
+      .map(([name, inner]) => (MAIN.includes(name) ? brief(inner) : `${name} ${brief(inner)}`))
+      .join(" ");
   return String(value);
 }

@@ -40,11 +40,14 @@ export async function setKeys(changes: Change[], title: string): Promise<void> {
 export function describePath(path: Path): string {
   const [section, ...rest] = path;
   if (typeof rest[0] === "number") return `[[${section}]] ${rest.join(" ")}`;
-  if (["parameters", "axes"].includes(String(section)) && rest.length) return `[${section}.${rest[0]}] ${rest.slice(1).join(" ")}`.trim();
+  if (["parameters", "axes"].includes(String(section)) && rest.length)
+    return `[${section}.${rest[0]}] ${rest.slice(1).join(" ")}`.trim();
   return `[${section}] ${rest.join(" ")}`.trim();
 }
 
-/** The messages about a key, or about anything within it; messages call the entries of a list by a word of their own. */
+/**
+ * The messages about a key, or about anything within it; messages call the entries of a list by a word of their own.
+ */
 export function messagesWithin(path: Path, key?: KeyRow): FindingRow[] {
   const whole = describePath(path);
   const word = key?.form.word;
@@ -52,13 +55,28 @@ export function messagesWithin(path: Path, key?: KeyRow): FindingRow[] {
   return settled.value.findings.filter((f) => paths.some((each) => f.path === each || f.path.startsWith(`${each} `)));
 }
 
-/** The messages about a section or an entry itself, not about one of its keys; those about a dataset's files belong to it. */
+/**
+ * The messages about a section or an entry itself, not about one of its keys; those about a dataset's files belong to
+ * it.
+ */
 export function messagesOf(path: Path): FindingRow[] {
   const files = path[0] === "dataset" && path.length === 2 ? patternsOf(valueAt([...path, "files"])) : [];
-  return settled.value.findings.filter((f) => f.path === describePath(path) || files.some((pattern) => pattern.test(f.file)));
+  return settled.value.findings.filter(
+    (f) => f.path === describePath(path) || files.some((pattern) => pattern.test(f.file)),
+  );
 }
 
 function patternsOf(files: Toml | undefined): RegExp[] {
-  const names = (Array.isArray(files) ? files : [files ?? ""]).map((file) => String(file).split("#")[0]!.split("/").at(-1)!);
-  return names.filter(Boolean).map((name) => new RegExp(`^${name.replace(/[.+^${}()|[\]\\]/g, "\\$&").replace(/\*/g, ".*").replace(/\?/g, ".")}$`));
+  const names = (Array.isArray(files) ? files : [files ?? ""]).map(
+    (file) => String(file).split("#")[0]!.split("/").at(-1)!,
+  );
+  return names.filter(Boolean).map(
+    (name) =>
+      new RegExp(
+        `^${name
+          .replace(/[.+^${}()|[\]\\]/g, "\\$&")
+          .replace(/\*/g, ".*")
+          .replace(/\?/g, ".")}$`,
+      ),
+  );
 }

@@ -1,22 +1,51 @@
 // What the page shows: the server's state, and what only this page knows, such as the open screen.
 
 import { batch, computed, signal } from "@preact/signals";
-import { ask, newest, setReady, type Asked, type Question, type Reply } from "./connection";
+import { type Asked, ask, newest, type Question, type Reply, setReady } from "./connection";
 import { themeChanged } from "./drawing/colours";
-import type { AppState as OpenState, EditedTable, OpenProject, StateNews, ValueEdit } from "./replies";
+import type { EditedTable, OpenProject, AppState as OpenState, StateNews, ValueEdit } from "./replies";
 
 /** The state of the open project; empty lists as long as it cannot be evaluated. */
 export interface AppState extends Omit<Required<OpenState>, "project"> {
   project: OpenProject | null;
 }
 
-export const SCREENS = ["data", "function", "parameters", "optimization", "results", "plots", "files", "start"] as const;
+export const SCREENS = [
+  "data",
+  "function",
+  "parameters",
+  "optimization",
+  "results",
+  "plots",
+  "files",
+  "start",
+] as const;
 export type Screen = (typeof SCREENS)[number];
 
 const EMPTY: AppState = {
-  project: null, revision: 0, textRevision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [], code: [],
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, training: { state: "idle", file: "", seconds: 0, lines: [] }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
-  nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false, function: { file: "", screen: "formula" }, excerpt: null,
+  project: null,
+  revision: 0,
+  textRevision: 0,
+  unsaved: [],
+  undo: "",
+  redo: "",
+  scores: [],
+  findings: [],
+  code: [],
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  training: { state: "idle", file: "", seconds: 0, lines: [] },
+  parameters: [],
+  freeValues: 0,
+  datasets: [],
+  criteria: [],
+  inputs: [],
+  nodes: [],
+  runs: [],
+  seconds: 0,
+  changedOnDisk: false,
+  recoverable: false,
+  function: { file: "", screen: "formula" },
+  excerpt: null,
 };
 
 export const state = signal<AppState>(EMPTY);
@@ -36,11 +65,18 @@ export const failure = signal("");
 export const theme = signal(document.documentElement.dataset.theme === "dark" ? "dark" : "light");
 
 /** The selected rectangle of the open table, by x and y index, and the cell that typing changes. */
-export interface Selection { x: [number, number]; y: [number, number]; active: [number, number] }
+export interface Selection {
+  x: [number, number];
+  y: [number, number];
+  active: [number, number];
+}
 export const selection = signal<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
 
 /** What the values are compared with: the last run, or the start. */
-export const referenceName = computed(() => { const last = state.value.runs.at(-1); return last === undefined ? "start" : `run ${last.number}`; });
+export const referenceName = computed(() => {
+  const last = state.value.runs.at(-1);
+  return last === undefined ? "start" : `run ${last.number}`;
+});
 
 export const parameter = computed(() => state.value.parameters.find((p) => p.name === openName.value) ?? null);
 
@@ -64,10 +100,15 @@ export const isRunning = (job: AppState["job"]): boolean => job.state === "runni
 export function takeState(news: StateNews): void {
   const next: AppState = { ...EMPTY, ...news.state };
   const before = revision.value;
-  if (isRunning(state.value.job) && !isRunning(next.job)) message.value = next.job.state === "validated" ? `Cross-validation: ${next.job.message}` : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
+  if (isRunning(state.value.job) && !isRunning(next.job))
+    message.value =
+      next.job.state === "validated"
+        ? `Cross-validation: ${next.job.message}`
+        : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
   batch(() => {
     state.value = next;
-    if (!next.parameters.some((p) => p.name === openName.value)) openName.value = (next.parameters.find((p) => p.kind !== "rbf") ?? next.parameters[0])?.name ?? "";
+    if (!next.parameters.some((p) => p.name === openName.value))
+      openName.value = (next.parameters.find((p) => p.kind !== "rbf") ?? next.parameters[0])?.name ?? "";
   });
   if (revision.value !== before && !dragging) void loadTable();
   setReady();
@@ -79,7 +120,8 @@ export async function loadTable(): Promise<void> {
     return;
   }
   const reply = await request("table", { name: openName.value });
-  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value)) table.value = reply.head.table;
+  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value))
+    table.value = reply.head.table;
 }
 
 export function open(name: string): void {
@@ -109,7 +151,9 @@ export function setValues(cells: number[], values: number[], title: string, drag
   const own = table.value;
   if (own === null) return;
   const next = own.values.slice();
-  cells.forEach((cell, k) => { next[cell] = values[k]!; });
+  cells.forEach((cell, k) => {
+    next[cell] = values[k]!;
+  });
   table.value = { ...own, values: next };
   message.value = title;
   dragging = drag;

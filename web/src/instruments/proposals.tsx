@@ -4,7 +4,7 @@ import { effect, signal } from "@preact/signals";
 import { newest } from "../connection";
 import { Icon } from "../icons";
 import type { ProposalRow } from "../replies";
-import { setKeys, type Change } from "../settings";
+import { type Change, setKeys } from "../settings";
 import { request, settled } from "../store";
 
 const proposals = signal<ProposalRow[]>([]);
@@ -21,11 +21,19 @@ effect(() => {
   else proposals.value = [];
 });
 
-const complete = (own: ProposalRow): boolean => own.choice === null || own.choice.options.includes(choices.value[own.title] ?? "");
+const complete = (own: ProposalRow): boolean =>
+  own.choice === null || own.choice.options.includes(choices.value[own.title] ?? "");
 
 function add(chosen: ProposalRow[]): void {
-  const changes = chosen.flatMap<Change>((each) => (each.choice === null ? each.changes : [...each.changes, [each.choice.path, choices.value[each.title]!]]));
-  void setKeys(changes, chosen.length === 1 ? `Added: ${chosen[0]!.title} ${choices.value[chosen[0]!.title] ?? ""}` : `Added ${chosen.length} proposals`);
+  const changes = chosen.flatMap<Change>((each) =>
+    each.choice === null ? each.changes : [...each.changes, [each.choice.path, choices.value[each.title]!]],
+  );
+  void setKeys(
+    changes,
+    chosen.length === 1
+      ? `Added: ${chosen[0]!.title} ${choices.value[chosen[0]!.title] ?? ""}`
+      : `Added ${chosen.length} proposals`,
+  );
 }
 
 export function Proposals() {
@@ -34,8 +42,32 @@ export function Proposals() {
   const ready = all.filter(complete);
   return (
     <div class="proposals" id="proposals">
-      <div class="head mid"><h2>The function needs</h2><span class="sub">axes from the data, rounded; slightly smooth</span><span class="right"><button class="btn small primary" id="add-all" disabled={!ready.length} onClick={() => add(ready)}>{ready.length < all.length ? `Add ${ready.length}` : "Add all"}</button></span></div>
-      {all.map((each) => <div class="ck i"><Icon name="plus" /><span class="grow">{each.title}{each.choice && <> <ChoiceOf own={each} /></>}</span><button class="btn small" disabled={!complete(each)} onClick={() => add([each])}>Add</button></div>)}
+      <div class="head mid">
+        <h2>The function needs</h2>
+        <span class="sub">axes from the data, rounded; slightly smooth</span>
+        <span class="right">
+          <button class="btn small primary" id="add-all" disabled={!ready.length} onClick={() => add(ready)}>
+            {ready.length < all.length ? `Add ${ready.length}` : "Add all"}
+          </button>
+        </span>
+      </div>
+      {all.map((each) => (
+        <div class="ck i">
+          <Icon name="plus" />
+          <span class="grow">
+            {each.title}
+            {each.choice && (
+              <>
+                {" "}
+                <ChoiceOf own={each} />
+              </>
+            )}
+          </span>
+          <button class="btn small" disabled={!complete(each)} onClick={() => add([each])}>
+            Add
+          </button>
+        </div>
+      ))}
     </div>
   );
 }
@@ -43,8 +75,17 @@ export function Proposals() {
 function ChoiceOf({ own }: { own: ProposalRow }) {
   const value = choices.value[own.title] ?? "";
   return (
-    <select class="field small" aria-label={own.title} value={value} onChange={(event) => { choices.value = { ...choices.value, [own.title]: event.currentTarget.value }; }}>
-      {["", ...own.choice!.options].map((option) => <option value={option}>{option || "choose"}</option>)}
+    <select
+      class="field small"
+      aria-label={own.title}
+      value={value}
+      onChange={(event) => {
+        choices.value = { ...choices.value, [own.title]: event.currentTarget.value };
+      }}
+    >
+      {["", ...own.choice!.options].map((option) => (
+        <option value={option}>{option || "choose"}</option>
+      ))}
     </select>
   );
 }

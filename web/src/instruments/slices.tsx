@@ -1,13 +1,13 @@
 // A curve, or a slice of a map through the active point; its points can be dragged.
 
 import { useLayoutEffect, useRef } from "preact/hooks";
-import { canvasIn, type Area, type Range } from "../drawing/canvas";
+import { type Area, canvasIn, type Range } from "../drawing/canvas";
 import { plain, withUnit } from "../drawing/numbers";
 import { drawSlice, type SliceData } from "../drawing/slices";
 import type { EditedTable } from "../replies";
 import { endDrag, selection, setValues, theme } from "../store";
-import { cellAt } from "./table-cells";
 import { placesOf } from "./coverage";
+import { cellAt } from "./table-cells";
 import { describeCells } from "./table-edits";
 
 /** The cells along one axis through the active point. */
@@ -20,11 +20,19 @@ function sliceOf(own: EditedTable, axis: 0 | 1): SliceData {
   const cells = along(own, axis);
   const { input, unit, points } = own.axes[axis]!;
   const other = own.axes[1 - axis];
-  const through = other ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 4)} ${other.unit || other.input}` : "";
+  const through = other
+    ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 4)} ${other.unit || other.input}`
+    : "";
   const pick = <T,>(values: readonly T[]) => cells.map((cell) => values[cell]!);
   return {
-    points, now: pick(own.values), before: pick(own.reference), deviation: own.deviation && pick(own.deviation),
-    empty: own.samples && pick(own.samples).map((count) => count === 0), active: selection.value.active[axis]!, title: withUnit(input, unit) + through, places: placesNear(own, axis),
+    points,
+    now: pick(own.values),
+    before: pick(own.reference),
+    deviation: own.deviation && pick(own.deviation),
+    empty: own.samples && pick(own.samples).map((count) => count === 0),
+    active: selection.value.active[axis]!,
+    title: withUnit(input, unit) + through,
+    places: placesNear(own, axis),
   };
 }
 
@@ -56,7 +64,11 @@ export function Slice({ own, axis }: { own: EditedTable; axis: 0 | 1 }) {
     let plot: Area | null = null;
     let frozen: Range | null = null;
     let drag = "";
-    const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, width, height) => {
+    const {
+      canvas,
+      redraw: again,
+      close,
+    } = canvasIn(host.current!, (pen, width, height) => {
       plot = drawSlice(pen, width, height, sliceOf(latest.current, axis), frozen);
     });
     redraw.current = again;
@@ -64,7 +76,8 @@ export function Slice({ own, axis }: { own: EditedTable; axis: 0 | 1 }) {
       const index = nearest(plot, latest.current, axis, event);
       if (index === null || plot === null) return;
       canvas.setPointerCapture(event.pointerId);
-      const active: [number, number] = axis === 0 ? [index, selection.value.active[1]] : [selection.value.active[0], index];
+      const active: [number, number] =
+        axis === 0 ? [index, selection.value.active[1]] : [selection.value.active[0], index];
       selection.value = { x: [active[0], active[0]], y: [active[1], active[1]], active };
       drag = `${latest.current.name} ${event.timeStamp}`;
       frozen = [plot.yAt(plot.box.bottom), plot.yAt(plot.box.top)];
@@ -91,7 +104,10 @@ function nearest(plot: Area | null, own: EditedTable, axis: 0 | 1, event: Pointe
   if (plot === null) return null;
   let [best, index]: [number, number | null] = [16, null];
   along(own, axis).forEach((cell, k) => {
-    const distance = Math.hypot(plot.x(own.axes[axis]!.points[k]!) - event.offsetX, plot.y(own.values[cell]!) - event.offsetY);
+    const distance = Math.hypot(
+      plot.x(own.axes[axis]!.points[k]!) - event.offsetX,
+      plot.y(own.values[cell]!) - event.offsetY,
+    );
     if (distance < best) [best, index] = [distance, k];
   });
   return index;

@@ -13,19 +13,27 @@ export type Edit =
 export function editCells(own: EditedTable, chosen: Selection, cells: number[], edit: Edit): number[] | null {
   const now = cells.map((cell) => own.values[cell]!);
   switch (edit.kind) {
-    case "set": return now.map(() => edit.amount);
-    case "add": return now.map((value) => value + edit.amount);
-    case "scale": return now.map((value) => value * edit.amount);
-    case "step": return now.map((value) => rounded(value + edit.amount * smallStep(own)));
-    case "reference": return cells.map((cell) => own.reference[cell]!);
-    case "interpolate": return pickCells(own, cells, interpolated(own, chosen));
-    case "smooth": return pickCells(own, cells, smoothed(own, chosen));
+    case "set":
+      return now.map(() => edit.amount);
+    case "add":
+      return now.map((value) => value + edit.amount);
+    case "scale":
+      return now.map((value) => value * edit.amount);
+    case "step":
+      return now.map((value) => rounded(value + edit.amount * smallStep(own)));
+    case "reference":
+      return cells.map((cell) => own.reference[cell]!);
+    case "interpolate":
+      return pickCells(own, cells, interpolated(own, chosen));
+    case "smooth":
+      return pickCells(own, cells, smoothed(own, chosen));
   }
 }
 
 const rounded = (value: number): number => Number(value.toPrecision(12));
 
-const pickCells = (own: EditedTable, cells: number[], values: number[] | null): number[] | null => (values === null ? null : cells.map((cell) => values[cell] ?? own.values[cell]!));
+const pickCells = (own: EditedTable, cells: number[], values: number[] | null): number[] | null =>
+  values === null ? null : cells.map((cell) => values[cell] ?? own.values[cell]!);
 
 /** A thousandth of the span of the table, rounded to 1, 2 or 5. */
 export function smallStep(own: EditedTable): number {
@@ -35,7 +43,8 @@ export function smallStep(own: EditedTable): number {
   return (raw / power > 3.3 ? 5 : raw / power > 1.4 ? 2 : 1) * power;
 }
 
-const position = (points: number[], k: number, [from, to]: [number, number]): number => (to > from ? (points[k]! - points[from]!) / (points[to]! - points[from]!) : 0);
+const position = (points: number[], k: number, [from, to]: [number, number]): number =>
+  to > from ? (points[k]! - points[from]!) / (points[to]! - points[from]!) : 0;
 
 /** Bilinear between the corners of the selection; between its ends if it is one row or column. */
 function interpolated(own: EditedTable, { x, y }: Selection): number[] | null {
@@ -46,7 +55,9 @@ function interpolated(own: EditedTable, { x, y }: Selection): number[] | null {
     for (let j = y[0]; j <= y[1]; j++) {
       const [u, v] = [position(xs, i, x), position(ys, j, y)];
       const corner = (a: number, b: number) => own.values[cellAt(own, x[a]!, y[b]!)]!;
-      values[cellAt(own, i, j)] = rounded((1 - u) * ((1 - v) * corner(0, 0) + v * corner(0, 1)) + u * ((1 - v) * corner(1, 0) + v * corner(1, 1)));
+      values[cellAt(own, i, j)] = rounded(
+        (1 - u) * ((1 - v) * corner(0, 0) + v * corner(0, 1)) + u * ((1 - v) * corner(1, 0) + v * corner(1, 1)),
+      );
     }
   }
   return values;
@@ -64,7 +75,10 @@ function smoothed(own: EditedTable, { x, y }: Selection): number[] {
   };
   for (let i = x[0]; i <= x[1]; i++) {
     for (let j = y[0]; j <= y[1]; j++) {
-      const sides = [between(xs, i, (k) => own.values[cellAt(own, k, j)]!), between(ys, j, (k) => own.values[cellAt(own, i, k)]!)].filter((side) => side !== null);
+      const sides = [
+        between(xs, i, (k) => own.values[cellAt(own, k, j)]!),
+        between(ys, j, (k) => own.values[cellAt(own, i, k)]!),
+      ].filter((side) => side !== null);
       if (!sides.length) continue;
       const mean = sides.reduce((sum, side) => sum + side, 0) / sides.length;
       values[cellAt(own, i, j)] = rounded((own.values[cellAt(own, i, j)]! + mean) / 2);

@@ -95,7 +95,7 @@ class FlowNode:
 
 
 @dataclass(frozen=True)
-class SignalFlow:
+class FunctionFlow:
     """The nodes of the function from inputs to outputs."""
 
     inputs: Sequence[str]
@@ -233,7 +233,7 @@ def _known_names(session: Session) -> set[str]:
     return {*FUNCTION_NAMES, *called, *session.initial_names, *session.settings.get("parameters", {}), *own, *last}
 
 
-def flow(session: Session) -> SignalFlow:
+def flow(session: Session) -> FunctionFlow:
     """Return the nodes of the function, each with what computes it: its operation or table, and its sources."""
     problem = session.require_view().model.problem
     graph, parameters = problem.model.graph, problem.parameters
@@ -248,7 +248,7 @@ def flow(session: Session) -> SignalFlow:
         )
         for name, at in graph.names.items()
     ]
-    return SignalFlow(graph.inputs, nodes, graph.outputs)
+    return FunctionFlow(graph.inputs, nodes, graph.outputs)
 
 
 def formula_reads(session: Session, asked: AskedFormula) -> FormulaReads:

@@ -64,7 +64,7 @@ class FunctionPort:
 
 
 @dataclass(frozen=True)
-class FileFunction(NamedFunction):
+class ProjectFunction(NamedFunction):
     """The function of the project in a file; what follows `problems` is known if it can be read.
 
     Attributes:
@@ -146,7 +146,7 @@ class CompletionRows:
     completions: Sequence[CompletionRow]
 
 
-def function_file(session: Session) -> FileFunction:
+def function_file(session: Session) -> ProjectFunction:
     """Return the function of the project in a file of another tool: its source, ports, parameters, states, problems."""
     source = require_function(session)
     text = _text(source)
@@ -157,8 +157,8 @@ def function_file(session: Session) -> FileFunction:
         facts = list(_facts(source).rows)
     except InputError as error:
         findings = [f for f in refused if not source.path.is_file()] or _reasons(source, error)
-        return FileFunction(**_file_of(source), source=text, facts=[], whole=False, problems=_problems(findings))
-    own = FileFunction(**_file_of(source), source=text, facts=facts, whole=True, problems=[])
+        return ProjectFunction(**_file_of(source), source=text, facts=[], whole=False, problems=_problems(findings))
+    own = ProjectFunction(**_file_of(source), source=text, facts=facts, whole=True, problems=[])
     return _with_function(own, source, function, model)
 
 
@@ -220,7 +220,7 @@ def _text(source: FunctionSource) -> str:
     return text if len(text) <= MAX_CHARACTERS else ""
 
 
-def _with_function(own: FileFunction, source: FunctionSource, function: ModelFunction, model: Model) -> FileFunction:
+def _with_function(own: ProjectFunction, source: FunctionSource, function: ModelFunction, model: Model) -> ProjectFunction:
     return replace(
         own,
         inputs=[FunctionPort(x.name, x.unit, x.default, x.later) for x in function.inputs if x.name not in CLOCK],

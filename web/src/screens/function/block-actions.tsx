@@ -29,10 +29,30 @@ export function BlockActions() {
   const value = literal(block);
   return (
     <div class="actions row" aria-label="Chosen block">
-      <b class="cut ink" title={block.path}>{block.name}</b>
+      <b class="cut ink" title={block.path}>
+        {block.name}
+      </b>
       <span class="right row">
-        {value !== null && <button class="btn small" title={`The number becomes a parameter that can be calibrated (p)\n[parameters."${block.path}:${block.field}"]`} onClick={promote}>{block.field} {plain(value)} as parameter</button>}
-        {!block.inner && <button class="btn small" title="A channel or a formula in place of the block (b)" onClick={() => { binding.value = block.path; }}>Bind…</button>}
+        {value !== null && (
+          <button
+            class="btn small"
+            title={`The number becomes a parameter that can be calibrated (p)\n[parameters."${block.path}:${block.field}"]`}
+            onClick={promote}
+          >
+            {block.field} {plain(value)} as parameter
+          </button>
+        )}
+        {!block.inner && (
+          <button
+            class="btn small"
+            title="A channel or a formula in place of the block (b)"
+            onClick={() => {
+              binding.value = block.path;
+            }}
+          >
+            Bind…
+          </button>
+        )}
       </span>
     </div>
   );

@@ -1,16 +1,17 @@
-// What the page knows of functions in files of other tools: the function of the project, and those that formula text calls.
+// What the page knows of functions in files of other tools: the function of the project, and those that formula text
+// calls.
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { holdsFunctions, isHeader } from "../../function-files";
-import type { CalledFunction, FileFunction } from "../../replies";
+import type { CalledFunction, ProjectFunction } from "../../replies";
 import { setKeys } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
 import { chosen, functionFile } from "./source";
 
 export const isFileFunction = computed(() => state.value.function.screen === "function-file");
-export const fileFunction = signal<FileFunction | null>(null);
+export const fileFunction = signal<ProjectFunction | null>(null);
 export const calledFunctions = signal<CalledFunction[]>([]);
 
 const shown = computed(() => screen.value === "function" && state.value.project !== null);
@@ -25,13 +26,18 @@ const loadCalled = newest(async (_: number) => {
   if (reply !== null) calledFunctions.value = reply.head.functions;
 });
 
-effect(() => { void functionFile.value; if (isFileFunction.value) chosen.value = ""; });
+effect(() => {
+  void functionFile.value;
+  if (isFileFunction.value) chosen.value = "";
+});
 effect(() => {
   if (!shown.value) return;
   if (isFileFunction.value) loadFunction(textRevision.value);
   else fileFunction.value = null;
 });
-effect(() => { if (shown.value && !isFileFunction.value) loadCalled(textRevision.value); });
+effect(() => {
+  if (shown.value && !isFileFunction.value) loadCalled(textRevision.value);
+});
 
 /** Store files beside the project, and let formula text call their functions; headers belong to those of C. */
 export async function addCalled(files: File[]): Promise<void> {
@@ -47,4 +53,6 @@ export async function addCalled(files: File[]): Promise<void> {
 }
 
 /** Call another function of the file of a called function. */
-export const setCalled = (own: CalledFunction, name: string): void => { void setKeys([[["functions", own.name], `${own.file}:${name}`]], `${own.name} is ${name} of ${own.file}`); };
+export const setCalled = (own: CalledFunction, name: string): void => {
+  void setKeys([[["functions", own.name], `${own.file}:${name}`]], `${own.name} is ${name} of ${own.file}`);
+};

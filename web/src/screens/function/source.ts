@@ -38,7 +38,9 @@ const loadProgram = newest(async (_: number) => {
   if (reply !== null) program.value = reply.head;
 });
 
-effect(() => { if (shown.value) loadFiles(textRevision.value); });
+effect(() => {
+  if (shown.value) loadFiles(textRevision.value);
+});
 effect(() => {
   if (!shown.value) return;
   if (simulink.value) loadDiagram(textRevision.value);
@@ -53,7 +55,9 @@ effect(() => {
 /** The texts of a list, or the only one. */
 export function textsAt(path: Path): string[] {
   const value: Toml | undefined = valueAt(path);
-  return (Array.isArray(value) ? value : value === undefined ? [] : [value]).filter((each): each is string => typeof each === "string");
+  return (Array.isArray(value) ? value : value === undefined ? [] : [value]).filter(
+    (each): each is string => typeof each === "string",
+  );
 }
 
 /** Add names to a list of the project file, or remove them. */
@@ -61,7 +65,9 @@ export function setTexts(path: Path, names: string[], title: string): void {
   void setKeys([[path, names.length === 0 ? null : names]], title);
 }
 
-export const choose = (file: string): void => { void request("choose-function", { file }); };
+export const choose = (file: string): void => {
+  void request("choose-function", { file });
+};
 
 const MODEL = /\.(slx|mdl|slxp|kf)$/i;
 const ESDL = /\.(esdl|app)$/i;
@@ -69,7 +75,9 @@ const ESDL = /\.(esdl|app)$/i;
 /** Take over files from the user's machine: a model or formula becomes the function, others give values to a model. */
 export async function takeFiles(dropped: File[]): Promise<void> {
   const function_ = dropped.find((file) => MODEL.test(file.name));
-  const sources = dropped.filter((file) => ESDL.test(file.name) || (function_ === undefined && (holdsFunctions(file.name) || isHeader(file.name))));
+  const sources = dropped.filter(
+    (file) => ESDL.test(file.name) || (function_ === undefined && (holdsFunctions(file.name) || isHeader(file.name))),
+  );
   const others = dropped.filter((file) => file !== function_ && !sources.includes(file));
   if (function_ !== undefined && state.value.project === null) return newFrom(function_);
   if (function_ !== undefined && !(await openFunction(function_))) return;
@@ -82,9 +90,13 @@ export async function takeFiles(dropped: File[]): Promise<void> {
   await addValueFiles(others);
 }
 
-/** Store files of an ASCET project by their packages, or functions of other tools; one of them becomes the function, unless they add to an ASCET model. */
+/**
+ * Store files of an ASCET project by their packages, or functions of other tools; one of them becomes the function,
+ * unless they add to an ASCET model.
+ */
 export async function addSources(added: File[]): Promise<boolean> {
-  if (state.value.project === null && (await request("new", { name: added[0]!.name, free: true })) === null) return false;
+  if (state.value.project === null && (await request("new", { name: added[0]!.name, free: true })) === null)
+    return false;
   const names = await upload(added);
   if (names.length === 0 || (await request("add-files", { files: names })) === null) return false;
   message.value = `Added ${added.length === 1 ? added[0]!.name : `${added.length} files`}`;
@@ -109,7 +121,11 @@ export async function openFunction(file: File): Promise<boolean> {
 /** Store files with values of variables beside the project, and name them. */
 export async function addValueFiles(added: File[]): Promise<void> {
   const names = await upload(added);
-  setTexts(["model", "parameters"], [...textsAt(["model", "parameters"]), ...names], `Values from ${added.map((file) => file.name).join(", ")}`);
+  setTexts(
+    ["model", "parameters"],
+    [...textsAt(["model", "parameters"]), ...names],
+    `Values from ${added.map((file) => file.name).join(", ")}`,
+  );
 }
 
 /** Store libraries beside the model, and import it again. */

@@ -25,8 +25,27 @@ export function ByFilePane() {
   if (run === null || rows.length < 2) return null;
   return (
     <section class={`pane bf ${unfolded.value ? "" : "folded"}`} id="by-file">
-      <div class="head"><h2>By file</h2><span class="sub">run {run}, worst first</span><span class="right"><button class="btn small" aria-expanded={unfolded.value} onClick={() => { asked.value = !unfolded.value; }}>{unfolded.value ? "Hide" : "Show"}</button></span></div>
-      {unfolded.value && <div class="items"><Cells rows={rows} id="files-table" />{more > 0 && <p class="pad q">{more} further files with smaller errors; result.json has all of them.</p>}</div>}
+      <div class="head">
+        <h2>By file</h2>
+        <span class="sub">run {run}, worst first</span>
+        <span class="right">
+          <button
+            class="btn small"
+            aria-expanded={unfolded.value}
+            onClick={() => {
+              asked.value = !unfolded.value;
+            }}
+          >
+            {unfolded.value ? "Hide" : "Show"}
+          </button>
+        </span>
+      </div>
+      {unfolded.value && (
+        <div class="items">
+          <Cells rows={rows} id="files-table" />
+          {more > 0 && <p class="pad q">{more} further files with smaller errors; result.json has all of them.</p>}
+        </div>
+      )}
     </section>
   );
 }
