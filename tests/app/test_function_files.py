@@ -274,7 +274,7 @@ def test_a_network_is_shown_with_its_layers(tmp_path: Path) -> None:
     perceptron(tmp_path / "net.onnx", random_layers([2, 3, 1]))
     own = ask(Session(project), "function-file")
     assert [each["name"] for each in own["inputs"]] == ["x[0]", "x[1]"]
-    assert [(each["name"], each["shape"]) for each in own["parameters"]] == [("layer1", (3, 3)), ("layer2", (4, 1))]
+    assert [(each["name"], each["shape"]) for each in own["parameters"]] == [("layer1", [3, 3]), ("layer2", [4, 1])]
     assert dict(own["facts"])["Gemm"] == "2 operators"
     assert not own["runs"]
 

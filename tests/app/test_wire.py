@@ -40,12 +40,12 @@ class Asked:
     force: bool = False
 
 
-GIVEN = {"from": "now", "cells": [1, 2.0], "pair": ["x", 1]}
+QUESTION = {"from": "now", "cells": [1, 2.0], "pair": ["x", 1]}
 
 
 def test_what_a_page_sends_becomes_a_typed_value() -> None:
-    given = {**GIVEN, "either": 3, "parts": {"a": {"name": "A", "atBound": 2}, "b": None}, "force": True}
-    asked = from_json(Asked, {**given, "changes": [[["dataset", 1, "use"], None], [["x"], {"y": [1]}]]}, "ask")
+    details = {**QUESTION, "either": 3, "parts": {"a": {"name": "A", "atBound": 2}, "b": None}, "force": True}
+    asked = from_json(Asked, {**details, "changes": [[["dataset", 1, "use"], None], [["x"], {"y": [1]}]]}, "ask")
     changes = ((("dataset", 1, "use"), None), (("x",), {"y": [1]}))
     assert asked == Asked("now", (1, 2), ("x", 1.0), 3, {"a": Part("A", 2), "b": None}, changes, True)
     assert isinstance(asked.cells[1], int)
@@ -72,7 +72,7 @@ def test_what_a_page_sends_becomes_a_typed_value() -> None:
 )
 def test_a_wrong_key_or_kind_is_one_message_with_its_place(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
-        from_json(Asked, {**GIVEN, **change}, "ask")
+        from_json(Asked, {**QUESTION, **change}, "ask")
 
 
 def test_all_missing_keys_are_named() -> None:
@@ -80,10 +80,16 @@ def test_all_missing_keys_are_named() -> None:
         from_json(Asked, {}, "ask")
 
 
+@dataclass(frozen=True)
+class Row:
+    name: str
+    at_bound: int = 0
+
+
 @dataclass(frozen=True, eq=False)
 class Reply:
     free_values: int
-    rows: Sequence[Part]
+    rows: Sequence[Row]
     x: Float
     lines: Mapping[str, Float]
     step: float | Absent | None = ABSENT
@@ -91,7 +97,7 @@ class Reply:
 
 
 def test_arrays_travel_beside_the_json_and_absent_fields_not_at_all() -> None:
-    answer = to_answer(Reply(3, (Part("A"),), np.zeros(2), {"0": np.ones(1)}))
+    answer = to_answer(Reply(3, (Row("A"),), np.zeros(2), {"0": np.ones(1)}))
     assert answer.head == {"freeValues": 3, "rows": [{"name": "A", "atBound": 0}]}
     assert [*answer.arrays] == ["x", "0"]
     assert to_answer(Reply(3, (), np.zeros(0), {}, None, np.zeros(1))).head["step"] is None
@@ -125,7 +131,7 @@ def test_every_question_refuses_an_unknown_key(name: str) -> None:
             ALL[name](None, 3)  # type: ignore[arg-type]
 
 
-def test_a_page_is_told_what_is_wrong_with_its_question(torque: Path) -> None:
+def test_an_answer_says_what_is_wrong_with_a_question(torque: Path) -> None:
     workspace = AppWorkspace(torque)
     with pytest.raises(ArgumentError, match=r"strip.signals\[0\]: kind, name are missing"):
         workspace.answer("strip", {"dataset": 0, "signals": [{}], "begin": 0, "end": 1, "pixels": 10})
@@ -154,6 +160,14 @@ def test_the_types_of_the_page_are_those_of_the_questions(wire_types: ModuleType
         assert max(map(len, text.splitlines())) <= 120
 
 
+def test_a_record_with_defaults_is_asked_or_replied(wire_types: ModuleType) -> None:
+    def ask(session: None, asked: Part) -> Part:
+        """Answer."""
+
+    with pytest.raises(ValueError, match="Part has defaults, and is both asked and replied"):
+        wire_types.module({"ask-it": Question("ask-it", ask)})
+
+
 def test_types_of_the_page_in_detail(wire_types: ModuleType) -> None:
     def ask(session: None, asked: Asked) -> Reply:
         """Answer."""
@@ -169,6 +183,6 @@ def test_types_of_the_page_in_detail(wire_types: ModuleType) -> None:
         "step?: number | null;",
         "y?: Float32Array;",
         "[name: string]: Float32Array;",
-        '"ask-it": { asks: Asked; head: Reply; arrays: ReplyArrays };'.replace("ReplyArrays", "Arrays"),
+        '"ask-it": { asks: Asked; head: Reply; arrays: Arrays };',
     ):
         assert re.search(rf"^ *{re.escape(line)}$", text, re.MULTILINE), line

@@ -2,7 +2,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import type { AskedChoice, ComparedScore, TableChange, TrustReply } from "./replies";
+import type { AskedChoice, ComparedScore, ComparedTable, TrustReply } from "./replies";
 import { request, screen, settled, state } from "./store";
 
 const NOTHING: Required<TrustReply> = {
@@ -21,7 +21,7 @@ const NOTHING: Required<TrustReply> = {
 
 export const first = signal("start");
 export const second = signal("now");
-export const changes = signal<TableChange[]>([]);
+export const changes = signal<ComparedTable[]>([]);
 export const scores = signal<ComparedScore[]>([]);
 /** The remedy whose effect is shown, by its title. */
 export const tried = signal("");

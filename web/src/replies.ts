@@ -385,12 +385,12 @@ export interface AskedWorst {
 
 /** Samples with the largest errors, the worst first, and the error of all samples of that use. */
 export interface WorstSamples {
-  samples: WorstSample[];
+  samples: WorstRow[];
   rmse: number | null;
 }
 
 /** A sample with a large error; start is the one at the start. */
-export interface WorstSample {
+export interface WorstRow {
   sample: number;
   position: number;
   inputs: (number | null)[];
@@ -519,12 +519,12 @@ export interface ComparedValues {
 
 /** The differences of two sets of values, the relatively largest first. */
 export interface ValueChanges {
-  changes: TableChange[];
+  changes: ComparedTable[];
   scores: ComparedScore[];
 }
 
 /** The difference of a table in two sets of values, in C order. */
-export interface TableChange {
+export interface ComparedTable {
   name: string;
   kind: string;
   unit: string;
@@ -800,7 +800,7 @@ export interface KeyChoice {
 }
 
 /** The files that can be the function, and the one that is. */
-export interface FunctionFiles {
+export interface KnownFunctions {
   files: string[];
   chosen: string;
 }
@@ -842,13 +842,13 @@ export interface ImportedFunction {
   loops?: string[][];
   stopped?: ImportProblem[];
   classes?: ClassChoice[];
-  tasks?: TaskChoice[];
+  tasks?: TaskRow[];
   /** Names that are not declared. */
   missing?: string[];
   /** Methods in the order of their calls. */
   calls?: string[];
   startup?: string[];
-  schedule?: ScheduledTask[];
+  schedule?: ScheduleRow[];
   states?: StateRow[];
   places?: SourcePlace[];
 }
@@ -953,14 +953,14 @@ export interface ClassChoice {
 }
 
 /** A task with its period in s and its methods. */
-export interface TaskChoice {
+export interface TaskRow {
   name: string;
   period: number | null;
   methods: string[];
 }
 
 /** A task that is imported, with its period and delay in s. */
-export interface ScheduledTask {
+export interface ScheduleRow {
   name: string;
   period: number;
   delay: number;
@@ -1077,7 +1077,7 @@ export interface FunctionPort {
 }
 
 /** The functions that formula text may call. */
-export interface CalledFunctions {
+export interface CallableFunctions {
   functions: CalledFunction[];
 }
 
@@ -1241,7 +1241,7 @@ export interface ExistingFile {
 
 /** The calibration files of the folder. */
 export interface CalibrationFiles {
-  files: CalibrationFile[];
+  files: ListedCalibration[];
   /** A2L files. */
   descriptions: string[];
   /** That can be written. */
@@ -1251,7 +1251,7 @@ export interface CalibrationFiles {
 }
 
 /** A calibration file of the folder; an image needs an A2L file. */
-export interface CalibrationFile {
+export interface ListedCalibration {
   name: string;
   format: string;
   image: boolean;
@@ -1802,7 +1802,7 @@ export interface Questions {
   names: { asks: Nothing; head: NamesReply; arrays: Nothing };
   files: { asks: Nothing; head: DataFiles; arrays: Nothing };
   proposals: { asks: Nothing; head: ProposalRows; arrays: Nothing };
-  functions: { asks: Nothing; head: FunctionFiles; arrays: Nothing };
+  functions: { asks: Nothing; head: KnownFunctions; arrays: Nothing };
   diagram: { asks: Nothing; head: ImportedFunction; arrays: Nothing };
   program: { asks: Nothing; head: ImportedFunction; arrays: Nothing };
   spellings: { asks: Nothing; head: SpellingRows; arrays: Nothing };
@@ -1810,7 +1810,7 @@ export interface Questions {
   parts: { asks: Nothing; head: ImportableParts; arrays: Nothing };
   "formula-reads": { asks: AskedFormula; head: FormulaReads; arrays: Nothing };
   "function-file": { asks: Nothing; head: ProjectFunction; arrays: Nothing };
-  "called-functions": { asks: Nothing; head: CalledFunctions; arrays: Nothing };
+  "called-functions": { asks: Nothing; head: CallableFunctions; arrays: Nothing };
   completions: { asks: Nothing; head: CompletionRows; arrays: Nothing };
   surrogates: { asks: Nothing; head: SurrogateRows; arrays: Nothing };
   validity: { asks: Nothing; head: ValidityRows; arrays: Nothing };

@@ -260,9 +260,9 @@ class Question(Generic[Subject]):
     name: str
     function: Callable[..., object]
 
-    def __call__(self, subject: Subject, given: Mapping[str, Any]) -> Answer:
+    def __call__(self, subject: Subject, details: Mapping[str, Any]) -> Answer:
         """Return the answer. Raises `ArgumentError` if what is asked has other keys or types."""
-        asked = from_json(self.asked or Nothing, given, self.name)
+        asked = from_json(self.asked or Nothing, details, self.name)
         return to_answer(self.function(subject, *([] if self.asked is None else [asked])))
 
     @property

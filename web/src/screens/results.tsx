@@ -21,7 +21,7 @@ import { Segment } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Pictures } from "../instruments/pictures";
-import type { TableChange } from "../replies";
+import type { ComparedTable } from "../replies";
 import { open, screen, state } from "../store";
 import { ByFilePane } from "./results/by-file";
 import { ExportPane } from "./results/export";
@@ -144,14 +144,14 @@ function Choice({ label, value, options }: { label: string; value: { value: stri
   );
 }
 
-function describe(own: TableChange): string {
+function describe(own: ComparedTable): string {
   const axes = own.axes.map((axis) => (axis.unit ? `${axis.input} [${axis.unit}]` : axis.input)).filter(Boolean);
   return [own.description, [own.unit, axes.length ? `over ${axes.join(" and ")}` : ""].filter(Boolean).join(" ")]
     .filter(Boolean)
     .join(" · ");
 }
 
-function ChangeItem({ own }: { own: TableChange }) {
+function ChangeItem({ own }: { own: ComparedTable }) {
   const widest = Math.max(...changes.value.map((each) => each.relative), 1e-12);
   const kept = rejected.value[own.name]?.size ?? 0;
   return (
@@ -212,18 +212,18 @@ function Tick({ on, half = false, label, toggle }: { on: boolean; half?: boolean
   );
 }
 
-function toggleAll(own: TableChange): void {
+function toggleAll(own: ComparedTable): void {
   const kept = rejected.value[own.name]?.size ?? 0;
   rejected.value = { ...rejected.value, [own.name]: kept ? new Set() : new Set(own.first.map((_, k) => k)) };
 }
 
-function toggle(own: TableChange, cell: number): void {
+function toggle(own: ComparedTable, cell: number): void {
   const kept = new Set(rejected.value[own.name]);
   if (!kept.delete(cell)) kept.add(cell);
   rejected.value = { ...rejected.value, [own.name]: kept };
 }
 
-function CellList({ own }: { own: TableChange }) {
+function CellList({ own }: { own: ComparedTable }) {
   const kept = rejected.value[own.name] ?? new Set<number>();
   const place = (cell: number): string[] => {
     let rest = cell;

@@ -35,7 +35,7 @@ MAX_REMARKS = 50
 
 
 @dataclass(frozen=True)
-class CalibrationFile:
+class ListedCalibration:
     """A calibration file of the folder; an image needs an A2L file."""
 
     name: str
@@ -53,7 +53,7 @@ class CalibrationFiles:
         initial: the initial files as the project names them.
     """
 
-    files: Sequence[CalibrationFile]
+    files: Sequence[ListedCalibration]
     descriptions: Sequence[str]
     endings: Sequence[str]
     initial: Sequence[Toml]
@@ -262,7 +262,7 @@ class WrittenCalibration:
 def calibrations(session: Session) -> CalibrationFiles:
     """Return the calibration files of the folder, the A2L files among them, and the endings that can be written."""
     files = calibration_files(session.path.parent)
-    plain = [CalibrationFile(name, kind, is_image(name)) for name, kind in files if kind != "A2L"]
+    plain = [ListedCalibration(name, kind, is_image(name)) for name, kind in files if kind != "A2L"]
     settings = session.settings.get("calibration", {})
     initial = settings.get("initial", []) if isinstance(settings, dict) else []
     return CalibrationFiles(

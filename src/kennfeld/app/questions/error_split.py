@@ -109,7 +109,7 @@ class AskedWorst:
 
 
 @dataclass(frozen=True)
-class WorstSample:
+class WorstRow:
     """A sample with a large error; `start` is the one at the start."""
 
     sample: int
@@ -124,7 +124,7 @@ class WorstSample:
 class WorstSamples:
     """Samples with the largest errors, the worst first, and the error of all samples of that use."""
 
-    samples: Sequence[WorstSample]
+    samples: Sequence[WorstRow]
     rmse: float | None
 
 
@@ -224,7 +224,7 @@ def worst(session: Session, asked: AskedWorst) -> WorstSamples:
     output = view.now.outputs[recording.number][number]
     samples = worst_samples(error, asked.count)
     rows = [
-        WorstSample(
+        WorstRow(
             sample=sample,
             position=float(recording.position[sample]),
             inputs=[each.value for each in _inputs(view, recording, sample)],

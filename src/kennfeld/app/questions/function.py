@@ -31,7 +31,7 @@ NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 
 
 @dataclass(frozen=True)
-class FunctionFiles:
+class KnownFunctions:
     """The files that can be the function, and the one that is."""
 
     files: Sequence[str]
@@ -129,13 +129,13 @@ class FormulaReads:
     problem: str
 
 
-def functions(session: Session) -> FunctionFiles:
+def functions(session: Session) -> KnownFunctions:
     """Return the files that can be the function: those of the project's folder, and ASCET models within it."""
     folder = session.path.parent
     known = {path.name for path in folder.iterdir() if path.suffix.lower() in FUNCTIONS}
     known |= {name for each in importers() if each.dropped for name in call(each.dropped.search, folder)}
     known |= {name for name in session.state.texts if name.lower().endswith(".kf")}
-    return FunctionFiles(sorted(known), _model(session).get("file", ""))
+    return KnownFunctions(sorted(known), _model(session).get("file", ""))
 
 
 def _model(session: Session) -> Mapping[str, Any]:

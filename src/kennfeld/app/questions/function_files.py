@@ -110,7 +110,7 @@ class CalledFunction(NamedFunction):
 
 
 @dataclass(frozen=True)
-class CalledFunctions:
+class CallableFunctions:
     """The functions that formula text may call."""
 
     functions: Sequence[CalledFunction]
@@ -220,7 +220,9 @@ def _text(source: FunctionSource) -> str:
     return text if len(text) <= MAX_CHARACTERS else ""
 
 
-def _with_function(own: ProjectFunction, source: FunctionSource, function: ModelFunction, model: Model) -> ProjectFunction:
+def _with_function(
+    own: ProjectFunction, source: FunctionSource, function: ModelFunction, model: Model
+) -> ProjectFunction:
     return replace(
         own,
         inputs=[FunctionPort(x.name, x.unit, x.default, x.later) for x in function.inputs if x.name not in CLOCK],
@@ -251,10 +253,10 @@ def _states(source: FunctionSource, model: Model) -> list[StateRow]:
     return [StateRow(name, start) for name, start in zip(names, starts, strict=True)]
 
 
-def called_functions(session: Session) -> CalledFunctions:
+def called_functions(session: Session) -> CallableFunctions:
     """Return the functions that formula text may call: how they are called, and what is wrong with them."""
     sources = FunctionSource.called(session.settings, session.path)
-    return CalledFunctions([_called(source) for source in sources])
+    return CallableFunctions([_called(source) for source in sources])
 
 
 def _called(source: FunctionSource) -> CalledFunction:

@@ -104,7 +104,7 @@ class ClassChoice:
 
 
 @dataclass(frozen=True)
-class TaskChoice:
+class TaskRow:
     """A task with its period in s and its methods."""
 
     name: str
@@ -113,7 +113,7 @@ class TaskChoice:
 
 
 @dataclass(frozen=True)
-class ScheduledTask:
+class ScheduleRow:
     """A task that is imported, with its period and delay in s."""
 
     name: str
@@ -183,11 +183,11 @@ class ImportedFunction:
     loops: Sequence[Sequence[str]] | Absent = ABSENT
     stopped: Sequence[ImportProblem] | Absent = ABSENT
     classes: Sequence[ClassChoice] | Absent = ABSENT
-    tasks: Sequence[TaskChoice] | Absent = ABSENT
+    tasks: Sequence[TaskRow] | Absent = ABSENT
     missing: Sequence[str] | Absent = ABSENT
     calls: Sequence[str] | Absent = ABSENT
     startup: Sequence[str] | Absent = ABSENT
-    schedule: Sequence[ScheduledTask] | Absent = ABSENT
+    schedule: Sequence[ScheduleRow] | Absent = ABSENT
     states: Sequence[StateRow] | Absent = ABSENT
     places: Sequence[SourcePlace] | Absent = ABSENT
 

@@ -193,7 +193,7 @@ class ComparedValues:
 
 
 @dataclass(frozen=True)
-class TableChange:
+class ComparedTable:
     """The difference of a table in two sets of values, in C order.
 
     Attributes:
@@ -233,7 +233,7 @@ class ComparedScore:
 class ValueChanges:
     """The differences of two sets of values, the relatively largest first."""
 
-    changes: Sequence[TableChange]
+    changes: Sequence[ComparedTable]
     scores: Sequence[ComparedScore]
 
 
@@ -461,13 +461,13 @@ def _values_of_run(session: Session, number: str | int, *, moved: bool = True) -
     return own
 
 
-def _change(a: Parameter, b: Parameter) -> TableChange:
+def _change(a: Parameter, b: Parameter) -> ComparedTable:
     difference = b.values - a.values
     size = np.abs(difference)
     scale = max(float(np.abs(a.values).max(initial=0.0)), float(np.abs(b.values).max(initial=0.0))) or 1.0
     order = np.argsort(-size, axis=None)[:MAX_CHANGES]
     order = order[size.ravel()[order] > 0]
-    return TableChange(
+    return ComparedTable(
         name=b.name,
         kind=b.kind,
         unit=b.unit,

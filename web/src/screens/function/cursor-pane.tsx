@@ -5,10 +5,10 @@ import { newest } from "../../connection";
 import { MISSING, plain, signed, significant } from "../../drawing/numbers";
 import { ErrorFacts, placeText, shown, split, useSplit } from "../../instruments/error-split";
 import { criterionNumber, cursor, datasetNumber } from "../../plots";
-import type { WorstSample } from "../../replies";
+import type { WorstRow } from "../../replies";
 import { request, revision, screen, settled, state } from "../../store";
 
-const worst = signal<{ samples: WorstSample[]; rmse: number | null }>({ samples: [], rmse: null });
+const worst = signal<{ samples: WorstRow[]; rmse: number | null }>({ samples: [], rmse: null });
 const load = newest(async (given: { dataset: number; criterion: number }) => {
   const reply = await request("worst", given);
   if (reply !== null) worst.value = reply.head;
