@@ -17,6 +17,7 @@ TOPICS = {
     "scaling": "benchmarks.scaling",
     "states": "benchmarks.states",
     "large": "benchmarks.large",
+    "factors": "benchmarks.factors",
     "compile": "benchmarks.compiling",
     "python": "benchmarks.python_functions",
     "startup": "benchmarks.startup",

@@ -12,8 +12,8 @@ from kennfeld.domain.constraints import Pin
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Curve, Map, Parameter
-from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.starts import draw_start
 from kennfeld.project.demo import petrol_engine, torque
 
@@ -129,7 +129,7 @@ def _level(name: str, shape: tuple[int, int], value: float) -> Map:
 def _torque_problem(
     data: Mapping[str, Float], test: Dataset | Mapping[str, Float], start: ParameterSet, factors: Mapping[str, float]
 ) -> Problem:
-    return build_problem(
+    return ProblemSetup(
         torque.FORMULA,
         data,
         start,
@@ -138,7 +138,7 @@ def _torque_problem(
         test=test,
         smoothness=dict(factors),
         pins=[TORQUE_PIN],
-    )
+    ).problem()
 
 
 def chain(name: str, draw: int) -> Problem:
@@ -152,7 +152,7 @@ def chain(name: str, draw: int) -> Problem:
     for table in _random_tables(text, count, rng):
         sloped = isinstance(table, Curve)
         start.append(table.with_values(0.5 * table.axes[0].breakpoints if sloped else np.full(table.values.shape, 0.1)))
-    return build_problem(text, training, ParameterSet(start), "measured", node="y", test=test, smoothness=1e-3)
+    return ProblemSetup(text, training, ParameterSet(start), "measured", node="y", test=test, smoothness=1e-3).problem()
 
 
 def _random_tables(text: str, count: int, rng: np.random.Generator) -> list[Parameter]:
@@ -194,9 +194,9 @@ def steady(target: str, draw: int) -> Problem:
     text = "d = Best(engine_speed, engine_load) - intake_valve_opening\ny = Size(engine_speed, engine_load) * Eta(d)"
     maps = _engine_maps(data, ("engine_speed", "engine_load"), 9, 1.0)
     smoothness = {"Best": 0.1, "Size": 0.1, "Eta": 0.1}
-    return build_problem(
+    return ProblemSetup(
         text, data.select(fitted), ParameterSet(maps), target, node="y", test=data.select(test), smoothness=smoothness
-    )
+    ).problem()
 
 
 def transient(name: str) -> Problem:
@@ -211,9 +211,9 @@ def transient(name: str) -> Problem:
         from kennfeld.domain.parameters import Scalar
 
         parameters.append(Scalar("Lag", 10.0, lower=0.1, upper=500.0))
-    return build_problem(
+    return ProblemSetup(
         text, training, ParameterSet(parameters), "T_exh_manifold", node="y", test=test, smoothness=smoothness
-    )
+    ).problem()
 
 
 def _engine_maps(data: Dataset, inputs: tuple[str, str], count: int, level: float) -> list[Parameter]:

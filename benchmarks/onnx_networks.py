@@ -57,14 +57,14 @@ def write_target(path: str, measured: str) -> dict[str, Any]:
 def evaluate(path: str, measured: str) -> dict[str, Any]:
     """Durations of reading and compiling, of the cost, and of gradient and Gauss-Newton matrix."""
     os.environ["KENNFELD_CACHE"] = ""
-    from kennfeld.optimize.api import build_problem
+    from kennfeld.optimize.problem.setup import ProblemSetup
     from kennfeld.optimize.sums.compiled import CompiledProblem
     from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
     data = {**data_of(SAMPLES), "target": np.load(measured)}
-    CompiledProblem(build_problem("y = a * n + T", data, {"a": 0.5}, "target", node="y"))  # imports
+    CompiledProblem(ProblemSetup("y = a * n + T", data, {"a": 0.5}, "target", node="y").problem())  # imports
     began = time.perf_counter()
-    problem = build_problem(_model(path), data, _start(), "target", node="y")
+    problem = ProblemSetup(_model(path), data, _start(), "target", node="y").problem()
     objective = LeastSquaresObjective(CompiledProblem(problem))
     compiled = time.perf_counter() - began
     values, calls = objective.start, iter(range(1_000_000))

@@ -9,7 +9,7 @@ from pathlib import Path
 SOURCE = Path(__file__).parents[1] / "src" / "kennfeld"
 TREES = {
     "ascet/syntax.py",
-    "matlab/syntax.py",
+    "program/tree.py",
     "models/formula/syntax.py",
 }  # their nodes are used with the name of the module
 METAPHORS = {"Loom", "Weaver", "Desk", "Climb", "Site", "Inspection", "Knot", "loom", "weaver", "desk", "mend", "climb"}

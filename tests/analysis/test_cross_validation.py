@@ -8,7 +8,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
-from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.problem.setup import ProblemSetup
 
 
 def line(samples=60, noise=0.1, seed=0):
@@ -74,7 +74,7 @@ def test_files_are_held_back_where_there_are_enough():
 def test_targets_held_back_are_not_seen(kind):
     """Wild targets in one fold change nothing of what is fitted for it."""
     data = line()
-    problem = build_problem(LINE, data, START, target="y")
+    problem = ProblemSetup(LINE, data, START, target="y").problem()
     first = kf.cross_validate(problem, folds=3, kind=kind).folds[0]
     from kennfeld.analysis.cross_validation import folds_of
 
@@ -120,7 +120,7 @@ def test_stopping_ends_with_the_folds_so_far():
 
 
 def test_a_problem_stands_alone():
-    problem = build_problem(LINE, line(), START, target="y")
+    problem = ProblemSetup(LINE, line(), START, target="y").problem()
     assert isinstance(kf.cross_validate(problem, folds=2), CrossValidation)
     with pytest.raises(kf.KennfeldError, match="accepts only folds, kind, seed, options and progress"):
         kf.cross_validate(problem, line(), folds=2)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from kennfeld import Criterion, Cube, Curve, Dataset, Map, ParameterSet, Scalar, formula
 from kennfeld.analysis.cell_errors import tally
 from kennfeld.analysis.evaluation import Evaluator
-from kennfeld.analysis.leverage import sample_leverage
+from kennfeld.analysis.leverage import LookupWeights
 from kennfeld.analysis.residual_statistics import ErrorCounts, ErrorRange
 from kennfeld.analysis.residuals import analyse, residuals
 from kennfeld.base.sample_statistics import Moments, Ranks
@@ -30,6 +30,15 @@ def scattered(count=400, seed=0, **attributes):
     rng = np.random.default_rng(seed)
     x, z = rng.uniform(-1, 11, count), rng.uniform(0, 5, count)
     return Dataset.of("d", {"x": x, "z": z, "t": rng.normal(size=count) + x}, units={"t": "Nm"}, **attributes)
+
+
+def sample_leverage(problem, leverage):
+    """Leverage of each sample of the only criterion of a problem, at its own values."""
+    lookups = Lookups(problem, problem.parameters)
+    series = Evaluator(problem).series(problem.parameters)
+    located = list(lookups.blocks(series[0].bound))
+    weights = LookupWeights.of(problem, lookups, located, series, leverage)
+    return weights.leverage(problem, lookups, located, series[0], leverage)
 
 
 def test_errors_are_model_minus_measurement():
@@ -181,10 +190,9 @@ class TestStudentized:
         x = rng.uniform(0, 10, 200)
         data = Dataset.of("d", {"x": x, "t": rng.normal(size=200)})
         problem = problem_of("y = C(x)", [Curve("C", self.points, np.zeros(6))], data)
-        series = Evaluator(problem).series(problem.parameters)
-        found = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": self.leverage(x)})
-        assert found[0].sum() == pytest.approx(self.leverage(x).sum())
-        assert ((found[0] >= 0) & (found[0] < 1)).all()
+        leverage = sample_leverage(problem, {"C": self.leverage(x)})
+        assert leverage.sum() == pytest.approx(self.leverage(x).sum())
+        assert ((leverage >= 0) & (leverage < 1)).all()
 
     def test_a_sample_pulls_as_hard_as_it_weighs(self):
         """The diagonal of the weighted hat matrix, where samples lie on grid points."""
@@ -192,11 +200,10 @@ class TestStudentized:
         x, w = rng.choice(self.points, 60), np.where(rng.random(60) < 0.2, 0.0, rng.uniform(0.1, 9, 60))
         data = Dataset.of("d", {"x": x, "t": rng.normal(size=60), "w": w}, weight_channel="w")
         problem = problem_of("y = C(x)", [Curve("C", self.points, np.zeros(6))], data)
-        series = Evaluator(problem).series(problem.parameters)
-        found = sample_leverage(problem, Lookups(problem, problem.parameters), series, {"C": np.ones(6)})
+        leverage = sample_leverage(problem, {"C": np.ones(6)})
         rows = np.sqrt(w)[:, None] * hats(x, self.points)
         expected = np.diag(rows @ np.linalg.pinv(rows))
-        np.testing.assert_allclose(found[0], np.minimum(expected, 0.999), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(leverage, np.minimum(expected, 0.999), rtol=1e-9, atol=1e-12)
 
     def test_a_sample_that_decides_a_value_alone_has_no_error_to_judge(self):
         x = np.r_[np.full(30, 2.0), 8.0]

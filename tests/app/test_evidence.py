@@ -74,7 +74,7 @@ def test_a_correction_takes_the_error_away(torque: Path) -> None:
 def test_a_table_that_does_not_act_is_out_of_reach(torque: Path) -> None:
     parameters = Session(torque).parameters
     [correction] = corrections(1.0, {"MapOptTorque": np.zeros(parameters["MapOptTorque"].values.shape)}, parameters)
-    assert not correction.reachable
+    assert correction.obstacle == "does not act"
 
 
 def test_the_mean_error_at_a_grid_point_is_that_of_its_samples(exhaust: Path) -> None:

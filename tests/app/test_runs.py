@@ -8,7 +8,8 @@ import pytest
 
 from kennfeld.app.questions import COMMANDS, QUESTIONS, overview
 from kennfeld.app.session.live_model import LiveModel
-from kennfeld.app.session.session import Run, Session
+from kennfeld.app.session.runs import Run
+from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
 from kennfeld.optimize.quality.quality import Scorer
 

@@ -12,8 +12,8 @@ from hypothesis.extra.numpy import arrays
 from kennfeld.matlab.errors import Budget, MatlabError
 from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import names_read
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, class_name, text
+from kennfeld.program.traversal import names_read
 from tests.draws import few_or_many
 
 nan, inf = math.nan, math.inf

@@ -5,7 +5,7 @@ from contextlib import suppress
 import pytest
 
 from kennfeld.base.errors import InputError
-from kennfeld.measurement.bus_messages import Switch
+from kennfeld.measurement.bus_messages import MultiplexCondition
 from kennfeld.measurement.dbc import parse_database, read_database
 from tests.measurement.bus_files import DBC
 
@@ -60,8 +60,11 @@ def test_multiplexed_signals_have_the_conditions_of_all_their_multiplexers():
 SG_MUL_VAL_ 1 Sub Mode 3-3;
 SG_MUL_VAL_ 1 Deep Sub 0-1, 5-7;
 """
-    assert signal("Sub", text, "M").switches == (Switch("Mode", ((3, 3),)),)
-    assert signal("Deep", text, "M").switches == (Switch("Sub", ((0, 1), (5, 7))), Switch("Mode", ((3, 3),)))
+    assert signal("Sub", text, "M").switches == (MultiplexCondition("Mode", ((3, 3),)),)
+    assert signal("Deep", text, "M").switches == (
+        MultiplexCondition("Sub", ((0, 1), (5, 7))),
+        MultiplexCondition("Mode", ((3, 3),)),
+    )
 
 
 def test_conditions_that_form_a_cycle_skip_their_signals():

@@ -30,7 +30,7 @@ def repeated(problem, truth, noise, count, seed=0):
     with blas_threads(free):
         for _ in range(count):
             targets[:, visits] = clean + noise(rng, clean.shape[1])
-            compiled.reread_targets()
+            compiled.samples.wanted.reread()
             ends.append(levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6)).values)
     order = [compiled.values.offsets[name] + np.arange(truth[name].size) for name in problem.free_names]
     return np.array(ends)[:, np.concatenate(order)]

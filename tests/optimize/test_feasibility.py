@@ -5,7 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.domain.constraints import Pin, Shape
-from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.multistart import run
 from tests.draws import mostly_slow
 from tests.optimize.constrained_fits import curve_fit, least_cost, map_fit
@@ -106,7 +106,7 @@ def test_limits_do_not_slow_a_fit_whose_smoothness_outweighs_its_data(seed, unit
     x, y = (np.cumsum(random.uniform(0.1, 1, size)) for size in (6, 2))
     data = {name: random.uniform(axis[0], axis[-1], 30) for name, axis in (("u", x), ("x", x), ("y", y))}
     start = kf.ParameterSet([kf.Map("B", x, y, np.zeros((6, 2))), kf.Curve("A", x, np.zeros(6))])
-    problem = build_problem(
+    problem = ProblemSetup(
         f"m = A(u) + B(x, y) / {unit}",
         data | {"z": random.normal(0, 1, 30)},
         start,
@@ -114,7 +114,7 @@ def test_limits_do_not_slow_a_fit_whose_smoothness_outweighs_its_data(seed, unit
         smoothness=smoothness,
         constraints=[Shape("A", 0, "slope", 0.0), Shape("B", 0, "slope", 0.0)],
         pins=[Pin("A", (float(x[3]),), -1.3)],
-    )
+    ).problem()
     result = run(problem, kf.Options(continuation="off"))
     assert result.status == "converged"
     assert result.iterations < 50

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.fit.fit import default_tolerance
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
@@ -373,7 +373,7 @@ def test_without_a_tolerance_a_descent_ends_at_what_the_data_can_distinguish(cou
     data = {name: random.random(samples) for name in ("u", "v", "y")}
     axis = np.linspace(0, 1, count)
     start = kf.ParameterSet([kf.Map("A", axis, axis, np.zeros((count, count)))])
-    compiled = CompiledProblem(build_problem("m = A(u, v)", data, start, "y"))
+    compiled = CompiledProblem(ProblemSetup("m = A(u, v)", data, start, "y").problem())
     assert compiled.residuals == samples
     assert default_tolerance(compiled, LeastSquaresObjective(compiled)) == pytest.approx(tolerance)
 

@@ -38,16 +38,20 @@ class Aimed(Problem):
         return self.arrays.setdefault(bound.dataset.name, super().target(criterion, bound).copy())
 
 
+def doubled_samples(compiled):
+    return compiled.samples.reweighted(np.array([2.0]))
+
+
 @pytest.mark.parametrize("text", ["m = C(u)", "m = prev(C(u), 0) + u"], ids=["steady", "with memory"])
 @pytest.mark.parametrize("missing", [0, 50])
 def test_targets_that_are_changed_in_place_are_read_anew(text, missing):
     model = kf.formula(text, parameters=["C"])
     made = Aimed(model, several(missing), START, (Criterion("m", "y"),))
     compiled = CompiledProblem(made)
-    doubled = compiled.reweight(np.array([2.0]))
+    doubled = compiled.over_selection(doubled_samples)
     for values in made.arrays.values():
         values += np.sin(np.arange(values.size))
-    compiled.reread_targets()
+    compiled.samples.wanted.reread()
     expected = LeastSquaresObjective(CompiledProblem(made)).cost(compiled.start)
     assert LeastSquaresObjective(compiled).cost(compiled.start) == expected
     assert LeastSquaresObjective(doubled).cost(compiled.start) == pytest.approx(2 * expected, rel=1e-14)

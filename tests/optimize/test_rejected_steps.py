@@ -112,12 +112,12 @@ def test_the_sample_is_counted_in_the_recording_with_its_gaps():
 
 
 def test_several_reasons_are_counted():
-    from kennfeld.optimize.api import build_problem
+    from kennfeld.optimize.problem.setup import ProblemSetup
     from kennfeld.optimize.quality.rejected_steps import describe_rejections
     from kennfeld.optimize.sums.rejected_trials import RejectedTrials
 
     u = np.ones(3000)
-    problem = build_problem("y = PT1(a * prev(y, 0) + u, T)", recorded(u, u), {"T": 1.0, "a": 0.5}, "m")
+    problem = ProblemSetup("y = PT1(a * prev(y, 0) + u, T)", recorded(u, u), {"T": 1.0, "a": 0.5}, "m").problem()
     rejected = RejectedTrials()
     for values in ([-1.0, 0.0], [-2.0, 0.0], [0.0, 3.0]):
         rejected.add(np.array(values))
@@ -133,10 +133,10 @@ def test_several_reasons_are_counted():
 
 
 def test_values_at_which_all_is_well_have_no_reason_of_their_own():
-    from kennfeld.optimize.api import build_problem
+    from kennfeld.optimize.problem.setup import ProblemSetup
 
     u = levels()
-    problem = build_problem("y = PT1(u, T)", recorded(u, u), {"T": 1.0}, "m")
+    problem = ProblemSetup("y = PT1(u, T)", recorded(u, u), {"T": 1.0}, "m").problem()
     assert RejectionReasons(problem).of(problem.parameters) == "the errors overflowed"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective, _Sensitivity
 from tests.draws import mostly_slow
@@ -128,7 +128,7 @@ def test_slopes_count_as_zero_in_the_rows_and_in_the_sums_of_a_problem(values):
     """Problems of few values are solved by rows, larger ones by sums; both leave out what has faded."""
     table = kf.Curve("C", np.linspace(-3, 3, values), np.linspace(-3, 3, values))
     start = kf.ParameterSet([table, kf.Scalar("T", 0.5), kf.Scalar("x0", 1.0)])
-    problem = build_problem("y = PT1(C(u), T, x0)", drive(300), start, "m")
+    problem = ProblemSetup("y = PT1(C(u), T, x0)", drive(300), start, "m").problem()
     compiled = CompiledProblem(problem)
     objective = LeastSquaresObjective(compiled)
     at = compiled.values.offsets["x0"]
@@ -147,9 +147,9 @@ def test_the_curvature_on_all_simulated_samples_is_that_of_scored_and_of_other_s
     data, values = drive(0), {"k": 1.0, "T": 1.0, "x0": 0.5}
     measured = data["m"].values.copy()
     measured[list(missing)] = np.nan
-    scored = CompiledProblem(build_problem("y = PT1(k*u, T, x0)", data, values, "m"))
+    scored = CompiledProblem(ProblemSetup("y = PT1(k*u, T, x0)", data, values, "m").problem())
     partly = data.with_channels(kf.Channel("m", measured))
-    compiled = CompiledProblem(build_problem("y = PT1(k*u, T, x0)", partly, values, "m"))
+    compiled = CompiledProblem(ProblemSetup("y = PT1(k*u, T, x0)", partly, values, "m").problem())
     expected = scored.sums.normal(scored.start).matrix.diagonal() if len(missing) else np.zeros(3)
     assert _Sensitivity(compiled).everywhere(compiled.start) == pytest.approx(expected, rel=1e-12)
 
@@ -159,5 +159,5 @@ def test_samples_after_the_last_scored_one_are_not_simulated():
     measured = data["m"].values.copy()
     measured[1200:] = np.nan
     ended = data.with_channels(kf.Channel("m", measured))
-    compiled = CompiledProblem(build_problem("y = PT1(k*u, 0.5)", ended, {"k": 1.0}, "m"))
+    compiled = CompiledProblem(ProblemSetup("y = PT1(k*u, 0.5)", ended, {"k": 1.0}, "m").problem())
     assert _Sensitivity(compiled).everywhere(compiled.start).tolist() == [0.0]

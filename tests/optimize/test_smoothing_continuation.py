@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
 from kennfeld.optimize.sums import compiled as compilation
@@ -204,7 +204,7 @@ def test_a_search_of_a_model_with_memory_begins_with_some_recordings(text, monke
 
 def test_a_search_is_given_up_where_an_earlier_one_was_as_good():
     data, start = problem()
-    compiled = CompiledProblem(build_problem(TEXT, data, start, "y", node="m", smoothness=1e-3))
+    compiled = CompiledProblem(ProblemSetup(TEXT, data, start, "y", node="m", smoothness=1e-3).problem())
     continuation, limits = Continuation.of(compiled), linear_limits(compiled.problem, compiled.values)
     begin, settings = compiled.start[: compiled.values.free], SolverSettings(tolerance=1e-3)
     lines = []

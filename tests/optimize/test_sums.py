@@ -191,9 +191,9 @@ def test_sums_are_computed_again_for_other_values_and_targets(counted):
     target = compiled.samples.wanted.parts[0][0]
     target.setflags(write=True)
     target += 5.0
-    compiled.reread_targets()
+    compiled.samples.wanted.reread()
     assert compiled.sums.cost(compiled.start) != before
     compiled.sums.normal(compiled.start)
-    compiled.reread_targets()
+    compiled.samples.wanted.reread()
     compiled.sums.normal(compiled.start)
     assert sums.normals == 2

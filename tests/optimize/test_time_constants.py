@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.problem.problem import bound_time_constants
+from kennfeld.optimize.problem.setup import ProblemSetup
 
 U = np.repeat(np.random.default_rng(0).normal(size=40), 50)
 M = U + np.random.default_rng(1).normal(0.0, 0.01, U.size)
@@ -17,7 +17,9 @@ def lag(**attributes):
 
 
 def lower(text, *parameters, **options):
-    found = bound_time_constants(build_problem(text, DATA, kf.ParameterSet(parameters), "m", node="y", **options))
+    found = bound_time_constants(
+        ProblemSetup(text, DATA, kf.ParameterSet(parameters), "m", node="y", **options).problem()
+    )
     return np.broadcast_to(found.parameters[parameters[0].name].lower, parameters[0].values.shape).tolist()
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.ends.zero_slopes import departure
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.limits.projection import project
+from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.project.demo import torque
 
@@ -23,7 +23,7 @@ def curve(name, values=0.0, **attributes):
 
 
 def departed(text, *parameters, data=DATA, **arguments):
-    problem = build_problem(text, data, kf.ParameterSet(parameters), "t", node="y", **arguments)
+    problem = ProblemSetup(text, data, kf.ParameterSet(parameters), "t", node="y", **arguments).problem()
     compiled = CompiledProblem(problem)
     limits = linear_limits(problem, compiled.values)
     start, _ = project(compiled.start[: compiled.values.free], limits)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar
+from kennfeld.domain.rbf import RBF, Expansion
 from kennfeld.project import Project
 
 
@@ -42,6 +43,31 @@ def test_files_that_define_a_name_differently_are_a_finding(shop, other, expecte
     shop.values("b.json", other)
     shop.change('initial = "start.json"', 'initial = ["start.json", "b.json"]')
     assert expected in shop.error()
+
+
+BELLS = ([0.0], [2.0, 1.0], [[3.0], [5.0]], [[0.5], [0.5]])
+
+
+@pytest.mark.parametrize(
+    ("other", "expected"),
+    [
+        (Expansion(1.0, *BELLS, kernel="matern52"), "different kernels"),
+        (Expansion(1.0, *BELLS, hinges=((0, 2.0, 1.0),)), "different hinges"),
+        (Expansion(1.0, [0.0, 1.0], [2.0], [[3.0, 1.0]], [[0.5, 0.5]]), "different numbers of inputs"),
+    ],
+)
+def test_expansions_whose_values_mean_different_functions_are_a_finding(shop, other, expected):
+    for name, expansion in (("a", Expansion(1.0, *BELLS)), ("b", other)):
+        shop.values(f"{name}.json", RBF("Model", expansion))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "a.json", "b.json"]')
+    assert f"Model has {expected} in a.json and b.json" in shop.error()
+
+
+def test_the_later_of_two_expansions_of_one_form_wins(shop):
+    for name, offset in (("a", 1.0), ("b", 3.0)):
+        shop.values(f"{name}.json", RBF("Model", Expansion(offset, *BELLS, kernel="matern52")))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "a.json", "b.json"]')
+    assert problem(shop).parameters["Model"].values[0] == 3.0
 
 
 def test_files_that_disagree_on_a_group_axis_are_a_finding(shop):

@@ -22,11 +22,11 @@ from kennfeld.base.portable_pickle import pickle_content
 from kennfeld.base.task_runner import TaskRunner, message_line
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.file_spans import short_names
-from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.fit.result import Progress, Result, TraceLine
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
@@ -216,7 +216,7 @@ def cross_validate(
     0.0
     """
     if not isinstance(model, Problem):
-        problem = build_problem(model, data, start, target, **arguments)
+        problem = ProblemSetup(model, data, start, target, **arguments).problem()
     elif arguments or data is not None or start is not None or target is not None:
         raise ArgumentError("cross_validate(problem) accepts only folds, kind, seed, options and progress")
     else:

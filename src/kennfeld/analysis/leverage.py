@@ -1,4 +1,10 @@
-"""Leverage of samples: the influence of each on the values that are fitted to it."""
+"""Leverage of samples: the influence of each on the values that are fitted to it.
+
+The leverage of a grid point, 1 if the data alone determine it, is distributed among the samples that look it up, by
+their weights in the lookup and in the cost. Its sum over all samples equals that over all grid points, the number of
+values that the data determine. For a single table whose samples are at its grid points this is the diagonal of the hat
+matrix; otherwise it approximates it without a matrix of samples by values.
+"""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
@@ -13,33 +19,6 @@ from kennfeld.optimize.quality.lookup_coverage import Lookup, Lookups
 from kennfeld.preprocessing.sample_weights import sample_weights
 
 MAX_LEVERAGE = 0.999  # a sample that alone determines a value has no residual
-
-
-def sample_leverage(
-    problem: Problem, lookups: Lookups, series: Sequence[CriterionSeries], leverage: Mapping[str, Float]
-) -> dict[int, Float]:
-    """Approximate the leverage of each training sample, by the number of its series.
-
-    The leverage of a grid point, 1 if the data alone determine it, is distributed among the samples that look it up,
-    by their weights in the lookup and in the cost. Its sum over all samples equals that over all grid points, the
-    number of values that the data determine. For a single table whose samples are at its grid points this is the
-    diagonal of the hat matrix; otherwise it approximates it without a matrix of samples by values.
-
-    Args:
-        problem: criteria and their weights.
-        lookups: at the values of the fit.
-        series: the criteria on the datasets.
-        leverage: of the grid points, by table.
-
-    Returns:
-        Float[samples] by number of the series.
-    """
-    # two passes: the total at each grid point must be known before it can be shared out
-    located = {i: lookups.blocks(entry.bound) for i, entry in enumerate(series) if _fits(entry)}
-    totals = LookupWeights()
-    for i, own in located.items():
-        totals.merge(LookupWeights.of(problem, lookups, own, [series[i]], leverage))
-    return {i: totals.leverage(problem, lookups, own, series[i], leverage) for i, own in located.items()}
 
 
 def _fits(series: CriterionSeries) -> bool:
@@ -87,7 +66,18 @@ class LookupWeights:
         series: CriterionSeries,
         leverage: Mapping[str, Float],
     ) -> Float:
-        """Share out the leverage of grid points to samples of a series, Float[samples], after all weights are in."""
+        """Approximate the leverage of each sample of a series, once the weights of all samples are in.
+
+        Args:
+            problem: criteria and their weights.
+            lookups: at the values of the fit.
+            located: the lookups of the samples.
+            series: a criterion on the samples.
+            leverage: of the grid points, by table.
+
+        Returns:
+            Float[samples].
+        """
         pulls = np.zeros(series.bound.count)
         if not _fits(series):
             return pulls

@@ -6,25 +6,19 @@ Precedence, from lowest to highest:
 """
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Final, TypeVar
+from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.lexer import Token
+from kennfeld.program.operator_parser import OperatorParser, operator_levels
+from kennfeld.program.token_reader import TokenReader
 
-MAX_DEPTH: Final = 40  # nested brackets, conditions or statements
 _MAX_TERMS = 300  # operands of one chain, which makes a tree of that depth
-
-_LEVELS: Final = (
-    ("||",), ("&&",), ("|",), ("^",), ("&",), ("==", "!="), ("<", "<=", ">", ">="), ("<<", ">>"), ("+", "-"),
+_LEVELS: Final = operator_levels(
+    ("||",), ("&&",), ("|",), ("^",), ("&",), ("==", "!="), ("<", "<=", ">", ">=", "between"), ("<<", ">>"), ("+", "-"),
     ("*", "/", "%"),
 )  # fmt: skip
-_POWERS: Final = {operator: level for level, operators in enumerate(_LEVELS) for operator in operators}
-_COMPARISON: Final = _POWERS["<"]
 _UNARY: Final = ("-", "+", "!", "~")
-
-Result = TypeVar("Result")
 
 
 class EsdlSyntaxError(Exception):
@@ -35,42 +29,19 @@ class EsdlSyntaxError(Exception):
         self.token, self.message, self.remedy = token, message, remedy
 
 
-class TokenReader:
-    """The tokens of a text, read one after the other; methods raise `EsdlSyntaxError`."""
+class EsdlReader(TokenReader[Token]):
+    """Reader of tokens of ESDL; methods raise `EsdlSyntaxError`."""
 
-    def __init__(self, tokens: Sequence[Token]) -> None:
-        self.tokens, self.at, self.depth = tokens, 0, 0
+    word_kinds = ("name", "operator")
+    max_depth = 40  # nested brackets, conditions or statements
 
-    @property
-    def token(self) -> Token:
-        """The next token."""
-        return self.tokens[self.at]
+    def missing(self, text: str) -> EsdlSyntaxError:
+        """Return the error that another token than `text` follows."""
+        return self.fault(f"expected {text!r}, got {self._shown()}")
 
-    def ahead(self, count: int) -> Token:
-        """Return a later token; the last one behind the end."""
-        return self.tokens[min(self.at + count, len(self.tokens) - 1)]
-
-    def take(self) -> Token:
-        """Return the next token and step over it."""
-        token = self.token
-        self.at += token.kind != "end"
-        return token
-
-    def is_at(self, *texts: str) -> bool:
-        """Return True if the next token is one of these words or operators."""
-        return self.token.text in texts and self.token.kind in ("name", "operator")
-
-    def accept(self, *texts: str) -> bool:
-        """Step over the next token if it is one of these words or operators."""
-        result = self.is_at(*texts)
-        self.at += result
-        return result
-
-    def expect(self, text: str) -> Token:
-        """Step over a word or operator that must follow."""
-        if not self.is_at(text):
-            raise self.fault(f"expected {text!r}, got {self._shown()}")
-        return self.take()
+    def too_deep(self) -> EsdlSyntaxError:
+        """Return the error that the text is nested too deeply."""
+        return self.fault(f"nested more than {self.max_depth} deep", "Split the expression or the method.")
 
     def fault(self, message: str, remedy: str = "") -> EsdlSyntaxError:
         """Return an error at the next token."""
@@ -97,23 +68,16 @@ class TokenReader:
             names.append(self.take().text if self.is_at("*") else self.name())
         return ".".join(names)
 
-    def nested(self, read: Callable[[], Result]) -> Result:
-        """Call `read` one level deeper; raises `EsdlSyntaxError` if the text is nested too deeply."""
-        self.depth += 1
-        try:
-            if self.depth > MAX_DEPTH:
-                raise self.fault(f"nested more than {MAX_DEPTH} deep", "Split the expression or the method.")
-            return read()
-        finally:
-            self.depth -= 1
 
-
-class EsdlExpressionParser(TokenReader):
+class EsdlExpressionParser(EsdlReader, OperatorParser[Token, e.Expression]):
     """Parser of expressions."""
+
+    levels = _LEVELS
+    max_terms = _MAX_TERMS
 
     def expression(self) -> e.Expression:
         """Read an expression."""
-        return self.nested(lambda: self._binary(0))
+        return self.nested(self.operations)
 
     def range(self) -> e.Expression:
         """Read an expression, or `first .. last`."""
@@ -125,42 +89,35 @@ class EsdlExpressionParser(TokenReader):
         ends_open = self.is_at(";", ",", ")", "]", "{", "delta", "using", "[") or self.token.kind == "end"
         return e.Range(first, None if ends_open else self.expression(), place=place)
 
-    def _binary(self, lowest: int) -> e.Expression:
-        left = self._unary()
-        for _ in range(_MAX_TERMS):
-            place, operator = self.token.place, self.token.text
-            if self.is_at("between") and lowest <= _COMPARISON:
-                left = self._between(left, place)
-                continue
-            level = _POWERS.get(operator, -1) if self.token.kind == "operator" else -1
-            if level < lowest:
-                return left
-            self.at += 1
-            right = self.nested(partial(self._binary, level + 1))
-            left = e.Binary(operator, left, right, place=place)
-        raise self.fault(f"more than {_MAX_TERMS} terms in an expression", "Split it by a variable.")
+    def joined(self, left: e.Expression, level: int) -> e.Expression:
+        """Read an operator with its right operand."""
+        token = self.take()
+        if token.text == "between":
+            low = self.operations(level + 1)
+            self.expect("and")
+            return e.Between(left, low, self.operations(level + 1), place=token.place)
+        right = self.nested(lambda: self.operations(level + 1))
+        return e.Binary(token.text, left, right, place=token.place)
 
-    def _between(self, operand: e.Expression, place: e.TextPosition) -> e.Expression:
-        self.at += 1
-        low = self._binary(_COMPARISON + 1)
-        self.expect("and")
-        return e.Between(operand, low, self._binary(_COMPARISON + 1), place=place)
+    def too_many_terms(self) -> EsdlSyntaxError:
+        """Return the error that an expression has too many terms."""
+        return self.fault(f"more than {_MAX_TERMS} terms in an expression", "Split it by a variable.")
 
-    def _unary(self) -> e.Expression:
-        if self.token.kind == "operator" and self.token.text in _UNARY:
+    def operand(self, lowest: int) -> e.Expression:
+        """Read an operand with its signs."""
+        if self.is_at(*_UNARY):
             token = self.take()
-            return e.Unary(token.text, self.nested(self._unary), place=token.place)
+            return e.Unary(token.text, self.nested(lambda: self.operand(lowest)), place=token.place)
         return self._postfix(self._primary())
 
     def _postfix(self, tree: e.Expression) -> e.Expression:
         for _ in range(_MAX_TERMS):
             place = self.token.place
             if self.accept("."):
-                tree = e.Member(tree, self.name(), place=place)
+                tree = e.Field(tree, self.name(), place=place)
             elif self.accept("["):
-                tree = e.Index(tree, self.expression(), place=place)
-                while self.accept(","):
-                    tree = e.Index(tree, self.expression(), place=place)
+                for index in self.series(self.expression):
+                    tree = e.Index(tree, index, place=place)
                 self.expect("]")
             elif self.is_at("("):
                 tree = e.Call(tree, self._arguments(), place=place)
@@ -170,12 +127,7 @@ class EsdlExpressionParser(TokenReader):
 
     def _arguments(self) -> tuple[e.Expression, ...]:
         self.expect("(")
-        result: list[e.Expression] = []
-        while not self.accept(")"):
-            result.append(self.expression())
-            if not self.is_at(")"):
-                self.expect(",")
-        return tuple(result)
+        return self.listed(")", self.expression)
 
     def _primary(self) -> e.Expression:
         token = self.token
@@ -229,12 +181,7 @@ class EsdlExpressionParser(TokenReader):
 
     def _braces(self) -> e.Braces:
         place = self.expect("{").place
-        elements: list[e.Expression] = []
-        while not self.accept("}"):
-            elements.append(self.expression())
-            if not self.is_at("}"):
-                self.expect(",")
-        return e.Braces(tuple(elements), place=place)
+        return e.Braces(self.listed("}", self.expression), place=place)
 
     def _conditional(self) -> e.Conditional:
         place = self.expect("if").place
@@ -268,8 +215,6 @@ class EsdlExpressionParser(TokenReader):
             self.expect(":")
             return ()
         self.expect("case")
-        keys = [self.range()]
-        while self.accept(","):
-            keys.append(self.range())
+        keys = self.series(self.range)
         self.expect(":")
-        return tuple(keys)
+        return keys

@@ -5,11 +5,10 @@ follows it.
 """
 
 import re
-from bisect import bisect_right
-from itertools import accumulate
 from typing import Final, NamedTuple
 
-from kennfeld.ascet.syntax import TextPosition
+from kennfeld.program.positions import TextLines, TextPosition
+from kennfeld.program.tokens import scan_tokens
 
 MAX_CHARACTERS: Final = 4_000_000  # of a file
 
@@ -52,24 +51,17 @@ def tokens_of(text: str) -> list[Token]:
     >>> [token.text for token in tokens_of("real x = 1_000.5; // a comment")]
     ['real', 'x', '=', '1_000.5', ';', '']
     """
-    starts = list(accumulate((len(line) + 1 for line in text.split("\n")), initial=0))
+    lines = TextLines(text)
     result: list[Token] = []
     description = ""
-    for match in _TOKEN.finditer(text):
-        kind = str(match.lastgroup)
-        if kind == "comment" and match[0].startswith("/**") and len(match[0]) > len("/***/"):
-            description = _plain_text(match[0])
-        if kind in ("blank", "comment"):
-            continue
-        result.append(Token(kind, match[0], _place(starts, match.start()), description))
-        description = ""
-    result.append(Token("end", "", _place(starts, len(text))))
+    for kind, written, offset in scan_tokens(_TOKEN, text):
+        if kind != "comment":
+            result.append(Token(kind, written, lines.position(offset), description))
+            description = ""
+        elif written.startswith("/**") and len(written) > len("/***/"):
+            description = _plain_text(written)
+    result.append(Token("end", "", lines.position(len(text))))
     return result
-
-
-def _place(starts: list[int], offset: int) -> TextPosition:
-    line = max(bisect_right(starts, offset), 1)
-    return TextPosition(line, offset - starts[line - 1] + 1, offset)
 
 
 def _plain_text(comment: str) -> str:

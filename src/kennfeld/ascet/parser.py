@@ -156,22 +156,11 @@ class _FileParser(StateMachineParser):
             case "class":
                 self.declarations.append(self._class(head, place))
             case word if word in _SKIPPED:
-                self._skip_block()
+                self._skip()
             case word if word in _KINDS:
                 self.declarations += [e.Constant(element, place=place) for element in self._elements(head)]
             case _:
                 raise self.fault(f"expected a declaration, got {self._shown()}")
-
-    def _skip_block(self) -> None:
-        """Skip a declaration or member up to its closing brace or semicolon."""
-        depth = 0
-        while self.token.kind != "end":
-            if depth == 0 and self.is_at("}"):
-                return
-            text = self.take().text
-            depth += (text == "{") - (text == "}")
-            if depth == 0 and text in (";", "}"):
-                return
 
     # types and units
 
@@ -225,11 +214,9 @@ class _FileParser(StateMachineParser):
 
     def _table(self, form: str, place: e.TextPosition) -> e.TableType:
         self.expect("table")
-        axes = [self.type()]
-        while self.accept(","):
-            axes.append(self.type())
+        axes = self.series(self.type)
         self.expect("->")
-        return e.TableType(tuple(axes), self.type(), form, place=place)
+        return e.TableType(axes, self.type(), form, place=place)
 
     def _scalar(self, place: e.TextPosition) -> e.TypeExpression:
         base, unit = self.qualified_name(), ""
@@ -259,14 +246,12 @@ class _FileParser(StateMachineParser):
     def _enum(self, place: e.TextPosition) -> e.EnumType:
         self.expect("enum")
         self.expect("{")
-        labels: list[tuple[str, e.Expression | None]] = []
-        while not self.accept("}"):
-            self.head()
-            name = self.name()
-            labels.append((name, self.expression() if self.accept("=") else None))
-            if not self.is_at("}"):
-                self.expect(",")
-        return e.EnumType(tuple(labels), place=place)
+        return e.EnumType(self.listed("}", self._label), place=place)
+
+    def _label(self) -> tuple[str, e.Expression | None]:
+        self.head()
+        name = self.name()
+        return name, self.expression() if self.accept("=") else None
 
     def _struct(self, place: e.TextPosition) -> e.StructType:
         self.expect("struct")
@@ -288,10 +273,7 @@ class _FileParser(StateMachineParser):
         name = self.name()
         clauses: dict[str, list[str]] = {"reads": [], "writes": [], "using": [], "extends": [], "implements": []}
         while self.is_at(*clauses):
-            names = clauses[self.take().text]
-            names.append(self.qualified_name())
-            while self.accept(","):
-                names.append(self.qualified_name())
+            clauses[self.take().text] += self.series(self.qualified_name)
         members = self._members()
         return e.ClassDeclaration(
             name,
@@ -322,7 +304,7 @@ class _FileParser(StateMachineParser):
         head = self.head()
         place = self.token.place
         if self.is_at("representation", "formula", "dataset"):
-            self._skip_block()
+            self._skip()
         elif self.is_at("initializer") and self.ahead(2).text == "(":
             members.initializers.append(self._initializer(place))
         elif self.is_at("statemachine"):
@@ -404,21 +386,15 @@ class _FileParser(StateMachineParser):
         place = self.token.place
         name = self.name()
         self.expect("(")
-        arguments: list[e.Argument] = []
-        while not self.accept(")"):
-            arguments.append(self._argument())
-            if not self.is_at(")"):
-                self.expect(",")
+        arguments = self.listed(")", self._argument)
         triggers = ""
         while self.is_at("triggers", "using", "reads", "writes"):
-            word, names = self.take().text, [self.qualified_name()]
-            while self.accept(","):
-                names.append(self.qualified_name())
+            word, names = self.take().text, self.series(self.qualified_name)
             triggers = names[0] if word == "triggers" else triggers
         body = None if self.accept(";") else self.block()
         is_void = result.name == "void"
         return e.Method(
-            name, None if is_void else result, tuple(arguments), body, triggers, head.modifiers, head.annotations,
+            name, None if is_void else result, arguments, body, triggers, head.modifiers, head.annotations,
             place=place,
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from kennfeld.ascet.expression_parser import EsdlSyntaxError, TokenReader
+from kennfeld.ascet.expression_parser import EsdlReader, EsdlSyntaxError
 from kennfeld.ascet.lexer import MAX_CHARACTERS, tokens_of
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
@@ -61,7 +61,7 @@ def parse_schedule(text: str, name: str = "text") -> Schedule:
         raise InputError.of(Location(name, place.line, column=place.column), error.message, error.remedy) from None
 
 
-class _ScheduleReader(TokenReader):
+class _ScheduleReader(EsdlReader):
     def schedule(self, name: str) -> Schedule:
         classes: list[str] = []
         tasks: list[Task] = []

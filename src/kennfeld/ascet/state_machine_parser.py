@@ -44,15 +44,14 @@ class StateMachineParser(EsdlStatementParser):
     def _annotation(self) -> e.Annotation:
         place = self.expect("@").place
         name = self.qualified_name()
-        arguments: list[e.Expression] = []
-        if self.accept("("):
-            while not self.accept(")"):
-                if self.ahead(1).text == "=":
-                    self.at += 2
-                arguments.append(self.expression())
-                if not self.is_at(")"):
-                    self.expect(",")
-        return e.Annotation(name, tuple(arguments), place=place)
+        arguments = self.listed(")", self._annotation_argument) if self.accept("(") else ()
+        return e.Annotation(name, arguments, place=place)
+
+    def _annotation_argument(self) -> e.Expression:
+        """Read `value` or `key = value`."""
+        if self.ahead(1).text == "=":
+            self.at += 2
+        return self.expression()
 
     def state_machine(self, place: e.TextPosition) -> e.StateMachine:
         """Read a state machine."""

@@ -4,30 +4,27 @@ A file has a package, imports and declarations: classes, data interfaces, types,
 """
 
 from dataclasses import field
-from typing import NamedTuple
 
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.program import tree
+from kennfeld.program.positions import TextPosition as TextPosition
+from kennfeld.program.tree import LanguageExpression, Node
 
-
-class TextPosition(NamedTuple):
-    """Position in a text: line and column from 1, and the offset of the character from 0.
-
-    `file` is empty if the text is that of the declaration around it.
-    """
-
-    line: int = 1
-    column: int = 1
-    offset: int = 0
-    file: str = ""
+# the nodes that all languages share; a `Field` is a member of a struct, an interface or a class
+Expression = tree.Expression
+Name = tree.Name
+Text = tree.Text
+Field = tree.Field
+Call = tree.Call
+Unary = tree.Unary
+Binary = tree.Binary
+Conditional = tree.Conditional
+Evaluate = tree.Evaluate
+Jump = tree.Jump
 
 
 @dataclass(frozen=True)
-class _Node:
-    place: TextPosition = field(default=TextPosition(), compare=False, repr=False, kw_only=True)
-
-
-@dataclass(frozen=True)
-class Number(_Node):
+class Number(LanguageExpression):
     """A number as written in `text`; `is_real` if it has a point or an exponent, `unit` as in `50.0[kmh]`."""
 
     value: float
@@ -37,7 +34,7 @@ class Number(_Node):
 
 
 @dataclass(frozen=True)
-class Truth(_Node):
+class Truth(LanguageExpression):
     """`true` or `false`."""
 
     value: bool
@@ -45,29 +42,7 @@ class Truth(_Node):
 
 
 @dataclass(frozen=True)
-class Text(_Node):
-    """A text in double quotes."""
-
-    value: str
-
-
-@dataclass(frozen=True)
-class Name(_Node):
-    """An element, a class, a type or another name."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class Member(_Node):
-    """`of.name`."""
-
-    of: "Expression"
-    name: str
-
-
-@dataclass(frozen=True)
-class Index(_Node):
+class Index(LanguageExpression):
     """`of[index]`."""
 
     of: "Expression"
@@ -75,41 +50,7 @@ class Index(_Node):
 
 
 @dataclass(frozen=True)
-class Call(_Node):
-    """`of(arguments)`: a method, a function, or a conversion to a type."""
-
-    of: "Expression"
-    arguments: tuple["Expression", ...]
-
-
-@dataclass(frozen=True)
-class Unary(_Node):
-    """`-x`, `+x`, `!x` or `~x`."""
-
-    operator: str
-    operand: "Expression"
-
-
-@dataclass(frozen=True)
-class Binary(_Node):
-    """`left operator right`."""
-
-    operator: str
-    left: "Expression"
-    right: "Expression"
-
-
-@dataclass(frozen=True)
-class Conditional(_Node):
-    """`if condition then yes else no`."""
-
-    condition: "Expression"
-    yes: "Expression"
-    no: "Expression"
-
-
-@dataclass(frozen=True)
-class Choice(_Node):
+class Choice(LanguageExpression):
     """`switch subject case key : value ... default : otherwise` as an expression."""
 
     subject: "Expression"
@@ -118,7 +59,7 @@ class Choice(_Node):
 
 
 @dataclass(frozen=True)
-class Between(_Node):
+class Between(LanguageExpression):
     """`x between low and high`, ends included."""
 
     operand: "Expression"
@@ -127,14 +68,14 @@ class Between(_Node):
 
 
 @dataclass(frozen=True)
-class Braces(_Node):
+class Braces(LanguageExpression):
     """`{a, b}`: the elements of an array, a table or a struct."""
 
     elements: tuple["Expression", ...]
 
 
 @dataclass(frozen=True)
-class Range(_Node):
+class Range(LanguageExpression):
     """`first .. last`, ends included; None for an open end."""
 
     first: "Expression | None"
@@ -142,28 +83,22 @@ class Range(_Node):
 
 
 @dataclass(frozen=True)
-class Unsupported(_Node):
+class Unsupported(LanguageExpression):
     """A part of a block diagram or of a text that has no meaning here: why, and the remedy."""
 
     message: str
     remedy: str = ""
 
 
-Expression = (
-    Number | Truth | Text | Name | Member | Index | Call | Unary | Binary | Conditional | Choice | Between | Braces
-    | Range | Unsupported
-)  # fmt: skip
-
-
 @dataclass(frozen=True)
-class TypeName(_Node):
+class TypeName(Node):
     """A reference to a type by name, with its package if it is written, and open or fixed dimensions."""
 
     name: str
 
 
 @dataclass(frozen=True)
-class ScalarType(_Node):
+class ScalarType(Node):
     """`real`, `integer` or `boolean`, or a type derived from a named one; `range` and `delta` as written."""
 
     base: str
@@ -174,21 +109,21 @@ class ScalarType(_Node):
 
 
 @dataclass(frozen=True)
-class EnumType(_Node):
+class EnumType(Node):
     """`enum {A, B = 3}`: labels with their numbers, None for the next one."""
 
     labels: tuple[tuple[str, Expression | None], ...]
 
 
 @dataclass(frozen=True)
-class StructType(_Node):
+class StructType(Node):
     """`struct { ... }`."""
 
     elements: tuple["Element", ...]
 
 
 @dataclass(frozen=True)
-class ArrayType(_Node):
+class ArrayType(Node):
     """`array [size] of element`; a size is None, a number, a range, or the name of a type or constant."""
 
     sizes: tuple[Expression | None, ...]
@@ -196,7 +131,7 @@ class ArrayType(_Node):
 
 
 @dataclass(frozen=True)
-class TableType(_Node):
+class TableType(Node):
     """`table x, y -> value`; `form` is "", "fixed" or "group"."""
 
     axes: tuple["TypeExpression", ...]
@@ -205,14 +140,14 @@ class TableType(_Node):
 
 
 @dataclass(frozen=True)
-class AxisType(_Node):
+class AxisType(Node):
     """`axis real`: breakpoints that group tables share."""
 
     element: "TypeExpression"
 
 
 @dataclass(frozen=True)
-class UnsupportedType(_Node):
+class UnsupportedType(Node):
     """A type that is parsed, but has no meaning here, such as `dataspace`."""
 
     kind: str
@@ -222,7 +157,7 @@ TypeExpression = TypeName | ScalarType | EnumType | StructType | ArrayType | Tab
 
 
 @dataclass(frozen=True)
-class Annotation(_Node):
+class Annotation(Node):
     """`@name("argument", key = value)`."""
 
     name: str
@@ -230,7 +165,7 @@ class Annotation(_Node):
 
 
 @dataclass(frozen=True)
-class Element(_Node):
+class Element(Node):
     """An element of a class, an interface, a struct or a package, or a variable of a method.
 
     Attributes:
@@ -257,7 +192,7 @@ class Element(_Node):
 
 
 @dataclass(frozen=True)
-class Assign(_Node):
+class Assign(Node):
     """`target = value`, or with an `operator` such as `+` for `+=`."""
 
     target: Expression
@@ -266,21 +201,14 @@ class Assign(_Node):
 
 
 @dataclass(frozen=True)
-class Declare(_Node):
+class Declare(Node):
     """A variable of a method."""
 
     element: Element
 
 
 @dataclass(frozen=True)
-class Evaluate(_Node):
-    """An expression as a statement: a call."""
-
-    expression: Expression
-
-
-@dataclass(frozen=True)
-class If(_Node):
+class If(Node):
     """`if (condition) ... else ...`."""
 
     condition: Expression
@@ -289,7 +217,7 @@ class If(_Node):
 
 
 @dataclass(frozen=True)
-class While(_Node):
+class While(Node):
     """`while (condition) ...`; `tests_last` for `do ... while (condition);`."""
 
     condition: Expression
@@ -298,7 +226,7 @@ class While(_Node):
 
 
 @dataclass(frozen=True)
-class For(_Node):
+class For(Node):
     """`for (name in values) ...`, over a range, a type or the indices of an array."""
 
     name: str
@@ -307,7 +235,7 @@ class For(_Node):
 
 
 @dataclass(frozen=True)
-class Switch(_Node):
+class Switch(Node):
     """`switch (subject) { case a, b : ... default : ... }`; only one case runs."""
 
     subject: Expression
@@ -316,21 +244,14 @@ class Switch(_Node):
 
 
 @dataclass(frozen=True)
-class Return(_Node):
+class Return(Node):
     """`return value;`."""
 
     value: Expression | None = None
 
 
 @dataclass(frozen=True)
-class Jump(_Node):
-    """`break;` or `continue;`."""
-
-    kind: str
-
-
-@dataclass(frozen=True)
-class Block(_Node):
+class Block(Node):
     """`{ ... }`: variables declared within are not known outside."""
 
     statements: tuple["Statement", ...]
@@ -341,7 +262,7 @@ Statements = tuple[Statement, ...]
 
 
 @dataclass(frozen=True)
-class Argument(_Node):
+class Argument(Node):
     """An argument of a method; `direction` is "in", "out" or "inout"."""
 
     name: str
@@ -350,7 +271,7 @@ class Argument(_Node):
 
 
 @dataclass(frozen=True)
-class Method(_Node):
+class Method(Node):
     """A method; the body is None if it is external, `triggers` names the state machine that it runs."""
 
     name: str
@@ -367,7 +288,7 @@ class Method(_Node):
 
 
 @dataclass(frozen=True)
-class Initializer(_Node):
+class Initializer(Node):
     """Named initial values of a class: assignments to its elements."""
 
     name: str
@@ -375,7 +296,7 @@ class Initializer(_Node):
 
 
 @dataclass(frozen=True)
-class Transition(_Node):
+class Transition(Node):
     """`transition condition to target { action }`; `trigger` is the method that may take it, "" for any."""
 
     condition: Expression
@@ -385,7 +306,7 @@ class Transition(_Node):
 
 
 @dataclass(frozen=True)
-class State(_Node):
+class State(Node):
     """A state, or a junction; `start` names the inner state that is entered first."""
 
     name: str
@@ -400,7 +321,7 @@ class State(_Node):
 
 
 @dataclass(frozen=True)
-class StateMachine(_Node):
+class StateMachine(Node):
     """A state machine; `labels` names the enumeration of its states."""
 
     name: str
@@ -411,7 +332,7 @@ class StateMachine(_Node):
 
 
 @dataclass(frozen=True)
-class ClassDeclaration(_Node):
+class ClassDeclaration(Node):
     """A class with its members; `reads` and `writes` are the messages it names."""
 
     name: str
@@ -426,7 +347,7 @@ class ClassDeclaration(_Node):
 
 
 @dataclass(frozen=True)
-class Interface(_Node):
+class Interface(Node):
     """A data interface: its elements are messages."""
 
     name: str
@@ -434,7 +355,7 @@ class Interface(_Node):
 
 
 @dataclass(frozen=True)
-class TypeDeclaration(_Node):
+class TypeDeclaration(Node):
     """`type name is type;`."""
 
     name: str
@@ -442,7 +363,7 @@ class TypeDeclaration(_Node):
 
 
 @dataclass(frozen=True)
-class UnitDeclaration(_Node):
+class UnitDeclaration(Node):
     """`unit name = expression;`: a unit of real numbers, also used as a type."""
 
     name: str
@@ -450,7 +371,7 @@ class UnitDeclaration(_Node):
 
 
 @dataclass(frozen=True)
-class Constant(_Node):
+class Constant(Node):
     """A constant or system constant of a package."""
 
     element: Element

@@ -37,6 +37,7 @@ def find_oversized(archive: zipfile.ZipFile) -> str:
     total = 0
     for member in archive.infolist():
         packed, size = member.compress_size, member.file_size
+        # a small size that many packed bytes state may be false, as they can unpack to 1032 times as much
         if size < 2 * packed and packed * _BEST_RATIO > most_unpacked(packed):
             size = max(size, _real_size(archive, member))
         if size > most_unpacked(packed):
@@ -63,6 +64,7 @@ def _real_size(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
     if member.compress_type != zipfile.ZIP_DEFLATED or archive.fp is None:
         return member.file_size
     limit, size = most_unpacked(member.compress_size) + 1, 0
+    # plain Deflate, without the header of zlib
     unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
     # the header of a member repeats its name and states how long name and further fields are
     archive.fp.seek(member.header_offset + 26)

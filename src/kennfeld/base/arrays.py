@@ -27,9 +27,10 @@ Sparse = Any  # scipy.sparse.csr_array of float64; scipy has no type annotations
 
 
 def readonly(values: ArrayLike) -> Float:
-    """Return a float64 array that nobody can write to: the given one if it is such already, else a copy."""
+    """Return a float64 array of the same shape that nobody can write to: the given one if it is such, else a copy."""
     array = np.asarray(values, dtype=np.float64)
     if array.flags.writeable:
+        # the array of the caller stays writable
         if isinstance(values, np.ndarray) and np.may_share_memory(array, values):
             array = array.copy()
         array.setflags(write=False)
@@ -37,7 +38,7 @@ def readonly(values: ArrayLike) -> Float:
 
 
 def aligned_zeros(size: int) -> Float:
-    """Return zeros that begin on a cache line, where loads of whole vectors are fastest."""
+    """Allocate zeros, Float[size], that begin on a cache line, where loads of whole vectors are fastest."""
     room = np.zeros(size + LINE)
     skip = (-room.ctypes.data // room.itemsize) % LINE
     return room[skip : skip + size]

@@ -55,6 +55,7 @@ def replace_atomically(path: Path, *, private: bool = False, follow: bool = Fals
     temporary = target.with_name(f".{target.stem[:MAX_STEM]}.{os.getpid()}-{secrets.token_hex(4)}{target.suffix}")
     note_temporary(temporary)
     try:
+        # private, until it has the permissions of the old file
         if private or before is not None:
             _create(temporary, PRIVATE)
         else:
@@ -90,8 +91,10 @@ def _create(path: Path, permissions: int = 0o666) -> None:
 
 def _make_like(path: Path, before: os.stat_result) -> None:
     """Give a file, which only its owner can read so far, the owner, group and permissions of another one."""
+    # only root may change the owner; others may still set the group
     for owner in (before.st_uid, -1) if hasattr(os, "chown") else ():
         with suppress(OSError):
             os.chown(path, owner, before.st_gid)
             break
+    # last, as a change of the owner clears some permissions
     path.chmod(stat.S_IMODE(before.st_mode))

@@ -57,6 +57,7 @@ def write_columns(path: Path, columns: Iterable[NDArray[Any]], notes: Mapping[st
         file.write(text)
         file.write(_LENGTH.pack(len(text)))
         size = file.tell()
+        # the columns came one by one, so that the whole is read once more
         file.seek(0)
         file.write(_END.pack(_checksum(file, size), _SIGNATURE))
 

@@ -35,6 +35,7 @@ def _add(digest: Any, value: Any) -> None:
         return
     if value is None or isinstance(value, (bool, int, float, str, bytes, np.generic, Path)):
         digest.update(repr(value).encode())
+        # each value and group has an end, so that ("a", "b") and ("ab",) differ
         digest.update(b";")
         return
     for part in _parts(value):
@@ -48,6 +49,7 @@ def _parts(value: Any) -> list[Any]:
     if isinstance(value, (tuple, list)):
         return list(value)
     if isinstance(value, Set):
+        # a set has no order, and its elements need not compare
         return sorted(value, key=digest_of)
     if is_dataclass(value):
         return [getattr(value, each.name) for each in fields(value)]

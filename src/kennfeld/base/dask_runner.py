@@ -148,6 +148,7 @@ class DaskRunner:
                     silence_logs=logging.ERROR,
                     threads_per_worker=1,
                     processes=True,
+                    # 0 is no limit, and port 0 any that is free
                     memory_limit=0,
                     dashboard_address=":0",
                 )
@@ -168,6 +169,7 @@ class DaskRunner:
         return len(self._addresses())
 
     def _addresses(self) -> list[str]:
+        # -1 is all; versions from 2025.4 to 2026.6 list only five by default
         return sorted(self.client.scheduler_info(n_workers=-1)["workers"])
 
     def map(self, task: Task, shared: bytes, items: Sequence[bytes], arguments: bytes) -> Iterator[Any]:
@@ -208,6 +210,7 @@ class DaskRunner:
                 if receive(inbox.get()):
                     stop.set()
 
+        # an event is a time and a message; it arrives in a thread of Dask, but is received in this one
         self.client.subscribe_topic(topic, lambda event: inbox.put(event[1]))
         common, futures = self._keep(shared), list[Any]()
         try:
@@ -216,6 +219,7 @@ class DaskRunner:
                 futures.append(self.client.submit(run_reporting, task, common, item, topic, **more))
             for future in futures:
                 result = self._wait(future, deliver)
+                # once more, for messages between the last look and the result
                 deliver()
                 yield result
         finally:
@@ -239,6 +243,7 @@ class DaskRunner:
     def _keep(self, shared: bytes) -> Any:
         if shared not in self._shared:
             if len(self._shared) >= AHEAD:
+                # the oldest one, which the workers may then forget
                 self._shared.pop(next(iter(self._shared)))
             self._shared[shared] = self.client.submit(keep, shared, key=f"shared-{next(self._numbers)}", pure=False)
         return self._shared[shared]
@@ -258,9 +263,11 @@ class DaskRunner:
                 futures[at] = self.client.submit(run_items, task, common[0], bundle, common[1], **more)
 
         try:
+            # enough for all workers to be busy while the results are taken in order
             hand_out(AHEAD * len(addresses))
             for at in range(len(bundles)):
                 outcome: _Outcome = self._wait(futures[at])
+                # Dask frees a result that nobody refers to
                 del futures[at]
                 hand_out(1)
                 self._count(kind, outcome)
@@ -275,6 +282,7 @@ class DaskRunner:
         load.tasks, load.seconds = load.tasks + count, load.seconds + outcome.seconds
         load.processor += outcome.processor
         mean = outcome.seconds / count
+        # an exponential mean, as the load of the workers changes
         self._seconds[kind] = MEMORY * self._seconds.get(kind, mean) + (1 - MEMORY) * mean
 
     def _wait(self, future: Any, meanwhile: Callable[[], None] = lambda: None) -> Any:
@@ -321,6 +329,7 @@ def _bundle_size(seconds: float, items: int, workers: int) -> int:
     >>> _bundle_size(0.2, 100, 4), _bundle_size(0.01, 100, 4), _bundle_size(0.0001, 100, 4)
     (1, 5, 13)
     """
+    # but at least two tasks for each worker, as far as there are items
     return max(1, min(round(SHORT_TASK / max(seconds, 1e-9)), -(-items // (2 * workers))))
 
 

@@ -51,6 +51,7 @@ def visible(text: str) -> str:
 
 
 def _escape(character: str) -> str:
+    # two units for characters beyond 16 bits, as in JSON
     units = character.encode("utf-16-be")
     return "".join(f"\\u{units[k : k + 2].hex()}" for k in range(0, len(units), 2))
 
@@ -90,6 +91,7 @@ class Location:
 
     def __str__(self) -> str:
         line = f"line {self.line}" if self.line else ""
+        # a section such as [model] has brackets of its own
         path = f"({self.path})" if line and self.path and not self.path.startswith("[") else self.path
         place = " ".join(part for part in (self.file, line, path) if part)
         return f"{place}, column {self.column}" if self.column else place

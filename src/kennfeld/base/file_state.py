@@ -51,6 +51,7 @@ class FileState:
     @classmethod
     def of(cls, path: Path) -> "FileState":
         """Return the present state of a file or folder. Raises `OSError`."""
+        # before the look at the file, so that a change during it counts as recent
         at, stat = time.time_ns(), path.stat()
         if path.is_dir():
             content = digest(
@@ -141,6 +142,7 @@ def note_opened(path: Path) -> None:
     """Let what is being read depend on a file that is opened for it, or that is looked for in vain."""
     path = path.absolute()
     for collection in tuple(_collections):
+        # the first look counts, as the file may change while it is read
         collection.setdefault(path, _times(path))
 
 
@@ -152,6 +154,7 @@ def opened_files() -> Iterator[dict[Path, tuple[int, ...]]]:
     try:
         yield collection
     finally:
+        # by identity: two collections under way may be equal
         _collections[:] = [each for each in _collections if each is not collection]
 
 
@@ -211,6 +214,7 @@ def while_unchanged(most: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]
                 if entry is not None:
                     kept.move_to_end(key)
             if entry is not None and all(version.is_present for version in entry[0]):
+                # what is read around this depends on the same files
                 for version in entry[0]:
                     note_opened(version.path)
                 return entry[1]

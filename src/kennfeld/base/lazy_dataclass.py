@@ -3,6 +3,11 @@
 `dataclasses.dataclass` writes and compiles five methods for a frozen class when its module is imported, which takes 0.4
 ms on CPython 3.11. A command imports hundreds of classes and calls few of their methods, so that this was a tenth of
 its time. The decorator of this module takes the fields from the standard library and defers the methods.
+
+With plain dataclasses, `kennfeld check` and `kennfeld calibrate` of the torque demo, which import 218 and 314 classes,
+take 12 % more CPU time, `kennfeld --help` 4 %; `import kennfeld` has no classes. Classes of attrs take almost three
+times as long as these. Structs of msgspec take a tenth, but have neither `dataclasses.replace` nor fields that a
+comparison or a text leaves out.
 """
 
 from collections.abc import Callable
@@ -45,6 +50,7 @@ def _deferred_dataclass(
         return standard_dataclass(init=init, eq=eq, frozen=frozen, kw_only=kw_only, slots=True)(cls)
     own = set(vars(cls))
     inherits = frozen and any(getattr(base, _SETTINGS).frozen for base in cls.__mro__[1:] if hasattr(base, _SETTINGS))
+    # the standard library demands that classes over frozen ones are frozen
     standard_dataclass(init=False, repr=False, eq=False, kw_only=kw_only, frozen=inherits)(cls)
     getattr(cls, _SETTINGS).frozen = frozen  # so that the standard library knows it if another class inherits
     writers: dict[str, Writer] = {"__repr__": _write_repr}
@@ -57,6 +63,7 @@ def _deferred_dataclass(
         elif "__hash__" not in own:
             cls.__hash__ = None  # type: ignore[assignment]  # as Python does for a class with `__eq__`
     for name, write in writers.items():
+        # methods of the class itself stay; Python sets `__hash__` to None if a class has only `__eq__`
         if name not in own or (name == "__hash__" and vars(cls)[name] is None):
             setattr(cls, name, _Deferred(name, cls, write))
     if frozen:

@@ -24,6 +24,7 @@ def lazy_names(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(f"{package}.{module_of[name]}"), name)
+        # found without this function from the second time on
         setattr(sys.modules[package], name, value)
         return value
 

@@ -122,6 +122,7 @@ class LibraryProcess:
             return self._process
         import subprocess  # most files do without
 
+        # Ctrl-C in the terminal concerns this process alone
         session: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
@@ -133,6 +134,7 @@ class LibraryProcess:
             **session,
         )
         self._job.add(process.pid)
+        # after a fork, the process belongs to the parent
         self._process, self._owner = process, os.getpid()
         atexit.register(self._end)
         return process
@@ -174,6 +176,7 @@ def _too_large(size: int) -> str:
 def main() -> None:
     """Serve until the other process closes the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # answers go through a copy of the output, to which the library cannot print
     outgoing = os.fdopen(os.dup(1), "wb")
     null_device = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null_device, 1)

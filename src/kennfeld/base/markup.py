@@ -28,6 +28,7 @@ def round_digits(values: Any, digits: int = 5) -> list[Any]:
     known = np.isfinite(numbers)
     size = np.abs(np.where(known & (numbers != 0), numbers, 1.0))
     power = digits - 1 - np.floor(np.log10(size))
+    # one of them is 1, as powers of ten below 1 are not exact
     up, down = 10.0 ** np.clip(power, 0, 300), 10.0 ** np.clip(-power, 0, 300)
     result = np.round(np.where(known, numbers, 0.0) / down * up) / up * down
     if known.all():

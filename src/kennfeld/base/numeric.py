@@ -21,7 +21,7 @@ _OTHER = {"M": "dates", "m": "time differences", "c": "complex numbers"}
 def number(
     value: object, name: str, owner: str, *, least: float = -np.inf, above: float = -np.inf, infinite: bool = False
 ) -> float:
-    """Return a number of any numeric type as a float.
+    """Convert a number of any numeric type to a float, and check its range.
 
     Args:
         value: a number, also one of numpy, or an array that holds a single one.
@@ -39,6 +39,7 @@ def number(
     """
     result = _float(value)
     finite = result is not None and (np.isfinite(result) or infinite)
+    # -inf is not above -inf, though it is allowed without a bound
     if result is None or not (finite and result >= least and (result > above or above == -np.inf)):
         bound = f" >= {least:g}" if np.isfinite(least) else f" > {above:g}" if np.isfinite(above) else ""
         text = repr(value) if result is None else f"{result:g}"
@@ -47,7 +48,7 @@ def number(
 
 
 def array(source: Any, label: str) -> Float:
-    """Return numbers of any numeric type as a float64 array.
+    """Convert numbers of any numeric type to a float64 array of the same shape.
 
     Missing elements become NaN: None, pandas' NA, and masked elements of a masked array.
 
@@ -75,6 +76,7 @@ def array(source: Any, label: str) -> Float:
         return plain if masked is None else np.where(masked, np.nan, plain)
     if values.dtype.kind in _OTHER:
         raise ArgumentError(f"{label} must be numbers, got {_OTHER[values.dtype.kind]}")
+    # from the source: beside a text, NumPy makes texts of the numbers, too
     objects = np.array(source, dtype=object)
     if masked is not None:
         objects[masked] = None
@@ -94,7 +96,7 @@ def _mask(source: Any) -> Bool | None:
 
 
 def truths(source: Any, label: str) -> Bool:
-    """Return truth values, or numbers in their place, as an array of bool.
+    """Convert truth values, or numbers in their place, to an array of bool of the same shape.
 
     Args:
         source: a list, an array, or a column of a table; 0 is false, any other number true.

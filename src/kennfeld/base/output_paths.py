@@ -38,6 +38,7 @@ def within(folder: Path, *names: str | PurePath) -> Path:
     """
     path = folder
     for part in PurePath(*names).parts:
+        # an anchor is that of an absolute path, or a drive of Windows
         if part == os.pardir or PurePath(part).anchor:
             raise OSError(EPERM, f"it is outside of the folder {folder.name or folder}", str(PurePath(*names)))
         if not is_plain_name(part):
@@ -113,6 +114,7 @@ def is_plain_name(name: str) -> bool:
     unsafe = _UNSAFE if os.name == "nt" else "/\\"
     if name in ("", os.curdir, os.pardir) or any(letter in unsafe or _is_unseen(letter) for letter in name):
         return False
+    # Windows drops dots and blanks at the end
     return os.name != "nt" or not (_is_device(name) or name.endswith((".", " ")))
 
 
@@ -124,11 +126,13 @@ def plain_name(name: str) -> str:
     """
     last = name.replace("\\", "/").rpartition("/")[2]
     plain = "".join("_" if letter in _UNSAFE or _is_unseen(letter) else letter for letter in last)
+    # a dot at the beginning would hide the file; Windows drops dots and blanks at the end
     plain = _last_bytes(plain, MAX_NAME).strip(". ") or "file"
     return f"_{plain}" if _is_device(plain) else plain
 
 
 def _is_device(name: str) -> bool:
+    # a device with any ending is still the device
     return name.partition(".")[0].rstrip(" ").casefold() in _DEVICES
 
 

@@ -84,12 +84,14 @@ def limit_memory(size: int) -> None:
     import resource
 
     if _LINUX:
+        # the pages of the address space, which RLIMIT_AS limits
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
         hard = resource.getrlimit(resource.RLIMIT_AS)[1]
         wanted = pages * os.sysconf("SC_PAGE_SIZE") + size
         wanted = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
         resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
         return
+    # a peak, so that a later call counts from the most that was used before
     _MemoryWatch.limit = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss + size
     if not _MemoryWatch.started:
         _MemoryWatch.started = True
@@ -128,6 +130,7 @@ def _running_tasks() -> int:
     """Return the number of processes, on Linux with their threads, of the whole system; 0 if it is unknown."""
     with suppress(OSError, ValueError, IndexError):
         if _LINUX:
+            # `0.1 0.2 0.3 2/345 6789`: behind the stroke are all processes and threads
             return int(Path("/proc/loadavg").read_text("ascii").split()[3].partition("/")[2])
         import subprocess
 

@@ -107,6 +107,7 @@ class RunProcesses:
                 match = _PATTERN.search(environment)
                 if match and self._belongs(match[1].decode("ascii", "replace")):
                     processes.append(RunProcess(number, match[1].decode(), _resident(number)))
+                # kernel threads have no environment either, but they run
                 elif not environment and (parent := _parent_of_zombie(number)):
                     ended.append((number, parent))
                 else:
@@ -117,6 +118,7 @@ class RunProcesses:
         return processes + [RunProcess(number, "", 0) for number, parent in ended if parent in own]
 
     def _listed_by_command(self) -> list[RunProcess]:
+        # -E adds the environment of each process
         command = ["ps", "-axwwE", "-o", "pid=,rss=,command="]
         with suppress(OSError, subprocess.SubprocessError):
             listed = subprocess.run(command, capture_output=True, check=False, timeout=5).stdout
@@ -156,5 +158,6 @@ def _share(number: int) -> int:
 
 def _parent_of_zombie(number: int) -> int:
     """Return the parent of a process on Linux that has ended; 0 if it runs."""
+    # the name in parentheses may itself contain blanks and parentheses
     fields = (_PROCESSES / str(number) / "stat").read_bytes().rpartition(b")")[2].split()
     return int(fields[1]) if fields[0] == _ZOMBIE else 0

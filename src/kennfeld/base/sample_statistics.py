@@ -96,6 +96,7 @@ class Moments:
             return
         with np.errstate(over="ignore", invalid="ignore"):
             shift = later.origin - self.origin
+            # d, the distance of the means; the squares are those of both parts + d^2 n1 n2 / (n1 + n2)
             apart = shift + later.total / later.count - self.total / self.count
             self.squares += later.squares + apart**2 * (self.count * later.count / (self.count + later.count))
             self.total += later.total + later.count * shift
@@ -117,6 +118,7 @@ class Ranks:
     def sizes(self) -> "Ranks":
         """The counts of the absolute numbers."""
         negative, positive = np.split(self.counts, 2)
+        # the keys of -x and x lie at the same distance from the middle
         return Ranks(np.concatenate([np.zeros_like(negative), positive + negative[::-1]]))
 
     def merge(self, later: "Ranks") -> None:
@@ -130,6 +132,7 @@ class Ranks:
         wanted = np.zeros(_KEYS, dtype=bool)
         for share in shares if count else ():
             low, high, _ = _position(share, count)
+            # the key of a rank is the first up to which more numbers are counted
             wanted[np.searchsorted(ends, [low, high], side="right")] = True
         counted = int(self.counts[wanted].sum()) > MOST_NEAR
         return QuantileSearch(count, ends - self.counts, wanted, _InnerCounts.of(wanted) if counted else None)
@@ -182,7 +185,7 @@ class QuantileSearch:
     _near: list[Float] = field(default_factory=list)
 
     def part(self, values: Float) -> "QuantileSearch":
-        """Return the same search over some of the numbers."""
+        """Return the same search over some of the numbers, Float[any]."""
         known, wanted = _known(values), np.empty_like(self.wanted)
         wanted[_RISING] = self.wanted
         near = known[wanted.take(_first_bits(known, _KEY_BITS))]
@@ -204,6 +207,7 @@ class QuantileSearch:
         a, b = self._numbers((low, high))
         with np.errstate(invalid="ignore"):
             step = np.float64(b) - a
+            # from the nearer end, as numpy does, so that both ends are exact
             return float(b - step * (1 - fraction) if fraction >= 0.5 else a + step * fraction)
 
     def _numbers(self, ranks: Iterable[int]) -> list[float]:
@@ -215,6 +219,7 @@ class QuantileSearch:
         counts = np.diff(np.append(self.before, self.count))[keys]
         firsts = np.cumsum(counts) - counts  # of the numbers of each key among those near
         places = [int(firsts[i]) + rank for i, rank in rows]
+        # kept as it is partitioned, for the next quantile
         self._near = [np.partition(np.concatenate([*self._near, np.empty(0)]), places)]
         numbers: list[float] = self._near[0][places].tolist()
         return numbers
@@ -239,6 +244,7 @@ def _known(values: Float) -> Float:
 
 def _first_bits(values: Float, count: int) -> Int:
     """Return the first bits of each number: sign, exponent, and the beginning of the mantissa."""
+    # the shift copies the sign into all higher bits, which the mask removes
     bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64) >> (64 - count)
     bits &= (1 << count) - 1
     return bits

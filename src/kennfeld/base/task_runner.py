@@ -117,6 +117,7 @@ class _DirectLine:
         self._receive, self._stopping = receive, False
 
     def send(self, message: bytes) -> None:
+        # in this order, as each message is received
         self._stopping = self._receive(message) or self._stopping
 
     def is_stopping(self) -> bool:

@@ -61,6 +61,7 @@ def map_in_order(work: Callable[[_Item], _Outcome], items: Sequence[_Item]) -> I
     with ThreadPoolExecutor(count) as pool:
         try:
             for item in items:
+                # one more than there are threads, so that none waits until results are taken
                 if len(pending) > count:
                     yield pending.popleft().result()
                 pending.append(pool.submit(work, item))
@@ -76,6 +77,7 @@ def computed_once(work: Callable[[*_Arguments], _Outcome]) -> Callable[[*_Argume
 
     With `functools.cache` alone, threads that ask at the same time compute a result each, and get different objects.
     """
+    # reentrant, as a computation may ask for another result
     cached, lock = cache(work), RLock()
 
     @wraps(work)

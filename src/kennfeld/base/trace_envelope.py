@@ -13,11 +13,12 @@ class TraceEnvelope:
 
     def __init__(self, count: int, most: int) -> None:
         self.count, self.whole = count, count <= most
+        # each group gives two points
         self.size = 1 if self.whole else -(-count // max(most // 2, 1))
         self.groups = -(-count // self.size)
 
     def firsts(self, first: int, last: int) -> Int:
-        """Return the first samples of the groups that begin in a range of samples."""
+        """Return the first samples of the groups that begin from `first` to before `last`, Int[groups]."""
         return np.arange(-(-first // self.size) * self.size, last, self.size)
 
 
@@ -35,7 +36,7 @@ class Trace:
     ranges: list[tuple[int, Float, Float]] = field(default_factory=list)  # of the groups from a number on
 
     def add(self, groups: TraceEnvelope, first: int, values: Float) -> None:
-        """Add consecutive samples, of which the first has this number."""
+        """Add consecutive samples, Float[samples], of which the first has this number."""
         if not values.size:
             return
         if groups.size == 1:
@@ -44,6 +45,7 @@ class Trace:
             return
         number = first // groups.size
         edges = np.arange(number * groups.size, first + values.size, groups.size) - first
+        # the first group may have begun in the part before
         edges[0] = 0
         self.ranges.append((number, np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)))
 
@@ -52,7 +54,10 @@ class Trace:
         self.ranges += later.ranges
 
     def points(self, groups: TraceEnvelope) -> Float:
-        """Return minimum and maximum of each group in turn, NaN for a group without numbers; or the values."""
+        """Return minimum and maximum of each group in turn, Float[2 groups]; or the values, Float[samples], if few.
+
+        A group without numbers is NaN.
+        """
         if groups.whole and sum(values.size for _, values, _ in self.ranges) == groups.count:
             return np.concatenate([np.zeros(0), *(values for _, values, _ in self.ranges)])
         pair = np.full((groups.groups, 2), np.nan)

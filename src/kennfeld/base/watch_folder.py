@@ -27,6 +27,7 @@ def note_temporary(path: Path) -> None:
     """Let the process that watches this one remove a file that is left behind."""
     folder = watch_folder()
     if folder is not None:
+        # a list for each thread, so that lines of two never mix
         name = f"{os.getpid()}-{threading.get_ident()}{_NAMES}"
         with suppress(OSError), (folder / name).open("a", encoding="utf-8", errors="surrogateescape") as file:
             file.write(f"{path.absolute()}\0")

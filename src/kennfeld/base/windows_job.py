@@ -60,6 +60,7 @@ class WindowsJob:
         if self._library is None:
             return
         for name in ("CreateJobObjectW", "OpenProcess"):
+            # handles have 64 bits, of which the default type would cut the upper half
             getattr(self._library, name).restype = ctypes.c_void_p
         self._handle = ctypes.c_void_p(self._library.CreateJobObjectW(None, None))
         self.set_limits(processes, memory)

@@ -75,6 +75,7 @@ class XmlElement:
         while waiting:
             element = waiting.pop()
             yield element
+            # the end is taken next, which has to be the first child
             waiting += reversed(element.children)
 
 
@@ -115,6 +116,7 @@ class _DocumentBuilder:
         self.pieces: list[list[str] | None] = []  # the text of each open element; joined once, because it may be long
         self.count = 0
         self.parser = expat.ParserCreate()
+        # a text in one piece, not in one for each line
         self.parser.buffer_text = True
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
@@ -147,6 +149,7 @@ class _DocumentBuilder:
             element.text = "".join(pieces)
 
     def _characters(self, text: str) -> None:
+        # the indentation between elements
         if text.isspace():
             return
         pieces = self.pieces[-1]

@@ -52,4 +52,5 @@ __getattr__ = lazy_names(
         "merging": "Change Merged merge",
     },
 )
+# for `ParameterSet.save`, as the domain cannot import this package
 use_writer(write)

@@ -40,14 +40,15 @@ class Tolerance:
         """Return a mask of the elements that differ by more than the tolerance.
 
         Args:
-            left: Values of any shape.
+            left: Values of any shape, Float[...].
             right: Values of the same shape and unit.
 
         Returns:
-            A boolean array of that shape.
+            Bool[...], of that shape.
         """
         with np.errstate(invalid="ignore", over="ignore"):
             allowed = self.absolute + self.relative * np.maximum(np.abs(left), np.abs(right))
+            # inf - inf is NaN, so equal infinite values need the second condition
             far: Bool = ~(np.abs(left - right) <= allowed) & (left != right)
             known: Bool = ~(np.isnan(left) & np.isnan(right))
         return np.logical_and(far, known)
@@ -184,12 +185,14 @@ def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance)
     for letter, mine, its in zip(AXIS_LETTERS, first.axes, second.axes, strict=False):
         if mine.name != its.name:
             yield Difference(name, f"{letter} group axis", mine.name or "none", its.name or "none")
+        # a group axis of both sets is compared by itself
         if not mine.name or mine.name != its.name:
             yield from _axis_differences(name, f"{letter} ", mine, its, allowed)
         elif mine.unit != its.unit:
             yield Difference(name, f"{letter} unit", mine.unit, its.unit)
     if first.unit != second.unit:
         yield Difference(name, "unit", first.unit, second.unit)
+    # the same numbers mean something else for another number of inputs
     same_values = first.kind == "rbf" and np.array_equal(first.values, second.values)
     if same_values and not np.array_equal(first.packed, second.packed):
         yield Difference(name, "content", "an expansion", "another expansion")

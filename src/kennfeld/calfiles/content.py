@@ -56,7 +56,7 @@ def drop_trailing_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def in_rising_order(points: Float) -> tuple[Float, bool]:
-    """Return breakpoints that fall in the opposite order, and True; others as they are.
+    """Reverse breakpoints, Float[points], that fall, and return True with them; others stay as they are.
 
     >>> in_rising_order(np.array([-130.0, -140.0]))[0].tolist()
     [-140.0, -130.0]
@@ -66,7 +66,7 @@ def in_rising_order(points: Float) -> tuple[Float, bool]:
 
 
 def turn(values: Float, axes: Sequence[Axis]) -> Float:
-    """Convert values between the rising order of breakpoints and that of a file, in either direction.
+    """Convert values, Float[x, y, ...], between the rising order of breakpoints and that of a file, either way.
 
     >>> turn(np.array([1.0, 2.0]), [Axis([0, 1], falling=True)]).tolist()
     [2.0, 1.0]
@@ -76,12 +76,12 @@ def turn(values: Float, axes: Sequence[Axis]) -> Float:
 
 
 def stored_breakpoints(axis: Axis) -> Float:
-    """Return the breakpoints as files store them: those of a falling axis from the greatest to the least."""
+    """Return the breakpoints, Float[points], as files store them: of a falling axis from the greatest to the least."""
     return turn(axis.breakpoints, (axis,))
 
 
 def in_stored_order(member: Parameter, axes: Sequence[Axis] | None = None) -> tuple[Float, list[Float]]:
-    """Return the values of a parameter and the breakpoints of each axis, as files store them.
+    """Return the values of a parameter, Float[x, y, ...], and the breakpoints of each axis, as files store them.
 
     Args:
         member: The parameter.
@@ -103,7 +103,7 @@ def stored_like(axis: Axis, known: Axis) -> Axis:
 
 
 def describe_fall(points: Float) -> str:
-    """Return the first breakpoint that is not above the one before; empty if they increase."""
+    """Describe the first of breakpoints, Float[points], that is not above the one before; empty if they increase."""
     for at in np.flatnonzero(points[1:] <= points[:-1]):
         return f"breakpoint {at + 2} ({points[at + 1]:g}) does not exceed breakpoint {at + 1} ({points[at]:g})"
     return ""
@@ -122,8 +122,8 @@ def replace_numbers(text: str, before: Float, now: Float, write: Callable[[float
 
     Args:
         text: Numbers separated by blanks.
-        before: The numbers in the text.
-        now: As many numbers that take their place.
+        before: The numbers in the text, Float[numbers].
+        now: Those that take their place, Float[numbers].
         write: Returns the text of a number, given also the word that it replaces.
 
     >>> replace_numbers("1.0  2", np.array([1.0, 2.0]), np.array([1.0, 3.0]), lambda number, word: f"{number:g}")

@@ -77,6 +77,7 @@ def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
     ((19, 13), 'Nm')
     """
     parameters = _read_content(Path(path), a2l).parameters
+    # formats that keep the rest of a file state an origin of their own
     return parameters if parameters.origin is not None else parameters.from_origin(Path(path).absolute())
 
 
@@ -124,7 +125,7 @@ def write(
         a2l: The A2L file that describes `image`.
 
     Returns:
-        FileFindings about the new file, such as rounding.
+        Findings on the new file, such as rounding.
 
     Raises:
         ArgumentError: The ending is unknown.
@@ -174,6 +175,7 @@ def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
     converter = _converter_for(Path(file))
     for member in parameters.values():
         try:
+            # one by one: a converter refuses a set as a whole
             _written(converter, ParameterSet([member]), file)
         except InputError as error:
             reasons[member.name] = error.findings[0]
@@ -255,6 +257,7 @@ def _impression(identity: Identity) -> str:
     if known is BINARY:
         return "holds binary data"
     if known is CSV:
+        # there is a line, as `_other_file` has reported blank files
         return f"begins with {head.text.strip().splitlines()[0][:60]!r}"
     return f"looks like {known.phrase}"
 
@@ -286,4 +289,5 @@ def _converter_for(path: Path) -> CalibrationConverter:
 def _written(converter: CalibrationConverter, parameters: ParameterSet, name: str) -> WriteResult:
     """Convert a set to a file; raises `InputError` naming what the format cannot store."""
     result: str | WriteResult = call(converter.write, parameters, name)
+    # only lone surrogates cannot be encoded
     return WriteResult(result.encode("utf-8", errors="replace")) if isinstance(result, str) else result

@@ -67,6 +67,7 @@ class CalibrationSource:
     @property
     def lines(self) -> list[str]:
         """The lines of `text` with their original line ends; the last one may have none."""
+        # `splitlines` would also split at form feeds and other separators
         return _LINE.findall(self._decoded)
 
     def encoded(self, text: str) -> bytes:
@@ -82,6 +83,7 @@ class CalibrationSource:
         if self.mark:
             return _MARKS[self.mark]
         encoding = detect_encoding(self.raw, whole=True)
+        # Latin-1 keeps each byte, so that the file can be written as it was
         try:
             self.raw.decode(encoding)
         except ValueError:
@@ -117,6 +119,7 @@ class WriteResult:
 
 def build_set(items: dict[Key, Item], axes: Iterable[Axis], origin: object | None = None) -> ParameterSet:
     """Build a set from items by name and variant; the first variant of each label is used, the rest are `others`."""
+    # from the last to the first, so that the first variant of a name remains
     first = {name: (name, variant) for name, variant in reversed(items)}
     chosen = [items[key] for key in items if first[key[0]] == key]
     members = [item for item in chosen if isinstance(item, Parameter)]

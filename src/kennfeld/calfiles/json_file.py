@@ -70,6 +70,7 @@ def _entry(item: Item) -> dict[str, Any]:
         entry[letter] = axis.breakpoints.tolist()
     if item.axes and item.extrapolation != "clip":
         entry["extrapolation"] = item.extrapolation
+    # JSON has neither NaN nor infinity
     values = item.values.astype(object)
     values[~np.isfinite(item.values)] = None
     return entry | {"value" if item.kind == "scalar" else "values": values.tolist()}
@@ -112,6 +113,7 @@ def read_json(source: CalibrationSource) -> ReadResult:
 def _load_entries(text: str, findings: FileFindings) -> list[tuple[str, Any]]:
     """Return the entries in order; duplicate keys are reported."""
     try:
+        # integers as floats, so that all numbers are of one type
         pairs = json.loads(text.removeprefix("\ufeff"), object_pairs_hook=_Pairs, parse_int=float)
     except json.JSONDecodeError as error:
         line = text.split("\n")[error.lineno - 1] if error.lineno <= text.count("\n") + 1 else ""
@@ -176,6 +178,7 @@ class _JsonReader:
         entries = entry.get("others", [])
         if not isinstance(entries, list):
             return self._wrong(f"{name}.others", f"must be a list of entries, got {_describe_value(entries)}")
+        # further variants are entries of the same form
         inner = _JsonReader(self.findings)
         for other in entries:
             inner.take(name, other)
@@ -227,6 +230,7 @@ class _JsonReader:
 
     def _table(self, name: str, entry: _Pairs, attributes: dict[str, Any]) -> Parameter | None:
         letters = _TABLES.get(entry["kind"], "")
+        # a cube has three axes or four
         letters = letters if letters != "xyzw" or "w" in entry else "xyz"
         axes = [self._axis(name, entry, letter) for letter in letters]
         if letters and "extrapolation" in entry:
@@ -273,6 +277,7 @@ class _JsonReader:
             message = f"must be a list of rows of input, position and height, got {_describe_value(rows)}"
             self._wrong(f"{name}.hinges", message)
             return None
+        # the weights state how many centres there are; all other parts must match
         inputs, centres = len(labels), len(entry["weights"]) if isinstance(entry["weights"], list) else 0
         shapes: tuple[list[int], ...] = ([], [inputs], [centres], [centres, inputs], [centres, inputs], [len(rows), 3])
         parts = []
@@ -313,6 +318,7 @@ class _JsonReader:
     def _numbers(self, value: Any, shape: list[int], path: str) -> Float | None:
         """Return the numbers of a nested list as an array; None, with findings, if an entry is wrong."""
         numbers = list(self._flatten(value, shape, path))
+        # a wrong entry yields nothing, so that the count differs
         return np.array(numbers, dtype=np.float64).reshape(shape) if len(numbers) == int(np.prod(shape)) else None
 
     def _flatten(self, value: Any, shape: list[int], path: str) -> Iterator[float]:

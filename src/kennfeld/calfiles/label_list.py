@@ -69,6 +69,7 @@ def read_label_list(path: Path) -> LabelList:
     """
     with convert_errors(path, "cannot be read", missing="file not found"):
         size = path.stat().st_size
+        # too large a file counts as a binary one
         raw = path.read_bytes() if size <= _MOST_BYTES else b"\0"
     source = CalibrationSource(path.name, raw, path)
     if source.is_binary:

@@ -53,6 +53,7 @@ class StructValue:
 
     def folded(self) -> dict[str, str]:
         """Return each field without regard to case and underscores."""
+        # from the last to the first, so that of names that fold to one the first counts
         return {_fold_name(name): name for name in reversed(self.fields)}
 
     def get(self, names: Iterable[str]) -> "Value | None":
@@ -87,6 +88,7 @@ def parameters_of(
 
 def holds_samples(variables: Mapping[str, Value]) -> str:
     """Return the name of a variable that shows recorded samples; empty if it can be a calibration."""
+    # recordings have no breakpoints
     if INFO in variables or any(_is_table(value) for value in variables.values()):
         return ""
     return next(filter(None, (_sample_name(name, value, 0) for name, value in variables.items())), "")
@@ -140,6 +142,7 @@ class _StructReader:
             self.findings.warning(line, name, "is a cell array, which cannot be a parameter; skipped")
 
     def _plain(self, name: str, value: Float, labels: dict[str, Any], line: int) -> None:
+        # a vector is a matrix with one row or column in MATLAB
         values = value.ravel() if value.ndim == 2 and 1 in value.shape else value
         if values.size == 0:
             self.findings.warning(line, name, "is empty; skipped")
@@ -170,6 +173,7 @@ class _StructReader:
             self._spare_axis(name, struct, line)
         elif isinstance(struct.get(["text"]), str):
             self._text(name, _text_of(struct, "text"), struct, line)
+        # x and y alone are a curve, with y as its values
         elif set(_VALUES) & known or {"x", "y"} <= known:
             self._table(name, struct, line)
         elif depth > 20 or not struct.fields:
@@ -226,6 +230,7 @@ class _StructReader:
 
     def _over_axes(self, name: str, values: Float, axes: list[Axis], labels: dict[str, Any], line: int) -> None:
         shape = tuple(map(len, axes))
+        # MATLAB drops trailing sizes of 1
         padded = values.shape + (1,) * (len(shape) - values.ndim)
         if (len(shape) == 1 and values.size == shape[0]) or drop_trailing_ones(padded) == drop_trailing_ones(shape):
             self._hold(parameter(name, turn(values.reshape(shape, order="F"), axes), axes, **labels), line)
@@ -284,6 +289,7 @@ def _table_parts(struct: StructValue) -> tuple[Float | None, list[Float | None]]
     if breakpoints is not None:
         listed = breakpoints if isinstance(breakpoints, list) else [breakpoints]
         return values, list(map(_numbers, listed[:_MAX_DIMENSIONS]))
+    # y counts only beside x, and z beside both
     return values, [_numbers(struct.get(names)) for names in takewhile(known.intersection, _AXES)]
 
 

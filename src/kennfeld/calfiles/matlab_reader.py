@@ -58,6 +58,7 @@ def to_plain_value(value: m.Value, depth: int = 0) -> Value:
 
 def _to_array(value: m.Array) -> Value:
     if value.dtype.kind == "U":
+        # numpy stores the character NUL as an empty one
         return "\n".join("".join(character or "\0" for character in line) for line in value.tolist() if value.ndim == 2)
     if value.dtype.kind == "O":
         return str(value.flat[0]) if value.size == 1 else list(map(str, value.ravel(order="F")))
@@ -101,6 +102,7 @@ def _neighbouring_files(source: CalibrationSource) -> Files:
     folder = None if source.path is None else source.path.parent
 
     def content(name: str) -> bytes | None:
+        # a script reaches no other folder
         if folder is None or "/" in name or "\\" in name:
             return None
         file = folder / name

@@ -66,6 +66,7 @@ def _plain_value(item: Item) -> Value | None:
     if isinstance(item, Text):
         return item.text
     shape = item.values.shape
+    # MATLAB drops trailing sizes of 1, and a single row or column is read as a vector
     drops_ones = len(shape) > 1 and (1 in shape[:2] or shape[-1] == 1)
     return None if item.axes or (item.kind == "block" and (item.size == 1 or drops_ones)) else item.values
 
@@ -93,6 +94,7 @@ def write_script(parameters: ParameterSet, file: str) -> str:
     variables = dict(variables_of(parameters))
     struct = variables.pop(INFO, StructValue())
     info = struct.fields if isinstance(struct, StructValue) else {}
+    # the group axes have the first variables, in their order
     groups = {axis.name: name for axis, name in zip(parameters.axes, variables, strict=False)}
     parts = [_HEAD]
     for name, value in variables.items():
@@ -166,6 +168,7 @@ def _format_array(values: Float) -> str:
         return f"[{_format_row(values)}]"
     if values.ndim == 2:
         return "[\n" + "".join(f"   {_format_row(row)}\n" for row in values) + "]"
+    # columns one after the other, as MATLAB stores arrays
     pages = " ...\n   ".join(_format_row(column) for column in values.reshape(values.shape[0], -1, order="F").T)
     return f"reshape([{pages}], [{' '.join(map(str, values.shape))}])"
 
@@ -201,6 +204,7 @@ def _to_savemat(value: Value) -> Any:
     if isinstance(value, StructValue):
         return {key: _to_savemat(inner) for key, inner in value.fields.items()}
     if isinstance(value, list):
+        # texts in a plain array would become a matrix of characters
         result = np.empty(len(value), dtype=object)
         result[:] = value
         return result

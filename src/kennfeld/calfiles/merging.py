@@ -62,6 +62,7 @@ def merge(sources: Sequence[tuple[str, ParameterSet]]) -> Merged:
     if conflicts:
         raise InputError(conflicts)
     chosen = {(item.name, item.variant): item for item, _ in items.values()}
+    # later sources replace further variants as well
     others = {key: item for _, members in sources for key, item in members.everything.items() if item.variant}
     variants = [item for key, item in others.items() if key not in chosen]
     parameters = [item for item in chosen.values() if isinstance(item, Parameter)]

@@ -20,23 +20,23 @@ _PROSE = frozenset({"LONG-NAME", "UNIT-DISPLAY-NAME"})  # their text may hold ma
 
 
 @dataclass(slots=True)
-class Element:
+class TreeElement:
     """One element: its tag without namespace, its text and its children."""
 
     tag: str
     line: int
     text: str = ""
-    children: Sequence["Element"] = ()
+    children: Sequence["TreeElement"] = ()
 
-    def all(self, tag: str) -> Iterator["Element"]:
+    def all(self, tag: str) -> Iterator["TreeElement"]:
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> "Element | None":
+    def first(self, tag: str) -> "TreeElement | None":
         return next(self.all(tag), None)
 
-    def walk(self, closed: Sequence[str] = ()) -> Iterator["Element"]:
+    def walk(self, closed: Sequence[str] = ()) -> Iterator["TreeElement"]:
         """Yield the element and all within it, but nothing within elements of the tags `closed`."""
-        waiting: list[Element] = [self]
+        waiting: list[TreeElement] = [self]
         while waiting:
             element = waiting.pop()
             yield element
@@ -54,12 +54,12 @@ class Element:
         return " ".join(text.split()) if "\n" in text else text
 
 
-def parse_xml(raw: bytes, findings: FileFindings, joined: str = "") -> Element | None:
+def parse_xml(raw: bytes, findings: FileFindings, joined: str = "") -> TreeElement | None:
     """Return the root of an XML document; None, with an error, if it is malformed or declares entities.
 
     External documents are never loaded: a document type is accepted, an entity (which could name a file of this
     machine, or grow without end) is refused where it is declared. Elements called `joined`, of which there may be
-    millions, are read as one where they follow each other; `Element.words` gives the text of each.
+    millions, are read as one where they follow each other; `TreeElement.words` gives the text of each.
     """
     result, separator = _join_elements(raw, joined.encode("ascii")) if joined else (raw, "")
     builder = _TreeBuilder(findings, joined, separator)
@@ -83,10 +83,12 @@ def _join_elements(raw: bytes, tag: bytes) -> tuple[bytes, str]:
     """
     ends, begins = b"</" + tag + b">", b"<" + tag + b">"
     separator = next((mark for mark in _SEPARATORS if mark not in raw), None)
+    # UTF-16, in which these tags are other bytes
     if separator is None or b"<![CDATA[" in raw or raw.count(b"\0", 0, 100):
         return raw, ""
     gap = re.compile(re.escape(ends) + rb"(\s*)" + re.escape(begins))
     result = raw
+    # each kind of gap, such as a line break with its indentation, is replaced in the whole document at once
     for _ in range(_MAX_GAPS):
         match = gap.search(result)
         if match is None:
@@ -104,10 +106,11 @@ class _TreeBuilder:
         self.findings = findings
         self.joined = joined if separator else ""
         self.separator = separator
-        self.root: Element | None = None
-        self.open: list[Element] = []
+        self.root: TreeElement | None = None
+        self.open: list[TreeElement] = []
         self.pieces: list[list[str]] = []  # the text of each open element
         self.parser = expat.ParserCreate()
+        # a text in one piece, not in one for each line
         self.parser.buffer_text = True
         self.parser.buffer_size = 1 << 16
         self.parser.StartElementHandler = self._start
@@ -119,7 +122,7 @@ class _TreeBuilder:
     def _start(self, name: str, _: dict[str, str]) -> None:
         if ":" in name:
             name = name.rpartition(":")[2]
-        element = Element(name, self.parser.CurrentLineNumber)
+        element = TreeElement(name, self.parser.CurrentLineNumber)
         if not self.open:
             self.root = element
         elif isinstance(siblings := self.open[-1].children, list):

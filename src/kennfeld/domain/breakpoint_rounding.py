@@ -45,12 +45,14 @@ def nice_step(distance: float) -> float:
     if not (isfinite(most) and most > 0):
         return 0.0
     power = floor(log10(most))
+    # from text, which gives the double nearest to 0.002; a product with a power of ten may miss it
     steps = [float(f"{digit}e{power + more}") for more in (-1, 0) for digit in (1, 2, 5)]
+    # 1e-12: a distance that is meant to be 20 steps may be a rounding error less
     return max((step for step in steps if step <= most * (1 + 1e-12)), default=0.0)
 
 
 def separated(points: Float) -> Float:
-    """Return increasing breakpoints without those that are too close to another one; the ends remain.
+    """Drop increasing breakpoints that are too close to another one: Float[points] -> Float[kept]; the ends remain.
 
     Breakpoints are too close within 5e-7 of their size, or within a thousandth of the mean distance of the inner ones.
     The first and the last distance do not count: a single wrong sample stretches them.
@@ -72,6 +74,7 @@ def separated(points: Float) -> Float:
             kept.append(point)
     last = float(points[-1])
     if kept[-1] != last and len(kept) > 1:
+        # of two that are close at the end, the outer one stays
         kept[-1] = last
     return np.array(kept)
 
@@ -89,8 +92,10 @@ def rounded(points: Float) -> RoundedBreakpoints:
     if points.size < 2:
         return RoundedBreakpoints(points)
     with np.errstate(over="ignore"):
+        # a distance beyond the largest double is infinite; `nice_step` has no step for it
         gaps = np.diff(points)
     nearer = np.minimum(np.append(gaps, np.inf), np.insert(gaps, 0, np.inf))
+    # outwards at both ends: the axis still covers the data
     ways: list[Callable[[float], int]] = [floor, *[round] * (points.size - 2), ceil]
     pairs = [_rounded(float(x), nice_step(float(d)), way) for x, d, way in zip(points, nearer, ways, strict=True)]
     result = np.array([number for number, _ in pairs])
@@ -102,8 +107,10 @@ def rounded(points: Float) -> RoundedBreakpoints:
 
 def _rounded(number: float, step: float, way: Callable[[float], int]) -> tuple[float, float]:
     """Return a number as a multiple of a step, and the step; both unchanged and 0 if no double is such a multiple."""
+    # also if there is no step, which is 0
     if not step > abs(number) * 10.0**-DIGITS:
         return number, 0.0
+    # 0.002 as 2 and -3: an integer with this power, as text, becomes the double nearest to the multiple
     digit, _, power = f"{step:e}".partition("e")
     unit = int(float(digit))
     for each in (unit, 5):  # 1750 is rounder than any multiple of 20

@@ -38,6 +38,7 @@ def parse_formula(text: str) -> Formula | None:
     >>> parse_formula("X1 ^ 2") is None
     True
     """
+    # what no token covers, or lies beyond the limit, is missing in the tokens joined
     tokens = _TOKEN.findall(text[: _MAX_CHARACTERS + 1])
     if "".join(tokens) != text or len(tokens) > _MAX_TOKENS:
         return None
@@ -62,6 +63,7 @@ def nan_if_infinite(values: Float) -> Float:
 
 def _compile(node: ast.expr) -> Formula:
     match node:
+        # `True` is an int to Python
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
             return lambda raw: np.full(np.shape(raw), float(number))
         case ast.Name(id=name) if name.casefold() in ("x", "x1"):
@@ -76,6 +78,7 @@ def _compile(node: ast.expr) -> Formula:
 
 
 def _call(function: np.ufunc, operands: Sequence[ast.expr]) -> Formula:
+    # NumPy would take a further operand for the array that receives the result
     if len(operands) != function.nin:
         raise _UnsupportedFormulaError
     arguments = list(map(_compile, operands))

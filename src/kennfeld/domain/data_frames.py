@@ -41,6 +41,7 @@ def grid_frame(name: str, values: Float, axes: Sequence[GridAxis]) -> Any:
     labels, points = zip(*axes, strict=True)
     if len(axes) == 2:
         rows, columns = (pandas.Index(ticks, name=label) for label, ticks in axes)
+        # a copy, here and below: the arrays of parameters and channels cannot be written to
         return pandas.DataFrame(np.array(values), index=rows, columns=columns)
     if len(axes) == 1:
         return pandas.DataFrame({name: np.array(values)}, index=pandas.Index(points[0], name=labels[0]))
@@ -64,6 +65,7 @@ def sample_frame(columns: Mapping[str, Float], time: Float | None, starts: Int) 
     count = next((values.size for values in columns.values()), 0 if time is None else time.size)
     index = pandas.RangeIndex(count, name="sample") if time is None else pandas.Index(time, name="time [s]")
     if starts.size > 1:
+        # the last piece that begins at or before a sample
         pieces = np.searchsorted(starts, np.arange(count), side="right") - 1
         index = pandas.MultiIndex.from_arrays([pieces, index], names=["piece", index.name])
     return pandas.DataFrame({name: np.array(values) for name, values in columns.items()}, index=index)

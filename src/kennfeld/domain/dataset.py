@@ -166,6 +166,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         if self.use not in ("training", "test"):
             raise ArgumentError(f"use={self.use!r} of dataset {self.name} must be training or test")
         starts = np.array(self.starts, dtype=np.int64)
+        # a dataset without samples has one piece, which is empty
         if starts.size == 0 or starts[0] != 0 or np.any(np.diff(starts) <= 0) or starts[-1] > max(self.samples - 1, 0):
             raise ArgumentError(
                 f"starts={starts.tolist()} of dataset {self.name} must rise from 0 within {self.samples} samples"
@@ -189,7 +190,9 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             raise ArgumentError(
                 f"time of dataset {self.name} has shape {time.shape}, its channels have {self.samples} samples"
             )
+        # from one piece to the next, time may go back
         for first, steps in time_steps(time, self.starts, between=1.0):
+            # NaN counts as well
             bad = np.flatnonzero(~(steps > 0))
             if bad.size:
                 k = first + int(bad[0]) - 1
@@ -291,6 +294,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         indices = np.asarray(samples)
         channels = tuple(replace(c, values=c.values[indices]) for c in self.channels)
         scored = None if self.scored is None else self.scored[indices]
+        # a mask becomes numbers, as an index array is
         files = None if self.files is None else self.files.picked(np.arange(self.samples)[indices])
         return replace(self, channels=channels, starts=np.zeros(1, dtype=np.int64), scored=scored, files=files)
 
@@ -310,7 +314,10 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
 def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tuple[int, Float]]:
     """Yield a number of a sample and the steps in s before it and the samples after it, block by block.
 
-    `between` stands for the steps from one piece to the next.
+    Args:
+        time: time stamps in s, Float[samples].
+        starts: first sample of each piece, Int[pieces].
+        between: stands for the steps from one piece to the next.
 
     >>> [steps for _, steps in time_steps(np.array([0.0, 0.1, 0.0, 0.2]), np.array([0, 2]))]
     [array([0.1, nan, 0.2])]
@@ -318,6 +325,7 @@ def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tu
     for first in range(1, time.size, SAMPLES_PER_BLOCK):
         last = min(first + SAMPLES_PER_BLOCK, time.size)
         steps = np.diff(time[first - 1 : last])
+        # steps[k] leads to sample first + k; one that leads to a start comes from another piece
         begin, end = np.searchsorted(starts, [first, last])
         steps[starts[begin:end] - first] = between
         yield first, steps
@@ -337,11 +345,12 @@ def longest_usual_step(steps: Float) -> float:
     >>> longest_usual_step(np.array([0.02, 0.5, 0.02, 0.5])) < 0.5
     False
     """
+    # "lower" gives a step that occurs, not a number between a usual step and a pause
     return PAUSE * (1.0 + _ROUNDING) * float(np.quantile(steps, _USUAL, method="lower"))
 
 
 def replace_infinite(values: Float) -> tuple[Float, str]:
-    """Return values with NaN for infinite ones, and a message that counts these; empty if there are none.
+    """Replace infinite values by NaN, Float[any], and count them in a message; it is empty if there are none.
 
     >>> replace_infinite(np.array([1.0, np.inf]))
     (array([ 1., nan]), '1 of 2 values is infinite and treated as missing')
@@ -367,6 +376,7 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
         return parts[0] if parts[0].name == name else replace(parts[0], name=name)
     shared = [channel for channel in parts[0].channels if all(channel.name in part for part in parts)]
     channels = tuple(replace(c, values=np.concatenate([part[c.name].values for part in parts])) for c in shared)
+    # starts count from the beginning of their own part
     offsets = np.cumsum([0, *(part.samples for part in parts[:-1])])
     starts = np.concatenate([part.starts + offset for part, offset in zip(parts, offsets, strict=True)])
     time = None if parts[0].time is None else np.concatenate([p.time for p in parts if p.time is not None])
@@ -375,6 +385,7 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
         scored = np.concatenate([part.counting for part in parts])
     if any(part.recorded is not None for part in parts):
         recorded = np.concatenate([np.ones(p.samples, bool) if p.recorded is None else p.recorded for p in parts])
+    # parts of one recording repeat what its reader has reported
     findings = tuple(dict.fromkeys(finding for part in parts for finding in part.findings))
     return replace(
         parts[0],
@@ -407,6 +418,7 @@ def join_files(files: Sequence[FileSpans | None], samples: Sequence[int]) -> Fil
         if own is None:
             return None
         names += own.names
+        # without the samples of the file that are outside of the part
         lengths += own.sizes(count).tolist()
         times += own.start_times
     return FileSpans.joined(names, lengths, times)

@@ -48,6 +48,7 @@ class FileSpans:
         ends = self.starts + self.lengths
         if not samples:
             return True
+        # each ends where the next one begins
         gapless = bool(np.array_equal(ends[:-1], self.starts[1:]))
         return bool(self.names) and gapless and bool(self.starts[0] <= 0) and bool(ends[-1] >= samples)
 
@@ -59,20 +60,23 @@ class FileSpans:
         return type(self)(names, self.starts[inside] - first, self.lengths[inside], times)
 
     def picked(self, samples: Int) -> Self | None:
-        """Return the files of some samples, by number, as if they had no others; None unless the numbers rise."""
+        """Return the files of some samples, Int[picked], as if they had no others; None unless the numbers rise."""
         if np.any(np.diff(samples) <= 0):
             return None
+        # the edges between files, counted in picked samples
         edges = np.searchsorted(samples, np.append(self.starts, self.starts[-1:] + self.lengths[-1:]))
         return type(self)(self.names, edges[:-1], np.diff(edges), self.start_times)
 
     def parts(self, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-        """Yield each file with its part of the values of a dataset, [samples]."""
+        """Yield each file with its part of the values of a dataset: [samples], any type -> [samples of the file]."""
         for name, start, length in zip(self.names, self.starts, self.lengths, strict=True):
+            # a negative start would count from the end
             yield name, values[max(start, 0) : start + length]
 
     def sizes(self, samples: int) -> Int:
         """Return how many of a number of samples come from each file, Int[files]."""
         ends = np.append(self.starts, self.starts[-1:] + self.lengths[-1:])
+        # what lies outside of the samples has no length once its edges are cut
         return np.diff(np.clip(ends, 0, samples))
 
 
@@ -88,6 +92,7 @@ def short_names(names: Sequence[str]) -> dict[str, str]:
     for count in range(1, longest + 1):
         ends: dict[str, list[str]] = {}
         for name in (name for name in parts if name not in short):
+            # an end that a single path has becomes its name; those that share one take a part more
             ends.setdefault("/".join(parts[name][-count:]), []).append(name)
         short |= {own[0]: end for end, own in ends.items() if len(own) == 1 or count == longest}
         if len(short) == len(parts):

@@ -66,13 +66,14 @@ def free_axes(parameters: ParameterSet) -> dict[AxisKey, FreeAxis]:
     for key, places in _places(parameters).items():
         axes = (parameters[name].axes[direction] for name, direction in places)
         axis = next((axis for axis in axes if axis.free), None)
+        # a table is constant along an axis of one breakpoint, wherever that lies
         if axis is not None and len(axis) > 1:
             free[key] = FreeAxis(key, axis, tuple(places))
     return free
 
 
 def with_breakpoints(parameters: ParameterSet, breakpoints: Mapping[AxisKey, Float]) -> ParameterSet:
-    """Return the set with other breakpoints on some axes, the same in every table of a group; values stay."""
+    """Replace the breakpoints of some axes, Float[points] each, in every table of a group; values stay."""
     if not breakpoints:
         return parameters
 
@@ -83,12 +84,12 @@ def with_breakpoints(parameters: ParameterSet, breakpoints: Mapping[AxisKey, Flo
 
 
 def breakpoints_by_name(breakpoints: Mapping[AxisKey, Float]) -> dict[str, Float]:
-    """Return the breakpoints under names that no parameter can have, to be stored with the values of tables."""
+    """Name breakpoints, Float[points] each, as no parameter can be called, to be stored with the values of tables."""
     return {f"{AXIS_LABEL}{key}": points for key, points in breakpoints.items()}
 
 
 def with_labelled(parameters: ParameterSet, values: Mapping[str, Float]) -> ParameterSet:
-    """Return the set with the breakpoints of its free axes among some values, named as by `breakpoints_by_name`."""
+    """Replace the breakpoints of free axes by those among some values, which `breakpoints_by_name` has named."""
     breakpoints = {key: values[label] for key in free_axes(parameters) if (label := f"{AXIS_LABEL}{key}") in values}
     return with_breakpoints(parameters, breakpoints)
 
@@ -112,6 +113,7 @@ def with_free_axes(parameters: ParameterSet, patterns: Iterable[str]) -> Paramet
     keys = {str(key): key for key in _places(parameters)}
     free = set()
     for pattern in patterns:
+        # equal, too: [ and ] in a name mean a choice of characters in a pattern
         matches = {key for label, key in keys.items() if label == pattern or fnmatchcase(label, pattern)}
         if not matches:
             remedy = nearest(pattern, keys) or f"The axes are {join_names(keys, 12)}."
@@ -125,5 +127,6 @@ def _with_axes(parameters: ParameterSet, change: Callable[[Axis, AxisKey], Axis]
         name: tuple(change(axis, key_of(member, i)) for i, axis in enumerate(member.axes))
         for name, member in parameters.items()
     }
+    # replaced all at once, as a group axis has to be the same in all its tables
     changed = [member.changed(axes=axes[name]) for name, member in parameters.items() if axes[name] != member.axes]
     return parameters.with_parameters(*changed)

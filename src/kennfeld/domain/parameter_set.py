@@ -76,11 +76,13 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         spare = tuple(axes)
         groups = _group_axes(members, spare)
         tables = [item for item in (*members, *rest) if isinstance(item, Parameter) and item.axes]
+        # only a mixture can contradict; the usual set needs no further pass
         if len({axis.falling for axis in (*spare, *(a for each in tables for a in each.axes)) if axis.name}) > 1:
             falling = {axis.name: axis.falling for axis in groups}
             members = tuple(_with_falling(member, falling) for member in members)
             rest = tuple(_with_falling(item, falling) if isinstance(item, Parameter) else item for item in rest)
         vars(self).update(parameters=members, texts=notes, others=rest, origin=origin, unstated=frozenset(unstated))
+        # the members may have been replaced in that pass
         vars(self)["_by_name"] = dict(zip(by_name, members, strict=True))
         vars(self)["axes"] = groups
 
@@ -166,15 +168,19 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         )
         members = dict(zip(self, self.parameters, strict=True)) | dict(zip(new, new.parameters, strict=True))
         for text in new.texts:
+            # a name is either a parameter or a text, as `other` has it
             members.pop(text.name, None)
         texts = {text.name: text for text in (*self.texts, *new.texts) if text.name not in new}
+        # the axes of tables are found through these; only those without a table are passed on
         used = {axis.name for member in members.values() for axis in member.axes}
         spare = {axis.name: axis for axis in self.axes if axis.name not in used}
         axes = (spare | {axis.name: axis for axis in new.axes}).values()
         merged = ParameterSet(members.values(), texts.values(), axes)
         others = {**self.everything, **new.everything}
         for member in merged.chosen:
+            # everything else remains a further variant, the values selected before among it
             others.pop((member.name, member.variant), None)
+        # an empty set takes over the file of the other one
         origin = (self if self.chosen else other).origin
         return ParameterSet(merged.parameters, merged.texts, merged.axes, others.values(), origin)
 
@@ -251,6 +257,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         grids = [_coordinates(member) for member in members]
         for direction in range(max((len(grid) for grid in grids), default=0)):
             parts = [
+                # a table of fewer axes has no coordinate here
                 grid[direction] if direction < len(grid) else np.full(size, np.nan)
                 for grid, size in zip(grids, sizes, strict=True)
             ]
@@ -300,6 +307,7 @@ def _group_axes(members: tuple[Parameter, ...], spare: tuple[Axis, ...]) -> tupl
                 f"group axis {axis.name} has different breakpoints in {user} and in {users[axis.name]}: "
                 f"{axis.breakpoints.tolist()} and {first.breakpoints.tolist()}"
             )
+    # reversed, so that the first of equal names counts
     falling = {axis.name: axis.falling for axis in reversed(spare)}
     return tuple(_turned(axis, falling) for axis in groups.values())
 

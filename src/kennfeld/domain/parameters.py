@@ -148,6 +148,7 @@ class Axis:
         if not (self.min_distance > 0 and np.isfinite(self.min_distance)):
             raise ArgumentError(f"min_distance={self.min_distance:g} of axis {self.label} must be > 0")
         gaps = np.diff(points)
+        # breakpoints that were fitted with this distance may be a rounding error closer
         if gaps.size and gaps.min() < self.min_distance - 1e-6 * gaps.mean():
             at = int(gaps.argmin())
             raise ArgumentError(
@@ -169,6 +170,7 @@ class Axis:
         least, mean = float(gaps.min()), float(gaps.mean())
         if self.min_distance is None:
             return min(max(least, LEAST_SPACING * mean), MIN_SPACING * mean)
+        # by rounding, the smallest gap may be the lesser one
         return min(least, self.min_distance)
 
     def changed(self, **changes: Any) -> "Axis":
@@ -238,10 +240,11 @@ class Parameter(NotebookDisplay):
         for side in ("lower", "upper"):
             attributes[side] = self._spread(side, array(attributes[side], f"{side} bounds of {self.name}"))
         attributes["locked"] = self._spread("locked", truths(self.locked, f"locked of {self.name}"))
+        # false for NaN, too, which is refused as well
         ordered = self.lower <= self.upper
         if not ordered.all():
-            crossed = ~ordered
-            at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))
+            reversed_bounds = ~ordered
+            at = tuple(int(i) for i in np.unravel_index(int(reversed_bounds.argmax()), reversed_bounds.shape))
             place = f"{self.name}{list(at)}" if at else self.name
             bounds = f"the lower bound {self.lower[at]:g} above its upper bound {self.upper[at]:g}"
             raise ArgumentError(f"{place} has {bounds}")
@@ -252,6 +255,7 @@ class Parameter(NotebookDisplay):
     def _spread(self, attribute: str, numbers: NDArray[Any]) -> Any:
         try:
             same = numbers.shape == self.values.shape
+            # memory of its own: the caller may write to the array later
             spread = numbers.copy() if same else np.broadcast_to(numbers, self.values.shape).copy()
         except ValueError:
             message = f"{attribute} of {self.name} has shape {numbers.shape}, its values have {self.values.shape}"
@@ -273,6 +277,7 @@ class Parameter(NotebookDisplay):
     def at_bound(self) -> Bool:
         """True for values at a bound; locked values, and those with equal bounds, do not count."""
         outside = (self.values <= self.lower) | (self.values >= self.upper)
+        # equal bounds are another way to lock a value
         return outside & ~self.locked & (self.lower < self.upper)
 
     @property
@@ -287,7 +292,7 @@ class Parameter(NotebookDisplay):
 
     @property
     def packed(self) -> Float:
-        """The values as compiled code reads them if no calibration changes them, in C order."""
+        """The values as compiled code reads them if no calibration changes them: Float[values], in C order."""
         return self.values.ravel()
 
     def to_frame(self) -> Any:
@@ -321,6 +326,7 @@ class Parameter(NotebookDisplay):
 
     def changed(self, **changes: Any) -> Self:
         """Return the same parameter with some of its attributes replaced."""
+        # not the constructor of the kind, which takes other arguments
         copy = object.__new__(type(self))
         Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
         return copy
@@ -330,6 +336,7 @@ class Parameter(NotebookDisplay):
             return NotImplemented
         plain = ("kind", "name", "axes", "unit", "extrapolation", *LABELS)
         arrays = ("values", "lower", "upper", "locked")
+        # a value may be NaN, missing; bounds and locks never are
         return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
             np.array_equal(getattr(self, a), getattr(other, a), equal_nan=a == "values") for a in arrays
         )

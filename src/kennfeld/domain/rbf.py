@@ -1,4 +1,4 @@
-"""Radial basis functions: a plane, perhaps with kinks, plus a sum of bells.
+"""Radial basis functions: a plane, perhaps with kinks, plus a sum of bell-shaped kernels, "bells" for short.
 
 `Expansion` is the function, which every data-driven model of this package evaluates; `RBF` is the parameter that holds
 its values, so that they can be calibrated, for example in place of a large map.
@@ -25,7 +25,7 @@ Kernel = Literal["gaussian", "matern52"]
 
 
 def kernel_of_square(square: Float, kernel: Kernel) -> tuple[Float, Float]:
-    """Return the bell b at squared distances r^2 in widths, and its decline -db/dr / r; both of the shape of `square`.
+    """Evaluate the bell b at squared distances r^2 in widths, Float[any], and its decline -db/dr / r; both Float[any].
 
     The Gaussian bell is exp(-r^2 / 2), which is its own decline. The one of the Matern kernel of order 5/2 is
     (1 + s + s^2 / 3) exp(-s) with s = sqrt(5) r; it is twice differentiable, and its decline is 5/3 (1 + s) exp(-s).
@@ -120,10 +120,11 @@ class Expansion:
         return self.weights.size
 
     def __call__(self, x: Float) -> Float:
-        """Return the value at each point: Float[..., inputs] -> Float[...]."""
+        """Evaluate the function at each point: Float[..., inputs] -> Float[...]."""
         points, shape = self._points(x)
         value = np.empty(len(points))
         for part, _, square in self._blocks(points):
+            # [points, centres] @ [centres]
             value[part] = kernel_of_square(square, self.kernel)[0] @ self.weights
         with np.errstate(invalid="ignore", over="ignore"):
             value += self.offset + points @ self.slopes
@@ -135,6 +136,7 @@ class Expansion:
         """Return the slope along each input at each point: Float[..., inputs] -> Float[..., inputs]."""
         points, shape = self._points(x)
         slopes = np.empty(points.shape)
+        # dy/dx_d = slope_d - sum_i weight_i decline_i (x_d - c_id) / width_id^2; `distances` has one of the divisions
         for part, distances, square in self._blocks(points):
             weighted = kernel_of_square(square, self.kernel)[1] * self.weights
             for d in range(self.inputs):
@@ -170,6 +172,7 @@ class Expansion:
     def _distances(self, x: Float, d: int) -> Float:
         with np.errstate(over="ignore", invalid="ignore"):
             distance: Float = (x[:, None] - self.centres[:, d]) / self.widths[:, d]
+        # far away, an infinite distance times 0 would be NaN; the NaN of a missing input stays
         return np.clip(distance, -MAX_DISTANCE, MAX_DISTANCE, out=distance)
 
     def __eq__(self, other: object) -> bool:
@@ -191,7 +194,7 @@ def check_kernel(kernel: str) -> None:
 
 
 def evaluate_hinges(hinges: Sequence[Hinge], x: Float) -> Float:
-    """Return the sum of hinges at points: Float[points, inputs] -> Float[points]."""
+    """Add up hinges at points: Float[points, inputs] -> Float[points]."""
     value = np.zeros(len(x))
     for along, position, height in hinges:
         value += height * np.maximum(x[:, along] - position, 0.0)
@@ -201,12 +204,14 @@ def evaluate_hinges(hinges: Sequence[Hinge], x: Float) -> Float:
 def _checked_hinges(hinges: Sequence[Sequence[float]], inputs: int) -> tuple[Hinge, ...]:
     try:
         rows: list[tuple[Any, ...]] = [tuple(hinge) for hinge in hinges]
+        # float() would take texts, and a truth value is a number to Python
         if not all(isinstance(number, Real) and not isinstance(number, bool) for row in rows for number in row):
             raise TypeError
         checked = tuple(Hinge(int(along), float(position), float(height)) for along, position, height in rows)
     except (TypeError, ValueError, OverflowError):
         raise ArgumentError("hinges of an expansion must be rows of input, position and height") from None
     for hinge, given in zip(checked, rows, strict=True):
+        # int() has cut off a fraction
         if hinge.input != given[0] or not 0 <= hinge.input < inputs:
             message = f"hinges of an expansion are along inputs 0 to {inputs - 1}, counted from 0, not {given[0]:g}"
             raise ArgumentError(message)
@@ -285,6 +290,7 @@ class RBF(Parameter):
         object.__setattr__(self, "inputs", labels)
         object.__setattr__(self, "kernel", expansion.kernel)
         object.__setattr__(self, "hinges", expansion.hinges)
+        # by input: all centres of the first one, then of the next
         tables = (expansion.centres.T.ravel(), expansion.widths.T.ravel())
         values = np.concatenate([[expansion.offset], expansion.slopes, expansion.weights, *tables])
         super().__init__(name=name, values=values, **attributes)
@@ -293,12 +299,14 @@ class RBF(Parameter):
         super().__post_init__()
         widths = parts(self.coordinates, self.centres).widths
         lower = self.lower.copy()
+        # at a width of 0 the function is not defined
         lower[widths] = np.where(lower[widths] > 0, lower[widths], MIN_WIDTH * self.values[widths])
         lower.setflags(write=False)
         object.__setattr__(self, "lower", lower)
 
     def _expected_shape(self, values: Float) -> tuple[int, ...]:
         inputs = self.coordinates
+        # an offset and a slope per input; each centre has a weight, and a position and a width per input
         count, rest = divmod(values.size - 1 - inputs, 1 + 2 * inputs)
         if values.ndim != 1 or rest or count < 0:
             raise ArgumentError(f"{self.name} has values of shape {values.shape}, which do not fit {inputs} inputs")
@@ -329,8 +337,10 @@ class RBF(Parameter):
 
     @property
     def packed(self) -> Float:
+        """Its values as compiled code reads them, Float[values]: in place of each width, its reciprocal."""
         packed = self.values.copy()
         widths = parts(self.coordinates, self.centres).widths
+        # so that compiled code multiplies by widths that no calibration changes
         packed[widths] = 1 / packed[widths]
         return packed
 
@@ -358,9 +368,18 @@ class RBF(Parameter):
         d, centre = divmod(number - (at.centres if part == "centre" else at.widths).start, self.centres)
         return f"{part} {centre + 1} in {labels[d]}"
 
+    def has_form_of(self, other: "RBF") -> bool:
+        """Check whether another one has as many inputs and the same kernel and hinges, which are not among values."""
+        return (self.coordinates, self.kernel, self.hinges) == (other.coordinates, other.kernel, other.hinges)
+
+    def has_grid_of(self, other: Parameter) -> bool:
+        """Check whether equal values of another parameter make the same function."""
+        return super().has_grid_of(other) and isinstance(other, RBF) and self.has_form_of(other)
+
     def changed(self, **changes: Any) -> Self:
         copy = object.__new__(type(self))
         for name in ("inputs", "kernel", "hinges"):
+            # before the others, whose check needs the number of inputs
             object.__setattr__(copy, name, changes.pop(name, getattr(self, name)))
         Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
         return copy
@@ -369,7 +388,8 @@ class RBF(Parameter):
         """Return the derivatives by its own values: Float[samples, inputs] -> Float[samples, values]."""
         e = self.expansion
         distance = (x[:, :, None] - e.centres.T) / e.widths.T  # [samples, inputs, centres]
-        bells, declines = kernel_of_square(np.sum(distance * distance, axis=1), e.kernel)
+        kernels, declines = kernel_of_square(np.sum(distance * distance, axis=1), e.kernel)
+        # dy/dc_id = weight_i decline_i (x_d - c_id) / width_id^2; dy/dwidth_id is that times (x_d - c_id) / width_id
         along = (e.weights * declines)[:, None, :] * distance / e.widths.T
         flat = (array.reshape(len(x), -1) for array in (along, along * distance))
-        return np.hstack([np.ones((len(x), 1)), x, bells, *flat])
+        return np.hstack([np.ones((len(x), 1)), x, kernels, *flat])

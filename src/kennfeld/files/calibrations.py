@@ -30,6 +30,7 @@ _DCM_LINE = re.compile(
 )
 _IMAGE_RECORD = re.compile(r"\s*(?::[0-9A-Fa-f]{10}|S[0-9][0-9A-Fa-f]{6})")
 _PAR_TITLE = re.compile(r"\s*CANape PAR V\d")
+# possessive, so that a long head of comments is searched only once
 _ESDL_PACKAGE = re.compile(r"(?:\s++|//[^\n]*+|/\*.*?\*/)*+package\s+[\w.]+\s*;", re.DOTALL)
 _AMD_ROOTS = ("ComponentData", "ComponentMain", "ComponentImplementation", "Specifications", "Project")
 _ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:\[|(?!=)[^;\n]*(?:;|\.\.\.))")
@@ -43,6 +44,7 @@ def _is_amd(head: FileHead) -> bool:
     """Return whether a file is an archive of ASCET's components, or one of them."""
     if head.members:
         parts = [member for member in head.members if member.endswith(".amd")]
+        # under another ending, an archive has to hold the main file of a component
         return bool(parts) and (head.ending == ".axl" or any(member.endswith(".main.amd") for member in parts))
     return head.root in _AMD_ROOTS
 
@@ -51,6 +53,7 @@ def _is_script(head: FileHead) -> bool:
     """Return whether a text begins like a script that assigns numbers."""
     if head.text.startswith(SCRIPT_TITLE):
         return True
+    # a matrix in brackets has rows like those of a table
     if head.ending != ".m" and any(map(is_row, _BRACKETS.sub("", head.text).split("\n"))):
         return False
     for line in map(str.strip, head.text.split("\n", _SCRIPT_LINES)[:_SCRIPT_LINES]):

@@ -18,7 +18,9 @@ def _is_excel(head: FileHead) -> bool:
         # some tools of Windows separate folders by backslashes
         workbook = any(member.replace("\\", "/").startswith("xl/workbook") for member in head.members)
         return workbook or _SPREADSHEET in head.first_bytes("mimetype", 80)
+    # the directory stands at the end of an archive: if it is cut off, only the parts at its beginning tell what it is
     is_damaged = head.raw.startswith(ZIP) and head.member == head.packing == ""
+    # the name of the first member follows its header of 30 bytes
     return is_damaged and (b"xl/" in head.raw or head.raw[30:49] == b"[Content_Types].xml")
 
 
@@ -32,6 +34,7 @@ def _is_matlab_4(start: bytes) -> bool:
         kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", start[:20].ljust(20, b"\0"))
         name = start[20 : 20 + max(length, 1)]
         sizes = rows >= 0 and columns >= 0 and imaginary in (0, 1) and 2 <= length <= 64
+        # the type is MOPT in decimal: M byte order, O zero, P precision, T whether full, text or sparse
         if kind // 1000 == (order == ">") and kind % 1000 // 10 in range(6) and kind % 10 < 3 and sizes:
             return name.endswith(b"\0") and name[:-1].decode("latin-1").isidentifier()
     return False

@@ -72,6 +72,7 @@ def decode(start: bytes, *, whole: bool) -> str:
 
 def _is_valid(start: bytes, encoding: str, whole: bool) -> bool:
     try:
+        # the end of these bytes may cut a character
         codecs.getincrementaldecoder(encoding)().decode(start, final=whole)
     except (UnicodeDecodeError, LookupError):
         return False

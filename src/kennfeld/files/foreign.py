@@ -11,6 +11,7 @@ _POINTER = re.compile(
     rb"\Aversion https://(?:git-lfs|hawser)\.github\.com/spec/v\d[^\n]*\n(?:.*\n)*?size (\d+)\s*$", re.M
 )
 _ANNEX = re.compile(rb"\A(?:\.\./)*(?:\.git)?/?annex/objects/\S+-s(\d+)-", re.MULTILINE)
+# atomic and possessive, so that a page full of comments is searched only once
 _PAGE = re.compile(
     rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--(?>.*?-->)\s*+)*+<(?:!doctype\s+html|html|head|body|script|style|meta|title|div|table)\b",
     re.IGNORECASE | re.DOTALL,
@@ -115,6 +116,7 @@ def _picture(head: bytes) -> ForeignContent | None:
     kind = next((kind for mark, kind in _PICTURES if head.startswith(mark)), "")
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         kind = "WebP"
+    # text may begin with BM; a bitmap has zeros after its size, and a header of one of these sizes
     if (
         head[:2] == b"BM"
         and len(head) >= 18
@@ -134,6 +136,7 @@ def _video(head: bytes) -> ForeignContent | None:
 
 
 def _program(head: bytes) -> ForeignContent | None:
+    # text may begin with MZ
     kind = next((kind for mark, kind in _PROGRAMS if head.startswith(mark) and b"\0" in head), "")
     return ForeignContent(f"a program or library ({kind})", "Name a file of data.") if kind else None
 

@@ -43,6 +43,7 @@ def _is_simulink(head: FileHead) -> bool:
 
 
 def _is_enumeration(head: FileHead) -> bool:
+    # the importer is loaded only for a file that defines a class
     if head.ending != ".m" or not _CLASS.search(head.text):
         return False
     return call("kennfeld.matlab.enumerations:enumeration_of", head.text) is not None

@@ -64,6 +64,7 @@ class FileHead:
     @cached_property
     def text(self) -> str:
         """The decoded text with LF line ends and without a byte order mark; empty for binary content."""
+        # what is cut off may end within a character
         return "" if self.is_binary else decode(self.raw, whole=len(self.raw) < HEAD_SIZE)
 
     @cached_property
@@ -119,6 +120,7 @@ class FileHead:
         return replace(self, raw=self.first_bytes(member, HEAD_SIZE), packing="", member=member, archive=self)
 
     def _opened(self) -> zipfile.ZipFile:
+        # zipfile has to seek, so what is packed is unpacked into memory
         return zipfile.ZipFile(BytesIO(self._unpacked) if self.packing or self.archive is not None else self.path)
 
     @cached_property
@@ -175,6 +177,7 @@ def guarded(name: str) -> Iterator[None]:
             message = f"cannot be read ({error.strerror or error})"
             raise InputError.of(Location(name), message, "Check the file.") from None
     except Exception as error:
+        # by its name, as lzma is imported only for files that need it
         if not isinstance(error, EOFError | zlib.error | zipfile.BadZipFile) and type(error).__name__ != "LZMAError":
             raise
     raise InputError.of(Location(name), DAMAGED, COPY)

@@ -86,6 +86,7 @@ def _candidates(head: FileHead) -> Iterator[FileFormat]:
     certain = next((known for known in certain_formats() if _recognises(known, head)), None)
     if certain is not None:
         yield certain
+    # an empty file has no content that could tell
     named = named_format(head.ending) if head.raw.strip() else usual_format(head.ending)
     if named is not None and named is not certain:
         yield named
@@ -105,6 +106,7 @@ def _recognises(known: FileFormat, head: FileHead) -> bool:
 def _refuse_foreign(head: FileHead) -> None:
     """Raise `InputError` if a file is a pointer, a web page, a picture or the like."""
     content = identify_foreign(head.raw)
+    # programs with these endings have a remedy of their own
     if content is not None and any(_recognises(known, head) for known in BY_ENDING):
         return
     if content is None and head.raw.startswith(OLE):

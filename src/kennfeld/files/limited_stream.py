@@ -35,6 +35,7 @@ class _LimitedStream(io.RawIOBase):
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
         content = self._stream.read1(len(buffer))
+        # after each piece, so that at most one is unpacked beyond the limit
         if self._stream.tell() > self._most:
             raise InputError.of(Location(self._name), _describe_size(self._packed), "Unpack it first if you trust it.")
         buffer[: len(content)] = content

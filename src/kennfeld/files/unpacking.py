@@ -48,6 +48,7 @@ def unpacked(head: FileHead, member: str = "", *, with_others: bool = False) -> 
         if head.archive is not None:
             head, member = head.archive, head.member
         chosen = choose_member(head, member)
+        # the name alone, as the path of a member may lead out of the folder
         path = Path(folder) / PurePosixPath(chosen).name
         try:
             with zipfile.ZipFile(head.path) as archive:
@@ -111,6 +112,7 @@ def _write(packed: Path, stream: BinaryIO, path: Path) -> None:
     except InputError:
         raise
     except Exception as error:  # of many kinds: one for each way to compress
+        # errors of the system have a number, those of decompression have none
         if isinstance(error, OSError) and error.errno is not None:
             message = f"cannot be unpacked ({error.strerror})"
             raise InputError.of(location, message, "Make room for temporary files, or unpack it first.") from None

@@ -18,6 +18,7 @@ def xml_root(text: str) -> str:
     ('tdm', '')
     """
     text, at = text[:_PROLOG], 0
+    # each round skips blanks, and one declaration, document type or comment
     while True:
         at = _end(_SPACE.match(text, at))
         after = _end(_DOCTYPE.match(text, at))

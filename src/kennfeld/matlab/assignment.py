@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.evaluator import NumericEvaluator
 from kennfeld.matlab.indexing import Index, assign_elements, delete_elements, index_array
 from kennfeld.matlab.operators import cast_to_class, result_class
 from kennfeld.matlab.simulink_objects import default_properties
-from kennfeld.matlab.traversal import access_chain
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import access_chain
 
 _COPY = 3  # elements charged for the copy of a field or a cell
 _NO_CELLS = v.MatlabCell(np.empty((0, 0), dtype=object))

@@ -10,6 +10,7 @@ from kennfeld.matlab.evaluator import evaluate
 _REST = re.compile(r"%.*|\.\.\..*")
 _HEAD = re.compile(r"\s*classdef\s*(?:\([^)]*\))?\s*(\w+)\s*(?:<\s*([\w.]+))?")
 _LISTS = re.compile(r"(?:^|[;,])\s*enumeration\b\s*(?:\([^)\n]*\))?(.*?)\bend\b", re.MULTILINE | re.DOTALL)
+# `First`, `First(1)` or `First(uint8(min(1, 2)))`: brackets in up to three levels
 _MEMBER = re.compile(r"([A-Za-z]\w*)\s*(?:\(((?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\))?")
 _BASES = ("Simulink.IntEnumType", "Simulink.Mask.EnumerationBase", "double", "single", "logical")
 _INTEGER = re.compile(r"u?int\d+\Z")
@@ -22,7 +23,7 @@ def is_class(text: str) -> bool:
 
 
 def enumeration_of(text: str) -> tuple[str, dict[str, float]] | None:
-    r"""Return name and members of an enumeration class, None for other classes and non-numeric members.
+    r"""Parse name and members of an enumeration class, None for other classes and non-numeric members.
 
     >>> enumeration_of("classdef Gear < Simulink.IntEnumType\nenumeration\nFirst(1), Second(2)\nend\nend")
     ('Gear', {'First': 1.0, 'Second': 2.0})

@@ -2,14 +2,14 @@
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.matlab.syntax import SourcePosition
+from kennfeld.program.positions import TextPosition
 
 
 class MatlabError(InputError):
     """Invalid MATLAB text, or an expression without a value; its findings name line and column."""
 
     @classmethod
-    def at(cls, name: str, place: SourcePosition, message: str, remedy: str = "", excerpt: str = "") -> "MatlabError":
+    def at(cls, name: str, place: TextPosition, message: str, remedy: str = "", excerpt: str = "") -> "MatlabError":
         """Return the error with one finding at a position of the text called `name`."""
         return cls([Finding(Location(name, place.line, column=place.column), message, remedy, excerpt)])
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from kennfeld.base.formatting import nearest, size_text
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS, NumericArguments
@@ -25,7 +24,8 @@ from kennfeld.matlab.operators import (
 )
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.simulink_objects import ENUMERATION, construct_object, is_constructor
-from kennfeld.matlab.traversal import access_chain, names_read
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import access_chain, names_read
 
 HostFunction = Callable[..., Any]
 _SHORT = ("&&", "||")
@@ -284,7 +284,7 @@ class NumericEvaluator:
         """Return True if a function of this name exists."""
         return name in self.functions or name in NUMERIC_FUNCTIONS
 
-    def call(self, name: str, arguments: Sequence[v.Value], outputs: int, place: m.SourcePosition) -> list[v.Value]:
+    def call(self, name: str, arguments: Sequence[v.Value], outputs: int, place: m.TextPosition) -> list[v.Value]:
         """Call a function by its name."""
         if name in self.functions:
             result = self.functions[name](*arguments)
@@ -300,7 +300,7 @@ class NumericEvaluator:
         return self._run(name, known.run, call, place)
 
     def _run(
-        self, name: str, run: Callable[[NumericArguments], Any], call: NumericArguments, place: m.SourcePosition
+        self, name: str, run: Callable[[NumericArguments], Any], call: NumericArguments, place: m.TextPosition
     ) -> list[v.Value]:
         try:
             result = run(call)
@@ -322,7 +322,7 @@ class NumericEvaluator:
         if not isinstance(function, v.MatlabFunctionHandle):
             raise v.MatlabValueError(f"a {v.class_name(function)} is not a function")
         if function.body is None:
-            return self.call(function.name, arguments, outputs, m.SourcePosition())
+            return self.call(function.name, arguments, outputs, m.TextPosition())
         with self.nested_call():
             return self.inner(_bind_arguments(function, arguments)).values(function.body, outputs)
 

@@ -4,18 +4,20 @@ Precedence, from the lowest: `||`, `&&`, `|`, `&`, comparisons, `:`, `+ -`, `* /
 transposes; all of them associate to the left.
 """
 
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.lexer import Lines, MatlabToken, TokenKind
-from kennfeld.matlab.traversal import children
+from kennfeld.matlab.lexer import MatlabToken, TokenKind
+from kennfeld.program import tree as m
+from kennfeld.program.operator_parser import OperatorParser, operator_levels
+from kennfeld.program.positions import TextLines
+from kennfeld.program.traversal import children
 
 MAX_HEIGHT = 150  # levels of a tree
 _MAX_BRACKETS = 30  # nested
-_LEVELS = (
+_LEVELS = operator_levels(
     ("||",), ("&&",), ("|",), ("&",), ("==", "~=", "!=", "<", "<=", ">", ">="), (":",), ("+", "-"),
     ("*", "/", "\\", ".*", "./", ".\\"),
 )  # fmt: skip
-_RANGE = _LEVELS.index((":",))
+_RANGE = _LEVELS[":"]
 _SIGNS = ("+", "-", "~", "!")
 _POWERS = ("^", ".^")
 _BASES = ("0x", "0X", "0b", "0B")
@@ -23,25 +25,22 @@ _OPENS_OPERAND = frozenset("([{@")
 _OPERANDS = (TokenKind.NUMBER, TokenKind.NAME, TokenKind.TEXT, TokenKind.STRING)
 
 
-class ExpressionParser:
+class ExpressionParser(OperatorParser[MatlabToken, m.Expression]):
     """Parses expressions from tokens, beginning at `at`; raises `MatlabError` at the first unexpected one."""
 
+    levels = _LEVELS
+
     def __init__(self, text: str, tokens: list[MatlabToken], name: str) -> None:
-        self.lines = Lines(text)
-        self.tokens = tokens
+        super().__init__(tokens)
+        self.lines = TextLines(text)
         self.name = name
-        self.at = 0
-        self.depth = 0
         self.steps = 0  # upper bound of the growth in height of the tree
         self.indices = 0  # depth of indices, in which `end` is valid
         self.spaced = False  # within [] or {}, where blanks separate elements
+        self.range_end = 0  # behind the last range, where a colon cannot follow
 
-    @property
-    def token(self) -> MatlabToken:
-        return self.tokens[self.at]
-
-    def place(self, token: MatlabToken | None = None) -> m.SourcePosition:
-        return self.lines.place((token or self.token).at)
+    def place(self, token: MatlabToken | None = None) -> m.TextPosition:
+        return self.lines.position((token or self.token).at)
 
     def fail(self, message: str, remedy: str = "", token: MatlabToken | None = None) -> MatlabError:
         """Return the error at a token, by default the next one."""
@@ -49,25 +48,16 @@ class ExpressionParser:
         message, remedy = (token.text, "") if token.kind == TokenKind.BAD else (message, remedy)
         return MatlabError.at(self.name, self.place(token), message, remedy, self.lines.line(token.at).strip()[:200])
 
-    def take(self) -> MatlabToken:
-        token = self.token
-        self.at += token.kind != TokenKind.OVER
-        return token
-
-    def is_operator(self, *words: str) -> bool:
-        return self.token.kind == TokenKind.OPERATOR and self.token.text in words
-
-    def expect(self, word: str) -> None:
-        if not self.is_operator(word):
-            raise self.fail(f"{word} is missing before {self.describe_token()}")
-        self.at += 1
+    def missing(self, text: str) -> MatlabError:
+        """Return the error that another token than `text` follows."""
+        return self.fail(f"{text} is missing before {self.describe_token()}")
 
     def describe_token(self) -> str:
         """Describe the next token for a message."""
         token = self.token
         ends = {
             TokenKind.STOP: "the end of the statement",
-            TokenKind.OVER: "the end",
+            TokenKind.END: "the end",
             TokenKind.ROW: "the end of the row",
         }
         return ends.get(token.kind, repr(token.text[:40]))
@@ -78,46 +68,41 @@ class ExpressionParser:
         if self.depth > _MAX_BRACKETS:
             raise self.fail(f"brackets are nested more than {_MAX_BRACKETS} deep", "Split the expression.")
         begin, self.steps = self.token, 0 if self.depth == 1 else self.steps
-        tree = self._binary(0)
+        tree = self.operations()
         self.depth -= 1
         if not self.depth and self.steps > MAX_HEIGHT and _height(tree) > MAX_HEIGHT:
             raise self.fail(f"more than {MAX_HEIGHT} operators in a row", "Split the expression.", begin)
         return tree
 
-    def _binary(self, level: int) -> m.Expression:
-        if level == _RANGE:
-            return self._range()
-        if level == len(_LEVELS):
-            return self._apply_signs(self._signs(), self._power())
-        left = self._binary(level + 1)
-        while self._continues(_LEVELS[level]):
-            word = self.take().text
-            left = m.Binary("~=" if word == "!=" else word, left, self._binary(level + 1), place=left.place)
-            self.steps += 1
-        return left
+    def level(self) -> int:
+        """Return the level of the next operator; -1 for the sign of an element, [1 -2], and behind a whole range."""
+        level = super().level()
+        ends = level >= 0 and ((self.spaced and self._is_sign()) or (self.at == self.range_end and level == _RANGE))
+        return -1 if ends else level
 
-    def _continues(self, words: tuple[str, ...]) -> bool:
-        """Return True if the next token is one of these operators, and not the sign of an element: [1 -2]."""
-        if not self.is_operator(*words):
-            return False
-        if not self.spaced or not self.token.blank or self.token.text not in _SIGNS:
-            return True
-        return self.tokens[self.at + 1].blank
+    def _is_sign(self) -> bool:
+        """Return True if the next operator is the sign of an element, with a blank before it only."""
+        token = self.token
+        return token.blank and token.text in _SIGNS and not self.tokens[self.at + 1].blank
 
-    def _range(self) -> m.Expression:
-        first = self._binary(_RANGE + 1)
-        if not self.is_operator(":"):
-            return first
-        self.at += 1
-        second = self._binary(_RANGE + 1)
-        if not self.is_operator(":"):
-            return m.Range(first, None, second, place=first.place)
-        self.at += 1
-        return m.Range(first, second, self._binary(_RANGE + 1), place=first.place)
+    def operand(self, lowest: int) -> m.Expression:
+        """Parse an operand with its signs and powers."""
+        return self._apply_signs(self._signs(), self._power())
+
+    def joined(self, left: m.Expression, level: int) -> m.Expression:
+        """Parse an operator with its right operand, or the rest of a range."""
+        word = self.take().text
+        right = self.operations(level + 1)
+        if word == ":":
+            step, last = (right, self.operations(level + 1)) if self.accept(":") else (None, right)
+            self.range_end = self.at
+            return m.Range(left, step, last, place=left.place)
+        self.steps += 1
+        return m.Binary("~=" if word == "!=" else word, left, right, place=left.place)
 
     def _signs(self) -> list[MatlabToken]:
         signs = []
-        while self.is_operator(*_SIGNS):
+        while self.is_at(*_SIGNS):
             signs.append(self.take())
         self.steps += len(signs)
         return signs
@@ -132,9 +117,9 @@ class ExpressionParser:
         tree = self._indexed()
         while True:
             self.steps += 1
-            if self.is_operator("'", ".'"):
+            if self.is_at("'", ".'"):
                 tree = m.Transpose(tree, self.take().text == "'", place=tree.place)
-            elif self._continues(_POWERS):
+            elif self.is_at(*_POWERS):
                 word = self.take().text
                 signs = self._signs()
                 tree = m.Binary(word, tree, self._apply_signs(signs, self._indexed()), place=tree.place)
@@ -146,11 +131,11 @@ class ExpressionParser:
         """Parse an operand with its fields and indices."""
         tree = self._atom()
         while not (self.spaced and self.token.blank):
-            if self.is_operator("("):
+            if self.is_at("("):
                 tree = m.Call(tree, self.arguments("(", ")"), place=tree.place)
-            elif self.is_operator("{"):
+            elif self.is_at("{"):
                 tree = m.CellIndex(tree, self.arguments("{", "}"), place=tree.place)
-            elif self.is_operator("."):
+            elif self.is_at("."):
                 tree = self._field(tree)
             else:
                 break
@@ -159,8 +144,7 @@ class ExpressionParser:
 
     def _field(self, of: m.Expression) -> m.Expression:
         self.at += 1
-        if self.is_operator("("):
-            self.at += 1
+        if self.accept("("):
             return m.DynamicField(of, self._parse_enclosed(), place=of.place)
         if self.token.kind != TokenKind.NAME:
             raise self.fail(f"a field name is missing before {self.describe_token()}")
@@ -179,13 +163,12 @@ class ExpressionParser:
         spaced, self.spaced = self.spaced, False
         self.indices += 1
         arguments = []
-        while not self.is_operator(closing):
+        while not self.is_at(closing):
             arguments.append(self._argument(closing))
-            if self.is_operator(","):
-                self.at += 1
-                if self.is_operator(closing):
+            if self.accept(","):
+                if self.is_at(closing):
                     raise self.fail(f"an argument is missing before {self.describe_token()}")
-            elif not self.is_operator(closing):
+            elif not self.is_at(closing):
                 raise self.fail(f"{closing} or a comma is missing before {self.describe_token()}")
         self.at += 1
         self.indices -= 1
@@ -193,7 +176,7 @@ class ExpressionParser:
         return tuple(arguments)
 
     def _argument(self, closing: str) -> m.Expression:
-        after = self.tokens[self.at + 1] if self.is_operator(":") else None
+        after = self.tokens[self.at + 1] if self.is_at(":") else None
         if after is not None and after.kind == TokenKind.OPERATOR and after.text in (",", closing):
             return m.Colon(place=self.place(self.take()))
         return self.expression()
@@ -212,18 +195,17 @@ class ExpressionParser:
         if token.kind == TokenKind.KEYWORD and token.text == "end" and self.indices:
             self.at += 1
             return m.End(place=place)
-        if self.is_operator("("):
-            self.at += 1
+        if self.accept("("):
             return self._parse_enclosed()
-        if self.is_operator("["):
+        if self.is_at("["):
             return m.Matrix(self._rows("]"), place=place)
-        if self.is_operator("{"):
+        if self.is_at("{"):
             return m.CellArray(self._rows("}"), place=place)
-        if self.is_operator("@"):
+        if self.is_at("@"):
             return self._function()
         raise self.fail(f"a value is missing before {self.describe_token()}")
 
-    def _number(self, token: MatlabToken, place: m.SourcePosition) -> m.Expression:
+    def _number(self, token: MatlabToken, place: m.TextPosition) -> m.Expression:
         text = token.text
         if text[:2] in _BASES:
             base = 16 if text[1] in "xX" else 2
@@ -244,7 +226,7 @@ class ExpressionParser:
         self.at += 1
         spaced, self.spaced = self.spaced, True
         indices, rows, row = self.indices, [], list[m.Expression]()
-        while not self.is_operator(closing):
+        while not self.is_at(closing):
             if self.token.kind == TokenKind.ROW:
                 self.at += 1
                 rows.append(tuple(row))
@@ -278,16 +260,15 @@ class ExpressionParser:
 
     def _pass_separator(self, closing: str) -> None:
         """Pass the separator between two elements."""
-        if self.is_operator(","):
-            self.at += 1
-            if self.is_operator(","):
+        if self.accept(","):
+            if self.is_at(","):
                 raise self.fail("an element is missing before ','")
             return
         token = self.token
         begins = token.kind in (*_OPERANDS, TokenKind.KEYWORD) or (
             token.kind == TokenKind.OPERATOR and (token.text in _OPENS_OPERAND or token.text in _SIGNS)
         )
-        ends = token.kind in (TokenKind.ROW, TokenKind.COMMENT) or self.is_operator(closing)
+        ends = token.kind in (TokenKind.ROW, TokenKind.COMMENT) or self.is_at(closing)
         if not ends and not (begins and token.blank):
             raise self.fail(f"{closing} is missing before {self.describe_token()}")
 
@@ -295,7 +276,7 @@ class ExpressionParser:
         place = self.place(self.take())
         if self.token.kind == TokenKind.NAME:
             name = self.take().text
-            while self.is_operator(".") and self.tokens[self.at + 1].kind == TokenKind.NAME:
+            while self.is_at(".") and self.tokens[self.at + 1].kind == TokenKind.NAME:
                 name += "." + self.tokens[self.at + 1].text
                 self.at += 2
             return m.FunctionHandle(name, place=place)
@@ -309,13 +290,11 @@ class ExpressionParser:
         """Parse the parameter names of a function definition."""
         self.expect("(")
         names = []
-        while not self.is_operator(")"):
-            if self.token.kind != TokenKind.NAME and not self.is_operator("~"):
+        while not self.is_at(")"):
+            if self.token.kind != TokenKind.NAME and not self.is_at("~"):
                 raise self.fail(f"the name of a parameter is missing before {self.describe_token()}")
             names.append(self.take().text)
-            if self.is_operator(","):
-                self.at += 1
-            elif not self.is_operator(")"):
+            if not self.accept(",") and not self.is_at(")"):
                 raise self.fail(f") or a comma is missing before {self.describe_token()}")
         self.at += 1
         return tuple(names)

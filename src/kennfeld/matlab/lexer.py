@@ -5,11 +5,8 @@ as in Octave; it is not used otherwise.
 """
 
 import re
-from bisect import bisect_right
 from collections.abc import Iterator
 from typing import NamedTuple
-
-from kennfeld.matlab.syntax import SourcePosition
 
 KEYWORDS = frozenset(
     {"if", "elseif", "else", "end", "for", "parfor", "while", "switch", "case", "otherwise", "try", "catch"}
@@ -42,7 +39,7 @@ class TokenKind:
     """The kinds of tokens."""
 
     NUMBER, NAME, KEYWORD, OPERATOR, TEXT, STRING = "number", "name", "keyword", "operator", "text", "string"
-    ROW, STOP, COMMAND, COMMENT, BAD, OVER = "row", "stop", "command", "comment", "bad", "over"
+    ROW, STOP, COMMAND, COMMENT, BAD, END = "row", "stop", "command", "comment", "bad", "end"
 
 
 class MatlabToken(NamedTuple):
@@ -56,27 +53,8 @@ class MatlabToken(NamedTuple):
     words: tuple[str, ...] = ()
 
 
-class Lines:
-    """Converts offsets in a text to lines and columns."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.begins = [0, *(match.end() for match in re.finditer("\n", text))]
-
-    def place(self, at: int) -> SourcePosition:
-        """Return line and column, from 1."""
-        line = bisect_right(self.begins, at)
-        return SourcePosition(line, at - self.begins[line - 1] + 1)
-
-    def line(self, at: int) -> str:
-        """Return the line around an offset."""
-        begin = self.begins[bisect_right(self.begins, at) - 1]
-        end = self.text.find("\n", begin)
-        return self.text[begin : len(self.text) if end < 0 else end]
-
-
 def tokenize(text: str, commands: bool = True) -> list[MatlabToken]:
-    """Return the tokens of a text, ending with OVER; an invalid one has kind BAD and the reason as its text.
+    """Return the tokens of a text, ending with END; an invalid one has kind BAD and the reason as its text.
 
     If `commands`, a statement of the form `name word word` is one token.
     """
@@ -119,7 +97,7 @@ class _Lexer:
         for bracket, at, _ in self.open[:1]:
             yield MatlabToken(TokenKind.BAD, f"{bracket} is never closed", at, at + 1)
         yield MatlabToken(TokenKind.STOP, "\n", self.at, self.at)
-        yield MatlabToken(TokenKind.OVER, "", self.at, self.at)
+        yield MatlabToken(TokenKind.END, "", self.at, self.at)
 
     def _skip(self) -> str | None:
         """Skip blanks, a comment or a continued line; return None if there are none, or the comment."""

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from kennfeld.base.errors import Finding
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.expression_parser import ExpressionParser
 from kennfeld.matlab.lexer import MatlabToken, TokenKind, tokenize
-from kennfeld.matlab.traversal import assigned_name
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import assigned_name
 
 _JUMPS = frozenset({"break", "continue", "return"})
 _TARGETS = (m.Name, m.Field, m.DynamicField, m.Call, m.CellIndex)
@@ -39,7 +39,7 @@ def parse_expression(text: str, name: str = "") -> m.Expression:
     parser.pass_stops()
     tree = parser.expression()
     parser.pass_stops()
-    if parser.token.kind != TokenKind.OVER:
+    if parser.token.kind != TokenKind.END:
         raise parser.fail(f"unexpected {parser.describe_token()} after the expression")
     return tree
 
@@ -98,7 +98,7 @@ class _ScriptParser(ExpressionParser):
     def script(self) -> m.Script:
         statements: list[m.Statement] = []
         functions: list[m.FunctionDefinition] = []
-        while self.token.kind != TokenKind.OVER:
+        while self.token.kind != TokenKind.END:
             statements += self.body(frozenset({"function"}))
             if self.token.kind == TokenKind.KEYWORD and self.token.text == "function":
                 self._parse_guarded(lambda: functions.append(self._definition()))
@@ -110,7 +110,7 @@ class _ScriptParser(ExpressionParser):
         while True:
             self.pass_stops()
             token = self.token
-            if token.kind == TokenKind.OVER or (token.kind == TokenKind.KEYWORD and token.text in ends):
+            if token.kind == TokenKind.END or (token.kind == TokenKind.KEYWORD and token.text in ends):
                 return tuple(statements)
             if len(self.findings) >= _MAX_FINDINGS:
                 self.at = len(self.tokens) - 1
@@ -127,7 +127,7 @@ class _ScriptParser(ExpressionParser):
 
     def _recover(self, depth: int, blocks: int) -> None:
         self.depth, self.blocks, self.indices, self.spaced = depth, blocks, 0, False
-        while self.token.kind not in (TokenKind.STOP, TokenKind.OVER):
+        while self.token.kind not in (TokenKind.STOP, TokenKind.END):
             if self.token.text.endswith("is never closed"):  # the rest of the text belongs to it
                 self.findings += self.fail("").findings
             self.at += 1
@@ -144,12 +144,12 @@ class _ScriptParser(ExpressionParser):
         return self._simple(place)
 
     def _expect_end(self) -> None:
-        if self.token.kind not in (TokenKind.STOP, TokenKind.OVER):
+        if self.token.kind not in (TokenKind.STOP, TokenKind.END):
             raise self.fail(f"unexpected {self.describe_token()} after the statement")
 
-    def _keyword(self, place: m.SourcePosition) -> m.Statement:
+    def _keyword(self, place: m.TextPosition) -> m.Statement:
         word = self.token.text
-        blocks: dict[str, Callable[[m.SourcePosition], m.Statement]] = {
+        blocks: dict[str, Callable[[m.TextPosition], m.Statement]] = {
             "if": self._if, "while": self._while, "for": self._for, "parfor": self._for, "switch": self._switch,
             "try": self._try,
         }  # fmt: skip
@@ -173,7 +173,7 @@ class _ScriptParser(ExpressionParser):
             message, f"Move it behind the end of {outer} and pass the variables it uses as arguments.", inner
         )
 
-    def _block(self, read: Callable[[m.SourcePosition], m.Statement], place: m.SourcePosition) -> m.Statement:
+    def _block(self, read: Callable[[m.TextPosition], m.Statement], place: m.TextPosition) -> m.Statement:
         opening = self.take()
         self.blocks += 1
         if self.blocks > _MAX_DEPTH:
@@ -205,31 +205,29 @@ class _ScriptParser(ExpressionParser):
             return True
         return False
 
-    def _if(self, place: m.SourcePosition) -> m.If:
+    def _if(self, place: m.TextPosition) -> m.If:
         ends = frozenset({"elseif", "else", "end"})
         branches = [self._branch(ends)]
         while self._is_keyword("elseif"):
             branches.append(self._branch(ends))
         return m.If(tuple(branches), self.body(_END) if self._is_keyword("else") else (), place=place)
 
-    def _while(self, place: m.SourcePosition) -> m.While:
+    def _while(self, place: m.TextPosition) -> m.While:
         return m.While(self._head(), self.body(_END), place=place)
 
-    def _for(self, place: m.SourcePosition) -> m.For:
-        enclosed = self.is_operator("(")
-        self.at += enclosed
+    def _for(self, place: m.TextPosition) -> m.For:
+        enclosed = self.accept("(")
         target = self._indexed()
         self._check(target)
         self.expect("=")
         values = self._head()
-        if enclosed and self.is_operator(","):  # the maximum number of workers of a parfor
-            self.at += 1
+        if enclosed and self.accept(","):  # the maximum number of workers of a parfor
             self._head()
         if enclosed:
             self.expect(")")
         return m.For(target, values, self.body(_END), place=place)
 
-    def _switch(self, place: m.SourcePosition) -> m.Switch:
+    def _switch(self, place: m.TextPosition) -> m.Switch:
         subject, cases = self._head(), []
         ends = frozenset({"case", "otherwise", "end"})
         self.pass_stops()
@@ -237,7 +235,7 @@ class _ScriptParser(ExpressionParser):
             cases.append(self._branch(ends))
         return m.Switch(subject, tuple(cases), self.body(_END) if self._is_keyword("otherwise") else (), place=place)
 
-    def _try(self, place: m.SourcePosition) -> m.Try:
+    def _try(self, place: m.TextPosition) -> m.Try:
         body = self.body(frozenset({"catch", "end"}))
         if not self._is_keyword("catch"):
             return m.Try(body, place=place)
@@ -246,19 +244,19 @@ class _ScriptParser(ExpressionParser):
             name = self.take().text
         return m.Try(body, name, self.body(_END), place=place)
 
-    def _declaration(self, place: m.SourcePosition) -> m.Declaration:
+    def _declaration(self, place: m.TextPosition) -> m.Declaration:
         kind, names = self.take().text, []
         while self.token.kind == TokenKind.NAME:
             names.append(self.take().text)
         self._expect_end()
         return m.Declaration(kind, tuple(names), place=place)
 
-    def _simple(self, place: m.SourcePosition) -> m.Statement:
+    def _simple(self, place: m.TextPosition) -> m.Statement:
         """Parse an assignment or an expression statement."""
-        targets = self._targets() if self.is_operator("[") and self._is_several() else None
+        targets = self._targets() if self.is_at("[") and self._is_several() else None
         if targets is None:
             first = self.expression()
-            if not self.is_operator("="):
+            if not self.is_at("="):
                 self._expect_end()
                 return m.Evaluate(first, place=place)
             self._check(first)
@@ -292,16 +290,14 @@ class _ScriptParser(ExpressionParser):
         self.at += 1
         targets: list[m.Expression | None] = []
         self.spaced = True
-        while not self.is_operator("]"):
-            if self.is_operator("~", "!"):
-                self.at += 1
+        while not self.is_at("]"):
+            if self.accept("~", "!"):
                 targets.append(None)
             else:
                 target = self._indexed()
                 self._check(target)
                 targets.append(target)
-            if self.is_operator(","):
-                self.at += 1
+            self.accept(",")
         self.spaced = False
         self.at += 1
         if not targets:
@@ -319,14 +315,14 @@ class _ScriptParser(ExpressionParser):
     def _definition(self) -> m.FunctionDefinition:
         place = self.place(self.take())
         results: tuple[str, ...] = ()
-        if self.is_operator("["):
+        if self.is_at("["):
             results = self._results()
             self.expect("=")
         elif self.tokens[self.at + 1].text == "=":
             results = (self._plain_name(),)
             self.expect("=")
         name = self._plain_name()
-        parameters = self.parameters() if self.is_operator("(") else ()
+        parameters = self.parameters() if self.is_at("(") else ()
         self._expect_end()
         body = self.body(frozenset({"function", "end"}))
         if not self._is_keyword("end") and self.token.kind == TokenKind.KEYWORD:
@@ -336,10 +332,9 @@ class _ScriptParser(ExpressionParser):
     def _results(self) -> tuple[str, ...]:
         self.at += 1
         names = []
-        while not self.is_operator("]"):
+        while not self.is_at("]"):
             names.append(self._plain_name())
-            if self.is_operator(","):
-                self.at += 1
+            self.accept(",")
         self.at += 1
         return tuple(names)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _PLAIN = (m.Name, m.Text, m.Colon, m.End, m.Field, m.DynamicField, m.Call, m.CellIndex, m.Matrix, m.CellArray)
 
@@ -55,6 +55,7 @@ def format_expression(node: m.Expression) -> str:
             return f"@{node.name}"
         case m.Conditional():
             return f"{_part(node.condition)} ? {_part(node.yes)} : {_part(node.no)}"
+    raise TypeError(f"{type(node).__name__} has no text in MATLAB")
 
 
 def _number(node: m.Number) -> str:

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from kennfeld.base.errors import InputError
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.values import MatlabValueError, Value, from_python, text
+from kennfeld.program import tree as m
 
 # The content of a file by its name: the text of `x.m`, the bytes or the variables of `x.mat`, None if there is none.
 Files: TypeAlias = Callable[[str], "bytes | str | Mapping[str, Any] | None"]

@@ -13,7 +13,6 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, Location, Severity
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.assignment import assign, without_field
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError
@@ -23,7 +22,8 @@ from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
 from kennfeld.matlab.script_files import Files, ScriptFiles
 from kennfeld.matlab.simulink_objects import define_enumeration
-from kennfeld.matlab.traversal import access_chain, assigned_path, paths_assigned
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import access_chain, assigned_path, paths_assigned
 
 _UNCLOSED = ("is never closed", "deep")  # findings after which the rest of the script is lost
 _FAILURE_STEPS = 100  # reporting takes longer than a statement
@@ -137,7 +137,7 @@ class _ScriptRunner(NumericEvaluator):
         self.comments: dict[str, str] = {}
         self.lines: dict[str, int] = {}
         self.globals: set[str] = set()
-        self.place = m.SourcePosition()
+        self.place = m.TextPosition()
         self.trying = 0
 
     def script(self, content: str) -> None:
@@ -284,10 +284,10 @@ class _ScriptRunner(NumericEvaluator):
     def _is_user_function(self, name: str) -> bool:
         return name in self.functions or name in self.local
 
-    def _skip(self, name: str, place: m.SourcePosition) -> None:
+    def _skip(self, name: str, place: m.TextPosition) -> None:
         self.shared.report(Location(self.name, place.line), f"{name} skipped", "", "remark", f"skipped {name}")
 
-    def _command(self, name: str, words: Sequence[str], place: m.SourcePosition) -> None:
+    def _command(self, name: str, words: Sequence[str], place: m.TextPosition) -> None:
         if name in _SKIPPED_SILENTLY:
             return
         if name in _STATEMENTS:
@@ -342,7 +342,7 @@ class _ScriptRunner(NumericEvaluator):
     def knows(self, name: str) -> bool:
         return name in self.local or name == "load" or super().knows(name) or bool(self.shared.files.functions(name))
 
-    def call(self, name: str, arguments: Sequence[v.Value], outputs: int, place: m.SourcePosition) -> list[v.Value]:
+    def call(self, name: str, arguments: Sequence[v.Value], outputs: int, place: m.TextPosition) -> list[v.Value]:
         if name in self.functions:
             return super().call(name, arguments, outputs, place)
         if name in self.local:
@@ -415,7 +415,7 @@ def _parameters(function: m.FunctionDefinition, arguments: Sequence[v.Value]) ->
     return {name: value for name, value in zip(names, values, strict=False) if name != "~"}
 
 
-def _load(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+def _load(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition) -> None:
     loaded = runner.shared.files.load(arguments)
     runner.variables |= loaded
     runner.owned.clear()
@@ -423,7 +423,7 @@ def _load(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePositi
         runner.define(name)
 
 
-def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition) -> None:
     name = v.text(arguments[0]) if arguments else ""
     name = name if name.casefold().endswith(".m") else f"{name}.m"
     content = runner.shared.files.text(name)
@@ -432,14 +432,14 @@ def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePositio
     runner.follow(name, content)
 
 
-def _clear(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+def _clear(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition) -> None:
     """Remove named variables; `clear all` is ignored, since it would remove values from other files."""
     for word in (v.text(value) for value in arguments):
         runner.variables.pop(word, None)
         runner.define(word)
 
 
-def _error(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+def _error(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition) -> None:
     message = (
         v.text(arguments[0])[:200] if arguments and v.class_name(arguments[0]) in ("char", "string") else "an error"
     )
@@ -450,18 +450,18 @@ def _error(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosit
     raise _StopError(message)
 
 
-def _assert(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+def _assert(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition) -> None:
     if arguments and not all(np.asarray(v.elements_of(arguments[0])).ravel()):
         _error(runner, arguments[1:], place)
 
 
-def _assignin(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+def _assignin(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition) -> None:
     if len(arguments) != 3:
         raise v.MatlabValueError("assignin requires a workspace, a name and a value")
     runner.variables[v.text(arguments[1])] = arguments[2]
 
 
-_STATEMENTS: dict[str, Callable[[_ScriptRunner, Sequence[Any], m.SourcePosition], None]] = {
+_STATEMENTS: dict[str, Callable[[_ScriptRunner, Sequence[Any], m.TextPosition], None]] = {
     "load": _load,
     "run": _run,
     "clear": _clear,

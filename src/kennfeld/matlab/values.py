@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import size_text
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.matlab.syntax import Expression
+from kennfeld.program.tree import Expression
 
 Array: TypeAlias = NDArray[Any]
 INTEGERS = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))

@@ -27,8 +27,10 @@ def header_of(schema: Any) -> Header:
     for field, (name, unit) in zip(schema, split, strict=True):
         notes = {key.decode(errors="replace").casefold(): value for key, value in (field.metadata or {}).items()}
         stated = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
+        # an index of pandas without a name; one of stamps is the clock, unless a column has that name
         if name.startswith(_INDEX):
             name = "time" if pa.types.is_timestamp(field.type) and "time" not in short else ""
+        # `p [bar]` beside `p [kPa]`: only the whole names differ
         names.append(field.name if short[name] > 1 else name)
         units.append(stated or unit)
     return Header(0, 0, tuple(names), tuple(units))
@@ -61,6 +63,7 @@ def _rest(chunked: Any) -> Float | None:
 
     if not pa.types.is_integer(chunked.type) or chunked.null_count:
         return None
+    # the integers as stored: buffer 0 holds the bits of validity, buffer 1 the data, from the chunk's offset on
     buffers = [(chunk.buffers()[1], chunk) for chunk in chunked.chunks]
     kind = np.dtype(str(chunked.type))
     parts = [np.frombuffer(data or b"", kind, len(chunk), kind.itemsize * chunk.offset) for data, chunk in buffers]
@@ -83,6 +86,7 @@ def _first_stamp(chunked: Any) -> datetime | None:
     """Return the instant that `_seconds` counts from; None if Python has no such date."""
     zone = None if chunked.type.tz is None else UTC
     try:
+        # `datetime` resolves microseconds; what a tick has below them is dropped from the origin alone
         elapsed = timedelta(microseconds=_first_tick(chunked) * 10**6 // int(_SCALES[chunked.type.unit]))
         return datetime(1970, 1, 1, tzinfo=zone) + elapsed
     except OverflowError:

@@ -8,7 +8,7 @@ from kennfeld.base.arrays import Float
 
 
 def numbers_of(column: Any) -> Float:
-    """Return a column as numbers; missing values are NaN.
+    """Convert a column to numbers, Float[rows]; missing values are NaN.
 
     Args:
         column: an Arrow chunked array of a type that can be cast to doubles.
@@ -20,7 +20,7 @@ def numbers_of(column: Any) -> Float:
 
 
 def view_of(array: Any) -> Float:
-    """Return an Arrow array of doubles without missing values as a read-only view."""
+    """Return an Arrow array of doubles without missing values as a read-only view, Float[rows]."""
     values = array.buffers()[1]
     return np.frombuffer(values or b"", np.float64, len(array), 8 * array.offset)
 

@@ -46,8 +46,11 @@ class _Layout(NamedTuple):
     remote: int
 
 
+# CAN message: bus u2, flags u1, length code u1, identifier u4, payload of 8 bytes
 _CLASSIC = _Layout("<u2", ("u1", 2), 4, 3, 8, 8, _REMOTE)
+# CAN FD message: bus u2, flags u1, code u1, identifier u4, two durations, FD flags, valid bytes u1 at 14, payload at 20
 _FLEXIBLE = _Layout("<u2", ("u1", 2), 4, 14, 20, 64, _REMOTE)
+# CAN FD message 64: bus u1, code u1, valid bytes u1, identifier u4 at 4, flags u4 at 12, payload at 40
 _FLEXIBLE_64 = _Layout("u1", ("<u4", 12), 4, 2, 40, 64, _REMOTE_64)
 _LAYOUTS = {1: _CLASSIC, 86: _CLASSIC, 100: _FLEXIBLE, 101: _FLEXIBLE_64}
 _OTHERS = {  # objects that are not data frames of a CAN bus
@@ -109,6 +112,7 @@ def _pieces(file: BinaryIO, size: int, others: Counter[int]) -> Iterator[list[Fr
     _, length = _FILE.unpack(head)
     if not _FILE.size <= length <= 1 << 16 or len(file.read(length - _FILE.size)) < length - _FILE.size:
         raise _DamageError("its header is incomplete")
+    # the first bytes of an object that ends in the next container
     rest = b""
     while head := file.read(_OBJECT.size):
         content, kind = _content(file, head, size)
@@ -132,6 +136,7 @@ def _content(file: BinaryIO, head: bytes, size: int) -> tuple[bytes, int]:
     content = file.read(length - _OBJECT.size)
     if len(content) < length - _OBJECT.size:
         raise _DamageError("the last object is incomplete")
+    # Vector pads objects by `length % 4` bytes, not up to a multiple of 4
     file.read(length % 4)
     if kind != _CONTAINER:
         return content, kind
@@ -142,6 +147,7 @@ def _content(file: BinaryIO, head: bytes, size: int) -> tuple[bytes, int]:
         return packed, kind
     if method != _DEFLATE:
         raise _DamageError(f"unknown compression {method}")
+    # unpacked no further than the limit: a few bytes of a damaged file may stand for gigabytes
     unpacker = zlib.decompressobj()
     unpacked = unpacker.decompress(packed, _MOST_BYTES)
     if unpacker.unconsumed_tail or not unpacker.eof:
@@ -160,6 +166,7 @@ def _frames(piece: bytes, others: Counter[int]) -> tuple[list[Frames], int]:
     while True:
         begin = piece.find(b"LOBJ", at, at + _GAP + 4)
         if begin < 0:
+            # within the last bytes, the signature may continue in the next container
             if at + _GAP + 4 <= most:
                 raise _DamageError("an object is not where it should be")
             break
@@ -193,9 +200,11 @@ def _of_kind(table: NDArray[np.uint8], kind: int, version: int, begins: list[int
     body = places + head
     identifier = _numbers(table, body, layout.identifier, "<u4").astype(np.int64)
     flags = _numbers(table, body, layout.flags[1], layout.flags[0])
+    # an object may end after its valid bytes, before the whole payload of its layout
     room = _numbers(table, places, 8, "<u4").astype(np.int64) - head - layout.data
     lengths = np.minimum(_numbers(table, body, layout.length, "u1"), layout.bytes)
     width = int(lengths.max(initial=1))
+    # Int[frames, bytes], positions in the piece; those behind its end read any byte, which becomes zero below
     columns = np.minimum((body + layout.data)[:, np.newaxis] + np.arange(width), table.size - 1)
     payload = table[columns]
     # bytes that the object does not hold are zeros, as in Vector's tools

@@ -51,6 +51,7 @@ def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -
     content = _content(source)
     if width < header.width or not types or _has_several_blanks(content, begin, dialect):
         return None
+    # empty lines at the end would be rows of gaps; a map has no `rstrip`, and a copy of all of it may not fit in memory
     tail = content[max(len(content) - _TAIL, 0) :]
     data = memoryview(content)[begin : len(content) - len(tail) + len(tail.rstrip(b"\r\n"))]
     body = CsvBody(data, dialect, width, types)
@@ -73,6 +74,7 @@ def _column_type(header: Header, index: int, cells: list[str], dialect: Dialect)
 
 def _content(source: MeasurementFile) -> bytes | mmap.mmap:
     with source.open() as stream:
+        # a member of an archive has no file that could be mapped
         return stream.read() if source.packed else mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
 
 

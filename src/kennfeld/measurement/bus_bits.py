@@ -25,12 +25,13 @@ def words_of(payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def extract_raw(payload: NDArray[np.uint8], signal: BusSignal) -> NDArray[np.uint64]:
-    """Return the raw bits of a signal in each frame.
+    """Extract the raw bits of a signal, UInt64[frames], with its lowest bit in bit 0.
 
     Args:
         payload: uint8[frames, bytes], contiguous, a multiple of 8 bytes that contains the signal.
         signal: its layout.
     """
+    # in words of the signal's own byte order its bits are consecutive
     words = payload.view(">u8" if signal.big_endian else "<u8")
     index, shift = divmod(signal.first, _WORD)
     end = shift + signal.length
@@ -50,7 +51,7 @@ def extract_raw(payload: NDArray[np.uint8], signal: BusSignal) -> NDArray[np.uin
 
 
 def to_numbers(raw: NDArray[np.uint64], signal: BusSignal) -> NDArray[Any]:
-    """Return the raw numbers of a signal: unsigned, signed or floating-point.
+    """Interpret raw bits, UInt64[frames], as the numbers of a signal, [frames]: unsigned, signed or floating-point.
 
     >>> to_numbers(np.array([3, 15], dtype=np.uint64), BusSignal("T", 0, 4, kind="i"))
     array([ 3, -1])
@@ -59,12 +60,13 @@ def to_numbers(raw: NDArray[np.uint64], signal: BusSignal) -> NDArray[Any]:
         return raw.astype(np.uint32).view(np.float32) if signal.length == 32 else raw.view(np.float64)
     if signal.kind == "u":
         return raw
+    # shifted up to the sign of the word and back down, which copies the sign
     unused = _WORD - signal.length
     return (raw << np.uint64(unused)).view(np.int64) >> np.int64(unused)
 
 
 def to_physical(raw: NDArray[np.uint64], signal: BusSignal, is_j1939: bool = False) -> Float:
-    """Return physical values, Float[frames] in the unit of the signal; NaN if J1939 says that there is none."""
+    """Convert raw bits, UInt64[frames], to Float[frames] in the unit of the signal; NaN if J1939 says there is none."""
     # any bits may be a NaN that signals, and a factor of a damaged database very large
     with np.errstate(invalid="ignore", over="ignore"):
         numbers = to_numbers(raw, signal).astype(np.float64)
@@ -77,6 +79,7 @@ def to_physical(raw: NDArray[np.uint64], signal: BusSignal, is_j1939: bool = Fal
 
 def _is_unavailable(raw: NDArray[np.uint64], signal: BusSignal) -> Bool:
     """Return where a raw value of J1939 is none: all bits set, and for measured values the range below, of errors."""
+    # one bit has no value to spare for `not available`
     if signal.kind != "u" or signal.length == 1:
         return np.zeros(raw.shape, dtype=bool)
     most = (1 << signal.length) - 1

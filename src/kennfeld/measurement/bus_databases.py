@@ -106,6 +106,7 @@ def _of_address(address: str) -> DatabaseFile:
     whole, _, suffix = address.rpartition("@")
     number = suffix.upper().removeprefix("CAN").removeprefix("LIN")
     is_bus = int(number) > 0 if number.isdecimal() else suffix.upper() in ("CAN", "LIN")
+    # a file may itself be called `engine.dbc@1`
     if not whole or not is_bus or Path(address).exists():
         return DatabaseFile(Path(address))
     network: Network = "LIN" if suffix.upper().startswith("LIN") else "CAN"

@@ -22,7 +22,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_bits import extract_raw, to_numbers, to_physical
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.bus_frames import Frames, Sender, group_number
-from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch
+from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, MultiplexCondition
 from kennfeld.measurement.bus_texts import missing_texts, without_texts
 from kennfeld.measurement.channel_names import TIME, unique_forms
 from kennfeld.measurement.source import MeasurementFile
@@ -139,9 +139,11 @@ class BusLog:
                     self._unknown.append((sender, rows.size))
                     continue
                 name, message = described
+                # described with more than 8 bytes, recorded with at most 8: the frames belong to a transport protocol
                 if message.size > _CLASSIC and frames.lengths[rows].max() <= _CLASSIC:
                     self._segmented.setdefault(message.name, sender)
                     continue
+                # identifiers of J1939 that differ in their priority alone are one sender of one message
                 address = sender.source_address if message.is_j1939 else sender.identifier
                 key = (sender.network, sender.bus, address, sender.extended, name, message.identifier)
                 known = recorded.get(key)
@@ -213,6 +215,7 @@ class BusLog:
                 described = describe_table(replace(table, findings=(*findings, *self._text_remarks())))
                 yield replace(described, ambiguous=tuple(name for name in signals if count[name] > 1))
                 findings = []
+                # these texts belong to the table that was just described
                 self._texts.clear()
 
     def _undescribed(self) -> Iterator[Finding]:
@@ -229,6 +232,7 @@ class BusLog:
         yield Finding(self._location, message, severity="remark")
 
     def _message_tables(self, recorded: RecordedMessage, own: Sequence[BusChannel]) -> Iterator[Table]:
+        # whole words are gathered, an eighth of the elements that bytes would be
         payload = recorded.frames.payload.view(np.uint64)[recorded.numbers].view(np.uint8)
         lengths = recorded.frames.lengths[recorded.numbers]
         label = self._labels[id(recorded)]
@@ -307,6 +311,7 @@ class _Catalog:
         ]
         nearest = min((_distance(described.message, sender) for described in similar), default=0)
         similar = [described for described in similar if _distance(described.message, sender) == nearest]
+        # of each database the first description, as one database may describe a group for several addresses
         by_database = {described.database: described for described in reversed(similar)}
         self._compare(sender, list(reversed(by_database.values())))
         return similar[0] if similar else None
@@ -359,7 +364,7 @@ def _content(frames: Sequence[Frames]) -> str:
 
 
 def _switched_on(
-    message: BusMessage, switches: Sequence[Switch], payload: NDArray[np.uint8], lengths: NDArray[np.uint8]
+    message: BusMessage, switches: Sequence[MultiplexCondition], payload: NDArray[np.uint8], lengths: NDArray[np.uint8]
 ) -> Bool | None:
     """Return in which frames all multiplexers have the values of a signal; None without multiplexers."""
     if not switches:
@@ -368,6 +373,7 @@ def _switched_on(
     sent = np.ones(lengths.size, dtype=bool)
     for switch in switches:
         signal = by_name.get(switch.signal)
+        # without its multiplexer, or in frames that end before it, a signal is never sent
         if signal is None or signal.bytes > payload.shape[1]:
             return np.zeros(lengths.size, dtype=bool)
         values = to_numbers(extract_raw(payload, signal), signal)
@@ -376,7 +382,7 @@ def _switched_on(
     return sent
 
 
-def _condition(switches: Sequence[Switch]) -> str:
+def _condition(switches: Sequence[MultiplexCondition]) -> str:
     """Return the values of multiplexers as part of a group's name."""
     texts = [
         f"{switch.signal} = {', '.join(str(low) if low == high else f'{low} to {high}' for low, high in switch.spans)}"
@@ -403,6 +409,7 @@ def _column(
             texts[channel.name] = f"{sum(counts.values())} of {values.size}: {join_names(list(counts), _MAX_TEXTS)}"
         if lengths.size and lengths.min() < signal.bytes:
             values[lengths < signal.bytes] = np.nan
+    # an unscaled integer is a gear or a state: between two frames it stays, it does not rise
     held = signal.kind != "f" and not signal.is_scaled
     return Column(channel.name, signal.unit, channel.name, values, held=held, description=_description(signal))
 

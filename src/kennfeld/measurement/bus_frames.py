@@ -11,6 +11,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_bits import words_of
 from kennfeld.measurement.bus_databases import Network
 
+# a key: identifier in bits 0 to 28, format (11 or 29 bits) in bit 31, bus from bit 32 on
 _EXTENDED = 31  # bit of a key
 _BUS = 32  # first bit
 # bytes of a frame by its length code (DLC)
@@ -56,6 +57,8 @@ def group_number(identifier: int) -> int:
     >>> hex(group_number(0x0CF00400)), hex(group_number(0x18EAFF00))
     ('0xf004', '0xea00')
     """
+    # J1939-21: priority in bits 26 to 28, group in 8 to 25, source in 0 to 7; if the second byte is below 240 (PDU1),
+    # the low byte of the group is the address of the receiver
     number = identifier >> 8 & 0x3FFFF
     return number if identifier >> 16 & 0xFF >= 240 else number & 0x3FF00
 
@@ -89,7 +92,10 @@ class Frames:
         lengths: NDArray[np.integer],
         payload: NDArray[np.uint8],
     ) -> "Frames":
-        """Return frames from their columns; lengths beyond the payload are those of the payload."""
+        """Return frames from their columns, [frames] each, and the payload, UInt8[frames, bytes].
+
+        The time is in s; lengths beyond the payload are those of the payload.
+        """
         keys = identifier.astype(np.uint64) & np.uint64((1 << 29) - 1)
         keys |= extended.astype(np.uint64) << np.uint64(_EXTENDED)
         keys |= bus.astype(np.uint64) << np.uint64(_BUS)
@@ -100,7 +106,7 @@ class Frames:
         return len(self.time)
 
     def select(self, rows: Bool) -> "Frames":
-        """Return some of the frames."""
+        """Return the frames of a mask, Bool[frames]."""
         if rows.all():
             return self
         return Frames(self.network, self.time[rows], self.keys[rows], self.lengths[rows], self.payload[rows])
@@ -119,7 +125,7 @@ class Frames:
 
 
 def bytes_of_codes(codes: NDArray[np.integer]) -> NDArray[np.uint8]:
-    """Return the bytes of frames by their length codes (DLC): 9 stands for 12, 15 for 64."""
+    """Convert length codes (DLC) of frames, [frames], to bytes, UInt8[frames]: 9 stands for 12, 15 for 64."""
     sizes: NDArray[np.uint8] = _BYTES_OF_CODE[np.clip(codes, 0, 15).astype(np.intp)]
     return sizes
 
@@ -133,9 +139,10 @@ def from_rows(
     sizes: NDArray[np.uint8],
     content: bytes | bytearray,
 ) -> Frames:
-    """Return frames whose payloads follow each other in `content`."""
+    """Return frames from their columns, [frames] each, whose payloads follow each other in `content`; time in s."""
     width = int(sizes.max(initial=0))
     payload = np.zeros((sizes.size, max(-(-width // 8) * 8, 8)), dtype=np.uint8)
+    # a mask is filled row by row, the order in which the payloads follow each other
     payload[np.arange(payload.shape[1]) < sizes[:, np.newaxis]] = np.frombuffer(content, dtype=np.uint8)
     return Frames.of(network, time, buses, identifiers, extended.astype(bool), sizes, payload)
 
@@ -151,6 +158,7 @@ def joined(parts: Sequence[Frames]) -> Frames:
         payload[end : end + len(part), : part.payload.shape[1]] = part.payload
         end += len(part)
     time = np.concatenate([part.time for part in parts])
+    # stable, so that frames of one stamp keep the order of the log
     order = np.argsort(time, kind="stable")
     keys, lengths = (np.concatenate([getattr(part, name) for part in parts]) for name in ("keys", "lengths"))
     return Frames(parts[0].network, time[order], keys[order], lengths[order], payload[order])

@@ -6,7 +6,7 @@ from kennfeld.base.errors import Finding
 from kennfeld.base.lazy_dataclass import dataclass
 
 
-class Switch(NamedTuple):
+class MultiplexCondition(NamedTuple):
     """The condition of a multiplexed signal: another signal has one of these raw values, both ends included."""
 
     signal: str
@@ -42,12 +42,13 @@ class BusSignal:
     unit: str = ""
     comment: str = ""
     texts: tuple[tuple[int, str], ...] = ()
-    switches: tuple[Switch, ...] = ()
+    switches: tuple[MultiplexCondition, ...] = ()
     short_name: str = ""
 
     @property
     def first(self) -> int:
         """First bit in the order of its bytes; for big-endian signals, bit 0 is the highest one of byte 0."""
+        # files number the bits of a byte from its lowest, here they count from its highest
         return self.start ^ 7 if self.big_endian else self.start
 
     @property

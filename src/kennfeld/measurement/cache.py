@@ -220,9 +220,11 @@ class Cache:
         if not path.is_file():
             return None
         known = _Note.from_json(path.read_bytes())
+        # a file that is gone counts as a changed one
         with contextlib.suppress(OSError):
             if known.holds():
                 return known
+            # a copy or a checkout changes the times alone, so the content decides
             now = _Note.of(source)
             if now.content == known.content:
                 self._write_note(source, replace(now, failed=known.failed))
@@ -301,6 +303,7 @@ def _read_entry(entry: Path, name: str) -> Dataset | None:
         if recording is None:
             entry.unlink(missing_ok=True)
         else:
+            # the time of modification serves as that of the last use
             os.utime(entry)
     return recording
 

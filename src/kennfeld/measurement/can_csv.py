@@ -84,10 +84,12 @@ def _read_rows(source: MeasurementFile) -> tuple[list[str], list[int], list[list
             try:
                 cells = next(reader, None)
             except csv.Error:
+                # a row that the parser refuses is counted as one without a frame
                 cells = ["damaged"]
             if cells is None:
                 break
             if any(map(str.strip, cells)):
+                # the head was read before, which the reader does not count
                 lines.append(reader.line_num + 1)
                 table.append([cell.strip() for cell in cells])
     return column_names(head.split(separator)), lines, table
@@ -109,6 +111,7 @@ def _find_bases(names: Sequence[str], table: Sequence[Sequence[str]]) -> _Number
         return _NumberBases(16, 16)
     bytes_at = [k for k, name in enumerate(names) if re.fullmatch(r"d\d+", name)]
     cells = [row[k] for row in table for k in bytes_at if k < len(row)]
+    # a byte has two hexadecimal digits, or up to three decimal ones
     if any(map(_HEXADECIMAL.fullmatch, cells)) or not any(len(cell) == 3 for cell in cells):
         return _NumberBases(16, 16)
     return _NumberBases(10, 10)
@@ -162,11 +165,13 @@ def _content(row: dict[str, str], base: int) -> bytes:
         size = int(row.get("len") or row.get("dlc") or 0)
         if not 0 <= size <= _MOST_BYTES:
             raise ValueError("length")
+        # SavvyCAN counts the bytes from D1
         first = 0 if "d0" in row else 1
         return bytes(int(row[f"d{first + k}"], base) for k in range(size))
     text = _first(row, _DATA)
     if row.get("arbitrationid", "").casefold().startswith("0x"):
         content = base64.b64decode(text, validate=True)
+    # bytes in brackets are separated by blanks
     elif base == 10:
         content = bytes(map(int, text.strip("[]").split()))
     else:

@@ -70,6 +70,7 @@ class _Columns:
 
     def __init__(self, from_zero: bool) -> None:
         self._shift = 1 if from_zero else 0
+        # packed arrays: a log has millions of frames, and lists of numbers would take several times the memory
         self.time, self.lengths, self.content = array("d"), bytearray(), bytearray()
         self._buses, self._identifiers, self._extended = bytearray(), array("L"), bytearray()
 
@@ -94,6 +95,7 @@ class _Columns:
         else:
             digits = re.search(r"\d{1,3}\Z", str(channel or ""))
             number = int(digits[0]) + 1 if digits else 0
+        # one byte a frame holds the channel, and a damaged line may state any number
         return min(max(number, 0), 255)
 
     def frames(self, *, is_relative: bool) -> Frames:
@@ -124,6 +126,7 @@ def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     columns, problems = _Columns(source.format in _FROM_ZERO), list[str]()
     with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as text:
         reader = reader_class(text, **header)
+        # an exception ends the library's generator; the next one reads on from the following line of the text
         while not (done := _collect(reader, columns, problems)):
             if source.format not in _RESUMABLE or len(problems) >= _MOST_DAMAGED:
                 break
@@ -151,6 +154,7 @@ def _collect(reader: Any, columns: _Columns, problems: list[str]) -> bool:
     try:
         for message in reader:
             columns.add(message)
+    # these concern the file or its archive, not one line
     except (EOFError, OSError):
         raise
     except Exception as error:  # of many kinds: the library trusts what it reads

@@ -33,6 +33,7 @@ _NUMBER[".,"] = _NUMBER["."]
 _APART = rf"[+-]?[1-9][0-9]{{0,2}}(?:(?P<mark>[{_SEPARATED}])[0-9]{{3}})(?:(?P=mark)[0-9]{{3}})*"
 # numbers whose thousands are separated, as far as that is certain
 _GROUPED: dict[str, re.Pattern[str]] = {
+    # `1,234` may have a decimal comma; `1,234.5` cannot
     ".": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+(?=\.))(?:\.[0-9]*)?"),
     ",": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:\.[0-9]{{3}})+)(?:,[0-9]*)?"),
     ".,": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+)(?:\.[0-9]*)?"),
@@ -41,7 +42,7 @@ EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
 
 
 def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
-    """Return the number in a cell: NaN for a gap, seconds for a date or a duration, None for text.
+    """Parse a cell: NaN for a gap, seconds for a date or a duration, None for text.
 
     >>> parse_number("1,5", ","), parse_number("on"), parse_number("-"), parse_number("rpm")
     (1.5, 1.0, nan, None)
@@ -64,6 +65,7 @@ def _parse_text(text: str, decimal: Decimal) -> float | None:
     folded = text.casefold()
     if folded in _GAPS or _MARKS.fullmatch(folded):
         return np.nan
+    # C runtimes fill `1.#INF` up with zeros to the digits of the format
     return TRUTH.get(folded, _ENDLESS.get(folded.replace(",", ".").rstrip("0") if "#" in folded else folded))
 
 
@@ -104,7 +106,7 @@ def is_missing(cell: object) -> bool:
 
 
 def parse_numbers(cells: Sequence[object], decimal: Decimal = ".") -> tuple[Float, list[int]]:
-    """Return the numbers in a run of cells, NaN if there is none, and the positions that hold text.
+    """Parse a run of cells: their numbers, Float[cells], NaN if there is none, and the positions that hold text.
 
     >>> parse_numbers(["1", "", "rpm"])
     (array([ 1., nan, nan]), [2])
@@ -125,6 +127,7 @@ def _parse_quickly(cells: Sequence[object], decimal: Decimal) -> Float | None:
     if set(map(type, cells)) <= {float, int, bool}:
         return np.array(cells, dtype=np.float64)
     try:
+        # one search of the joined text instead of one in each cell
         joined = "\n".join(cells)  # type: ignore[arg-type]  # a cell that is no text raises TypeError
         if "_" in joined or (decimal == "," and "." in joined):
             return None

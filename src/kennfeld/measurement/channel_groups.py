@@ -91,6 +91,7 @@ def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | 
     taken: set[str] = set()
     for table in tables:
         names = None if selection.channels is None else [n for n in selection.channels if n in table.names]
+        # a name that several groups have means the first of them
         own = Selection(None if names is None else tuple(n for n in names if n not in taken))
         taken |= set(names or ())
         try:
@@ -141,8 +142,10 @@ def split_timelines(table: Table, selection: Selection) -> list[Table]:
     """Return a table for each time column with requested channels; the table itself if it has a single time."""
     columns = table.columns
     clocks = [k for k, column in enumerate(columns) if _may_be_clock(column, selection)]
+    # a table in groups begins with a time column
     if len(clocks) < 2 or clocks[0] != 0:
         return [table]
+    # the same clock again, perhaps from another origin, does not begin a group of its own
     if not _differ([columns[k] for k in clocks], 0.0 if table.staggered else _SHIFT):
         copies = {k for k in clocks[1:] if table.staggered or columns[k].name == columns[0].name}
         return [replace(table, columns=tuple(c for k, c in enumerate(columns) if k not in copies))]
@@ -153,6 +156,7 @@ def split_timelines(table: Table, selection: Selection) -> list[Table]:
         groups = _join_texts(groups)
     asked = [group for group in groups if any(selection.includes(channel.name) for channel in group[1:])]
     parts = [_part(table, group) for group in asked or groups[:1]]
+    # a reader stops at errors, so they are needed once
     others = tuple(finding for finding in table.findings if finding.severity != "error")
     return [parts[0], *(replace(part, findings=others) for part in parts[1:])]
 
@@ -184,6 +188,7 @@ def _differ(clocks: Sequence[Column], shift: float) -> bool:
     known = ~np.isnan(first)
     tolerance = max(SAME_INSTANT, shift * np.ptp(first[known]))
     others = [time_in_seconds(clock) for clock in clocks[1:]]
+    # gaps in different rows: the columns belong to different rasters
     if any(not np.array_equal(known, ~np.isnan(other)) for other in others):
         return True
     deviations = [(other - first)[known] for other in others]
@@ -193,6 +198,7 @@ def _differ(clocks: Sequence[Column], shift: float) -> bool:
 def _part(table: Table, columns: Sequence[Column]) -> Table:
     """Return the rows in which the first column, a time, or one of its channels has a value."""
     rows: Bool = np.any([~np.isnan(column.values) for column in columns], axis=0)
+    # a text is NaN among the values, but its row belongs to the group
     for column in columns:
         rows[[sample for sample, _ in column.texts]] = True
     return replace(

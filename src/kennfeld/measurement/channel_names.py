@@ -89,6 +89,7 @@ def _meanings(entries: Sequence[_C]) -> dict[str, list[_C]]:
     for entry in entries:
         for form in dict.fromkeys(entry.forms):
             meanings.setdefault(form, []).append(entry)
+    # later entries win: a listed name before the forms of others, and `time` before all, as it is never a channel
     return meanings | {entry.name: [entry] for entry in entries} | {TIME: []}
 
 

@@ -39,9 +39,11 @@ def seconds_of_clock(numbers: Float) -> Float | None:
         # a 61st second is a leap second
         if not np.all((hours >= 0) & (hours < 24) & (minutes < _MINUTE) & (seconds < _MINUTE + 1)):
             return None
+        # a double resolves 3e-11 s at 235959.9, so this restores the digits that were written
         clock = np.round(_HOUR * hours + _MINUTE * minutes + seconds, 6)
         day = days + np.cumsum(np.diff(clock, prepend=last) < -_DAY / 2)
         values[block][known] = clock + _DAY * day
+        # the next block goes on from the last clock time and the midnights passed so far
         last, days = (clock[-1], day[-1]) if clock.size else (last, days)
     return values
 
@@ -71,6 +73,7 @@ def seconds_of_dates(numbers: Float) -> Float | None:
             return None
         first = first or ordinals[0]
         since = _DAY * (np.array(ordinals, dtype=np.float64) - first)
+        # a double resolves 0.004 s at 2e13, so further digits are noise
         values[block][known] = since[place] + _HOUR * hours + _MINUTE * minutes + np.round(seconds, 2)
     return values if first else None
 
@@ -105,6 +108,7 @@ def _passes_minutes(numbers: Float, seconds: Float) -> bool:
         steps, elapsed = np.diff(clock), np.diff(time)
         if not np.all((elapsed > 0) & (elapsed < _MINUTE)):
             return False
+        # from 59 to 100 the number rises by 41 and the clock by 1 s
         jumps = jumps or bool(np.any(np.abs(steps - elapsed) > 1.0))
         short, count = short + int(np.count_nonzero(elapsed < 0.1 * _MINUTE)), count + elapsed.size
         low, high = min(low, np.min(clock % 100.0, initial=low)), max(high, np.max(clock % 100.0, initial=high))

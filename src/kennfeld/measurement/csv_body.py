@@ -24,6 +24,7 @@ class CsvBody:
 
     def split(self, count: int) -> list[memoryview]:
         """Return at most so many parts of similar size, each of whole lines."""
+        # a line longer than a part puts several ends at one place
         ends = {_line_end(self.data, len(self.data) * k // count) for k in range(1, count)} | {len(self.data)}
         bounds = [0, *sorted(ends)]
         return [self.data[begin:end] for begin, end in itertools.pairwise(bounds)]
@@ -33,6 +34,7 @@ class CsvBody:
         file = self.data.obj
         if isinstance(file, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             begin = _address(part) - _address(memoryview(file))
+            # `madvise` takes whole pages
             start = begin - begin % mmap.PAGESIZE
             file.madvise(mmap.MADV_DONTNEED, start, begin + len(part) - start)
 
@@ -44,6 +46,7 @@ def _address(data: memoryview) -> int:
 def _line_end(data: memoryview, position: int) -> int:
     """Return where the line that holds this position ends, behind its line feed."""
     while position < len(data):
+        # a copy of a window, as a memoryview cannot be searched
         feed = bytes(data[position : position + _WINDOW]).find(b"\n")
         if feed >= 0:
             return position + feed + 1

@@ -16,6 +16,7 @@ from kennfeld.measurement.vcds_header import find_vcds_header
 
 ALONE = "\x1f"  # stands for: one column, no separator
 _SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
+# `#N/A` is a gap at the beginning of a row
 _COMMENT = re.compile(r"\s*(?:#(?!n/?a\b)|//|%)", re.IGNORECASE)
 _QUOTED_NUMBER = re.compile(r'"\s*[+-]?\d+(?:,\d+)+(?:\.\d*)?\s*"')  # "1,200.5", or "0,25"
 _NAMES = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks", ALONE: "none"}
@@ -91,6 +92,7 @@ def find_dialect(location: Location, first_lines: tuple[str, ...], encoding: str
         rows = [[] if is_comment(line) or is_mark(line, separator) else split_line(line, separator) for line in lines]
         for decimal in _possible_decimals(separator, lines):
             rating = _rate(rows, separator, decimal, encoding, lines)
+            # of equal ratings the first wins, as separators and decimal marks are tried from the likeliest on
             if rating is not None and (best is None or rating[0] > best[0]):
                 best = rating
     if best is None or best[0][0] <= 0:
@@ -101,6 +103,7 @@ def find_dialect(location: Location, first_lines: tuple[str, ...], encoding: str
 def _possible_decimals(separator: str, lines: Sequence[str]) -> tuple[Decimal, ...]:
     """Return the forms that numbers between these separators may have, the likeliest first."""
     if separator == ",":
+        # commas within quotes are decimal marks or separate thousands
         return (".", ".,", ",") if any(map(_QUOTED_NUMBER.search, lines)) else (".",)
     if not any("," in line for line in lines):
         return (".",)
@@ -112,6 +115,7 @@ def _join_cells(lines: Sequence[str]) -> list[str]:
     joined, begun = [], ""
     for i, line in enumerate(lines):
         whole = begun + line
+        # a quote without a partner in the next lines is a character, or it would swallow the rest of the table
         closes = any(later.count('"') % 2 for later in lines[i + 1 : i + 5])
         begun = f"{whole} " if whole.count('"') % 2 and closes else ""
         joined.append("" if begun else whole)
@@ -135,6 +139,7 @@ def _rate(
     above = rows[: header.data]  # which a log that was restarted repeats
     data = [row for row in rows[header.data :] if any(cell.strip() for cell in row) and row not in above]
     numbers = [[None if not cell.strip() else parse_number(cell, decimal) for cell in row] for row in data]
+    # NaN is a gap, which does not make its column numeric
     numeric = {i for values in numbers for i, value in enumerate(values) if value is not None and value == value}
     score, seen = 0, False
     for row, values in zip(data, numbers, strict=True):

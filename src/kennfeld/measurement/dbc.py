@@ -15,7 +15,7 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.foreign import identify_foreign
-from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch, bits_of
+from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, MultiplexCondition, bits_of
 from kennfeld.measurement.unit_text import plain_unit
 
 _EXTENDED = 1 << 31  # of an identifier in the file
@@ -27,6 +27,7 @@ _MAX_SIZE = 200_000_000  # bytes of a file
 _MOST_LINES = 1000  # of a statement
 _MAX_FINDINGS = 20
 _HEAD = 20_000  # bytes
+# atomic and possessive, so that a head full of comments is searched only once
 _MATRIX_FORMATS = (
     (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--(?>.*?-->)\s*+)*+<AUTOSAR[\s>]", re.DOTALL), "arxml"),
     (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--(?>.*?-->)\s*+)*+<(?:\w+:)?NetworkDefinition[\s>]", re.DOTALL), "kcd"),
@@ -34,7 +35,9 @@ _MATRIX_FORMATS = (
 )
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _TEXT = r'"((?:[^"\\]|\\.)*)"'
+# BO_ identifier name: bytes sender
 _MESSAGE = re.compile(r"BO_\s+(\d{1,10})\s+(\S+?)\s*:\s*(\d{1,6})\b")
+# SG_ name multiplexer : start|length@order sign (factor,offset) [min|max] "unit" receivers; order 0 is Motorola's
 _SIGNAL = re.compile(
     r"SG_\s+(\S+?)\s*(?:\s(M|m\d{1,10}M?|m)\s*)?:\s*(\d{1,6})\s*\|\s*(\d{1,6})\s*@\s*([01])\s*([-+])\s*"
     rf"\(\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)(?:\s*\[[^\]]*\])?\s*(?:{_TEXT})?"
@@ -49,6 +52,7 @@ _CHOICES = re.compile(rf"BA_DEF_\s+(?:BO_\s+)?{_TEXT}\s+ENUM\s+(.*)", re.DOTALL)
 _DEFAULT = re.compile(rf"BA_DEF_DEF_\s+{_TEXT}\s+(.*?)\s*;", re.DOTALL)
 _OF_MESSAGE = re.compile(rf"BA_\s+{_TEXT}\s+BO_\s+(\d{{1,10}})\s+(.*?)\s*;", re.DOTALL)
 _OF_SIGNAL = re.compile(rf"BA_\s+{_TEXT}\s+SG_\s+(\d{{1,10}})\s+(\S+)\s+{_TEXT}\s*;", re.DOTALL)
+# a value without quotes does not begin with a capital, as BO_, SG_ and BU_ of other attributes do
 _OF_FILE = re.compile(rf'BA_\s+{_TEXT}\s+("[^"]*"|[^\sA-Z][^\s;]*)\s*;', re.DOTALL)
 _KEYWORD = re.compile(r"\s*([A-Z]{2,}_(?:[A-Z]+_)*)(?=[\s:])")
 _LONG_SIGNAL, _LONG_MESSAGE = "SystemSignalLongSymbol", "SystemMessageLongSymbol"  # names of more than 32 characters
@@ -63,7 +67,7 @@ class _MessageLines:
     message: BusMessage
     signals: dict[str, BusSignal] = field(default_factory=dict)
     marks: dict[str, str] = field(default_factory=dict)  # `M`, `m3` or `m3M` of each multiplexed signal
-    switches: dict[str, list[Switch]] = field(default_factory=dict)
+    switches: dict[str, list[MultiplexCondition]] = field(default_factory=dict)
     long_name: str = ""
     long_names: dict[str, str] = field(default_factory=dict)  # of its signals
 
@@ -113,6 +117,7 @@ def parse_content(file: str, content: bytes) -> BusDatabase:
     if not texts:
         raise InputError.of(Location(file), "describes no message of a bus", "Is it the right file?")
     databases = [parse_database(file, text) for text in texts]
+    # from the last to the first, so that of equal identifiers the first message remains
     messages = {(m.identifier, m.extended): m for database in reversed(databases) for m in reversed(database.messages)}
     findings = [replace(f, location=Location(file)) for database in databases for f in database.findings]
     if problems:
@@ -194,6 +199,7 @@ def _end(lines: Sequence[str], first: int) -> int:
         line = lines[at]
         if at > first and not odd and _KEYWORD.match(line):
             return at  # without a semicolon
+        # each quote opens or closes a text, unless a backslash precedes it
         odd ^= (line.count('"') - line.count('\\"')) % 2 == 1
         if not odd and line.rstrip().endswith(";"):
             return at + 1
@@ -282,6 +288,7 @@ def _read_values(statements: _Statements, line: int, text: str) -> None:
 
 def _read_value_type(statements: _Statements, line: int, text: str) -> None:
     match = _VALUE_TYPE.match(text)
+    # 1 is a float of 32 bits, 2 a double; the others are integers, as they are by default
     if match and match[3] in "12" and (target := _signal_of(statements, match[1], match[2])):
         lines, signal = target
         bits = 32 if match[3] == "1" else 64
@@ -298,7 +305,7 @@ def _read_switch(statements: _Statements, line: int, text: str) -> None:
     if match and (target := _signal_of(statements, match[1], match[2])):
         lines, signal = target
         spans = tuple((int(low), int(high)) for low, high in _SPAN.findall(match[4]))
-        lines.switches.setdefault(signal.name, []).append(Switch(match[3], spans))
+        lines.switches.setdefault(signal.name, []).append(MultiplexCondition(match[3], spans))
 
 
 def _read_choices(statements: _Statements, line: int, text: str) -> None:
@@ -355,6 +362,7 @@ def _with_long_names(lines: _MessageLines, signals: Sequence[BusSignal]) -> list
         return list(signals)
     renamed = []
     for signal in signals:
+        # a condition names its multiplexer, which may have a long name itself
         switches = tuple(switch._replace(signal=names.get(switch.signal, switch.signal)) for switch in signal.switches)
         short = signal.name if names[signal.name] != signal.name else ""
         renamed.append(replace(signal, name=names[signal.name], switches=switches, short_name=short))
@@ -365,6 +373,7 @@ def _is_j1939(statements: _Statements, number: int) -> bool:
     """Return whether a message is one of J1939: by its own format, else by the protocol of the database."""
     frame_format = statements.formats.get(number, statements.defaults.get(_FORMAT, ""))
     choices = statements.choices.get(_FORMAT, [])
+    # an attribute that is an enumeration is stored as the number of its choice
     if frame_format.isdecimal() and int(frame_format) < len(choices):
         frame_format = choices[int(frame_format)]
     protocol = statements.protocol or statements.defaults.get(_PROTOCOL, "")
@@ -374,15 +383,16 @@ def _is_j1939(statements: _Statements, number: int) -> bool:
 
 def _with_switches(statements: _Statements, lines: _MessageLines) -> list[BusSignal]:
     """Return the signals of a message with the conditions of those that are multiplexed."""
+    # `m3` means the one multiplexer `M`; which of several is meant, SG_MUL_VAL_ states
     plain = next((name for name, mark in lines.marks.items() if mark == "M" and name in lines.signals), "")
-    own: dict[str, list[Switch]] = {}
+    own: dict[str, list[MultiplexCondition]] = {}
     for name in lines.signals:
         mark = lines.marks.get(name, "")
         if lines.switches.get(name):  # whatever its mark is
             own[name] = lines.switches[name]
         elif mark.startswith("m"):
             value = int(mark[1:].rstrip("M"))
-            own[name] = [Switch(plain, ((value, value),))] if plain else []
+            own[name] = [MultiplexCondition(plain, ((value, value),))] if plain else []
     signals = []
     for name, signal in lines.signals.items():
         switches = _chain(name, own)
@@ -394,9 +404,9 @@ def _with_switches(statements: _Statements, lines: _MessageLines) -> list[BusSig
     return signals
 
 
-def _chain(name: str, own: Mapping[str, Sequence[Switch]]) -> tuple[Switch, ...]:
+def _chain(name: str, own: Mapping[str, Sequence[MultiplexCondition]]) -> tuple[MultiplexCondition, ...]:
     """Return the conditions of a signal and of the multiplexers that it depends on; none if they form a cycle."""
-    chain: dict[Switch, None] = {}
+    chain: dict[MultiplexCondition, None] = {}
     names, seen = [name], {name}
     while names:
         for switch in own.get(names.pop(), ()):

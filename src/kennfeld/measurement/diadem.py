@@ -85,12 +85,14 @@ def _header(source: MeasurementFile) -> _Header:
 
 
 def _groups(source: MeasurementFile, header: _Header) -> tuple[list[RecordedGroup], list[UnreadableChannel]]:
+    # a record holds one value of each block channel of its file, unless entry 222 states another distance
     counts = Counter(entries.get(211, "") for entries in header.channels if _method(entries) == "BLOCK")
     places: Counter[str] = Counter()
     by_length: dict[int, list[RecordedChannel]] = defaultdict(list)
     unreadable: list[UnreadableChannel] = []
     for number, entries in enumerate(header.channels, 1):
         try:
+            # counted before anything can fail, as later channels of the record lie behind it
             if _method(entries) == "BLOCK":
                 places[entries.get(211, "")] += 1
             length = _integer(entries, 220, 0)

@@ -41,6 +41,7 @@ def epoch_unit(column: Column) -> str:
     if time_unit(column.name, column.unit) is None and not says_time(column.name):
         return ""
     low, high = column.extent
+    # the three ranges are a factor of 1000 apart, so at most one fits
     candidates = [(u, s) for u, s in _UNITS.items() if _SINCE * s <= low and high <= _UNTIL * s]
     if not candidates:
         return ""

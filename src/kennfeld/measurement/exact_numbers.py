@@ -47,6 +47,7 @@ def rest_of_cells(cells: Sequence[object], values: Float, decimal: Decimal) -> F
             rest[k] = cell - int(values[k])
         elif isinstance(cell, str):
             try:
+                # a `Decimal` has all digits of the float, so the difference is exact
                 rest[k] = float(ExactDecimal(cell.strip().replace(",", ".")) - ExactDecimal(float(values[k])))
             except InvalidOperation:  # such as a number with separated thousands
                 continue

@@ -136,6 +136,7 @@ class _FamosFile:
 
     def _read_abscissa(self, key: _Key, fields: "_Fields") -> None:
         step, _, unit = fields.number(), fields.integer(), fields.text()
+        # a key behind a component belongs to it, one before the first component to the whole group
         if self._group.components:
             self._group.components[-1].step, self._group.components[-1].step_unit = step, unit
         else:
@@ -147,6 +148,7 @@ class _FamosFile:
         if self._group.components:
             self._group.components[-1].trigger = start
         else:
+            # a trigger outside of a component is that of the following groups, too
             self._group.trigger = self._trigger = start
 
     def _read_component(self, key: _Key, fields: "_Fields") -> None:
@@ -263,6 +265,7 @@ class _FamosFile:
         if component.width <= 0 or component.run <= 0 or component.first > component.size:
             raise FamosError("the samples of a component have no size")
         usable = component.filled - component.skip
+        # `run` samples, then `gap` bytes; the last run may be shorter
         whole, rest = divmod(max(usable, 0), component.run * component.width + component.gap)
         return whole * component.run + min(rest // component.width, component.run)
 
@@ -270,17 +273,20 @@ class _FamosFile:
         """Return the samples as they are stored."""
         begin, _ = self._raw[component.sample]
         data = self.content[begin + component.begin : begin + component.begin + component.size]
+        # the oldest sample may lie anywhere in the ring
         if component.first:
             data = np.concatenate([data[component.first :], data[: component.first]])
         data = data[component.skip : component.filled]
         count, width = self._count(component), component.width
         if component.gap:
             places = np.arange(count)
+            # byte of sample k: k * width, and a gap for each whole run before it
             starts = places * width + places // component.run * component.gap
             data = data[starts[:, None] + np.arange(width)]
         cells = np.ascontiguousarray(data.ravel()[: count * width])
         kind = _TYPES[component.kind]
         if kind == _SIX:
+            # six bytes, least significant first, and two zeros
             wide = np.zeros((count, 8), np.uint8)
             wide[:, :6] = cells.reshape(count, 6)[:, :: 1 if self._order == "<" else -1]
             return wide.view("<u8").ravel()
@@ -292,6 +298,7 @@ class _FamosFile:
             raw = raw & np.array(component.mask).astype(raw.dtype)
         with np.errstate(invalid="ignore"):
             values: Float = np.asarray(raw, dtype=np.float64).copy()
+        # a NaN that signals would set off warnings later
         values[np.isnan(values)] = np.nan
         with np.errstate(over="ignore", invalid="ignore"):  # infinite values are reported as of all formats
             values *= component.factor
@@ -328,6 +335,7 @@ class _Fields:
         self.at = key.begin
 
     def _next(self) -> str:
+        # far more than the characters of a number
         head = self._content[self.at : min(self.at + 64, self._key.end)].tobytes()
         cell, _, _ = head.partition(b",")
         if self.at > self._key.end:

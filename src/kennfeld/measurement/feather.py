@@ -19,11 +19,14 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
 
     try:
         with source.path.open("rb") as stream:
+            # the schema alone first, so that columns of text are never loaded
             schema = _open(stream, []).schema
             header = header_of(schema)
             asked = selection.wants(header)
             numeric = [i for i in asked if is_numeric(schema.field(i).type)]
+            # without numbers, any column tells the number of rows
             read = _open(stream, numeric or [0]).read_all()
+            # offsets of a damaged file may lead out of its buffers
             read.validate(full=True)
             count = read.num_rows
             columns = [column_of(read.column(at), header, i) for at, i in enumerate(numeric)]

@@ -26,6 +26,7 @@ def with_fine_clocks(tables: Sequence[Table], selection: Selection) -> list[Tabl
     clocks = [find_time(table, selection.channels or ()) for table in tables]
     if not any(clock is not None and _is_coarse(clock) for clock in clocks):
         return list(tables)
+    # one origin for all tables, or their clocks would be shifted against each other
     firsts = [_first(clock) for clock in clocks if clock is not None]
     value, rest = min((first for first in firsts if first is not None), key=sum)
     return [
@@ -55,7 +56,7 @@ def _first(clock: Column) -> tuple[float, float] | None:
 
 
 def elapsed_since(clock: Column, value: float, rest: float = 0.0) -> Float:
-    """Return the time stamps of a clock in s since the stamp `value` + `rest`, in the unit of the clock.
+    """Compute the time stamps of a clock in s, Float[samples], since the stamp `value` + `rest` in the clock's unit.
 
     >>> stamps = 1767225600 + 0.0001 * np.arange(3)
     >>> elapsed_since(Column("time", "s", "time", stamps), stamps[0])
@@ -63,10 +64,12 @@ def elapsed_since(clock: Column, value: float, rest: float = 0.0) -> Float:
     """
     factor, divisor = in_seconds(time_unit(clock.name, clock.unit) or clock.unit) or (1.0, 1.0)
     if clock.rest is not None:
+        # the difference of stamps within a factor of 2 is exact (Sterbenz, 1974); the rests are what the doubles lack
         return ((clock.values - value) + (clock.rest - rest)) * factor / divisor
     power = _decimal_power(clock.values)
     if power is None:
         return (clock.values - value) * factor / divisor
+    # decimal fractions become whole ticks, whose differences are exact
     ticks: Float = np.rint(clock.values * power) - np.rint(value * power)
     return ticks * factor / (divisor * power)
 

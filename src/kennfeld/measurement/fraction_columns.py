@@ -19,10 +19,12 @@ def with_fractions(table: Table) -> Table:
         return table
     fraction = next((column for column in table.columns if _is_fraction(column)), None)
     known = clock.values[~np.isnan(clock.values)]
+    # stamps with fractions of their own lack no milliseconds
     if fraction is None or np.any(known != np.round(known)):
         return table
     stamps = clock.values + fraction.values / _PER_SECOND
     steps = np.diff(stamps[~np.isnan(stamps)])
+    # gaps, or stamps that fall, show that the column counts something else
     if np.isnan(stamps).sum() > np.isnan(clock.values).sum() or np.any(steps < 0):
         return table
     message = f"its milliseconds were added to the time stamps of {clock.place}"

@@ -75,14 +75,6 @@ def describe_by_library(source: MeasurementFile) -> list[TableDescription]:
     return [describe_table(table) for table in read_by_library(source, Selection())]
 
 
-def is_of_matlab(source: MeasurementFile) -> bool:
-    """Return True if MATLAB wrote a file; False also if it is damaged."""
-    try:
-        return bool(mat_v73.LIBRARY.call(_is_matlab, source))
-    except InputError:
-        return False
-
-
 def _is_matlab(source: MeasurementFile) -> bool:
     try:
         return mat_v73.is_matlab(source.path)
@@ -140,6 +132,7 @@ class _Content:
                 inner.append((name, item))
             elif hasattr(item, "shape"):
                 self._add(item, name, f"{path}/{name}".lstrip("/"), vectors)
+        # before the groups inside, which may lack a time of their own
         own = self._add_rasters(path, vectors, times)
         for name, item in inner:
             self.visit(item, f"{path}/{name}".lstrip("/"), depth + 1, {**times, **own})
@@ -184,6 +177,7 @@ class _Content:
             self.matrices[path] = shape
 
     def _reserve(self, numbers: int) -> None:
+        # chunks that were never written take no space, so a small file may claim any size
         self._room -= 8 * numbers
         if self._room < 0:
             raise ValueError("it claims to hold far more numbers than its size allows")
@@ -239,6 +233,7 @@ def _vector(item: Any, attributes: Mapping[str, Any]) -> Float:
 
 def _rest(item: Any) -> Float | None:
     values = np.ravel(item[()])
+    # of packed numbers the integers are not the values
     return rest_of_integers(values) if len(item.attrs.keys() & _SCALING) == 0 else None
 
 

@@ -30,10 +30,12 @@ def unique_names(names: Sequence[str]) -> list[str]:
     """
     taken = set(names)
     seen: set[str] = set()
+    # the next number to try: n equal names would take n**2 / 2 trials otherwise
     last: dict[str, int] = {}
     unique = []
     for name in names:
         free, k = name, last.get(name, 1)
+        # the second `Speed` must not become a `Speed (2)` that the file already has
         while name and (free in seen or (free != name and free in taken)):
             k += 1
             free = f"{name} ({k})"
@@ -92,15 +94,17 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
             data, numbered = first_row, first_row > data
         run = list(takewhile(lambda row: shapes[row].numbers, (row for row in filled if row >= data)))
         header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data, numbered)
+        # a long block, or one up to the end, is the table; a short one may be settings above it
         complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
         if first is None:
             if complete:
                 return header
             first = header, run
+        # after settings, the next head counts, unless it is one of settings again
         elif len(first[1]) < _MIN_TABLE_ROWS and _are_settings(first[1], shapes):
             if complete or len(run) >= _MIN_TABLE_ROWS or not _are_settings(run, shapes):
                 return header
-        elif len(run) > len(first[1]) and _tells_more(header, first[0], rows, shapes):
+        elif len(run) > len(first[1]) and _names_more_channels(header, first[0], rows, shapes):
             return header
     return first[0] if first else None
 
@@ -142,7 +146,7 @@ def _begins_anew(times: Sequence[float | None]) -> bool:
     return not math.isclose(first - 1, second - first, rel_tol=0.1)
 
 
-def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:
+def _names_more_channels(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:
     """Return whether a header further down is the one of the table, and what is above a block of numbers of its own.
 
     It names more columns of numbers, or the time where the first one does not.
@@ -209,6 +213,7 @@ def _shape(row: Row, decimal: Decimal) -> _Shape:
     values = {i: parse_number(cell, decimal) for i, cell in enumerate(row) if not _is_blank(cell)}
     texts = frozenset(i for i, value in values.items() if value is None)
     numbers = frozenset(values) - texts
+    # a dash is a gap among numbers, and an empty cell in a row of texts
     dashes = {i for i in numbers if str(row[i]).strip("-?* ") == ""}
     ones = all(values[i] == 1 for i in numbers - dashes)
     worded = all(isinstance(row[i], str) and str(row[i]).strip().isalpha() for i in numbers - dashes)
@@ -225,10 +230,12 @@ def _find_data(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Sha
     if not names.texts or not names.worded:
         return None
     named = names.texts | names.numbers
+    # the numbers begin below the names, or below one row of units
     for skipped, unit_row in ((1, None), (2, filled[1])):
         if len(filled) <= skipped:
             return None
         data = shapes[filled[skipped]]
+        # a unit of 1, as ratios have it, is not yet a number
         if unit_row is None and _is_unit_row_of_ones(rows[filled[1]], data):
             continue
         if data.numbers and 2 * len(named & data.numbers) >= len(data.numbers):
@@ -255,6 +262,7 @@ def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
     known = sum(looks_like_unit(cell) for cell in cells)
     if not all(above) or (known < len(cells) and not _are_distinct(above)):
         return False
+    # unknown words that repeat are units; descriptions would differ
     return 2 * known >= len(cells) or len(set(cells)) < len(cells)
 
 

@@ -95,6 +95,7 @@ def _header(file: str, lines: Sequence[NumberedLine]) -> tuple[str, Header]:
     """Return separator and header from the lines of numbers, names and units."""
     if len(lines) < 2:
         raise InputError.of(Location(file, lines[0][0]), "no row of names follows", "Export the log again.")
+    # the row of numbers holds no texts, so its most frequent mark is the separator
     separator = max(",;\t", key=lines[0][1].count)
     count = len(split_line(lines[0][1], separator))
     names = _join_names(split_line(lines[1][1], separator), count)
@@ -136,6 +137,7 @@ def _split_rasters(table: Table, selection: Selection) -> list[Table]:
     begin = max((int(known[c.name].argmax()) for c in sampled), default=0)
     groups: dict[bytes, list[Column]] = {}
     for column in sampled:
+        # the pattern of the samples, one byte a row
         groups.setdefault(known[column.name][begin:].tobytes(), []).append(column)
     parts = [_part(table, clock, own, np.any([known[c.name] for c in own], axis=0)) for own in groups.values()]
     # text is looked at where it is asked for, or stands among numbers
@@ -147,6 +149,7 @@ def _split_rasters(table: Table, selection: Selection) -> list[Table]:
     if texts or not parts:
         parts.append(_part(table, clock, texts, np.ones(table.rows.size, dtype=bool)))
     size = parts[0].rows.size
+    # as many gaps as the table has rows that takes them
     never = [replace(c, values=c.values[:size]) for c in columns if not (c.text_count or known[c.name].any())]
     parts[0] = replace(parts[0], columns=(*parts[0].columns, *never))
     return [parts[0], *(replace(part, findings=()) for part in parts[1:])]

@@ -41,11 +41,13 @@ def separate_instants(time: Float, columns: Sequence[Float]) -> Instants:
         return Instants(time, list(columns))
     both, differs = _compare_rows(columns, time.size)
     spread = 0
+    # only equal digits are spread; stamps apart by rounding are one instant
     equal = np.append(False, time[1:] == time[:-1])
     if np.any(differs & equal):
         time, spread = _spread(time, equal, both)
         if advances(time):
             return Instants(time, list(columns), spread)
+    # later than all rows before, not than the last one alone
     fresh = np.append(True, time[1:] >= np.maximum.accumulate(time)[:-1] + SAME_INSTANT)
     lost = both & ~fresh
     return Instants(
@@ -72,6 +74,7 @@ def _spread(time: Float, equal: Bool, both: Bool) -> tuple[Float, int]:
 
     Only rows that do not complete each other are spread.
     """
+    # runs of equal stamps: their first rows, their sizes, and whether their rows differ
     starts = np.flatnonzero(~equal)
     sizes = np.diff(np.append(starts, time.size))
     apart = np.logical_or.reduceat(both & equal, starts)
@@ -79,15 +82,18 @@ def _spread(time: Float, equal: Bool, both: Bool) -> tuple[Float, int]:
     rising = steps[steps >= SAME_INSTANT]
     if not rising.size:
         return time, 0
+    # the step after a run may be a pause, and the last run has none
     step = np.minimum(np.append(steps, np.inf), rising.min())
     position = np.arange(time.size) - np.repeat(starts, sizes)
     moved = np.repeat(apart, sizes) & (position > 0)
+    # row k of a run of n rows moves by k / n of the step
     spread = time + np.where(moved, position * np.repeat(np.maximum(step, 0.0) / sizes, sizes), 0.0)
     return spread, int(np.count_nonzero(moved))
 
 
 def _merge(fresh: Bool, columns: Sequence[Float]) -> list[Float]:
     """Return the first value that is present of each instant; it begins at a fresh row."""
+    # Int[rows], the instant of each row
     instant = np.cumsum(fresh) - 1
     merged = []
     for values in columns:

@@ -5,6 +5,7 @@ from typing import Any
 
 from kennfeld.measurement.mdf_conversions import KINDS_4, ConversionKind, MdfConversion
 
+# by the numbers of version 3; 65535 is the identity
 _KINDS_3 = {
     0: ConversionKind.LINEAR,
     1: ConversionKind.INTERPOLATED,
@@ -27,6 +28,7 @@ _REPEATED = {
     ConversionKind.TEXT_VALUES: (("val",), "val_default"),
 }
 _SINGLE = {
+    # physical = b + a * raw
     ConversionKind.LINEAR: ("b", "a"),
     ConversionKind.RATIONAL: tuple(f"P{k}" for k in range(1, 7)),
     ConversionKind.POLYNOMIAL: tuple(f"P{k}" for k in range(1, 7)),

@@ -37,6 +37,7 @@ class _Segment:
     def setting(self, key: str, channel: int) -> str:
         """Return a setting of a channel; empty if the header has none."""
         values = [cell.strip() for cell in self.settings.get(key, [])]
+        # with a time for each channel, the cells of the times are empty
         if self.names.count(_TIME) > 1:
             values = [cell for cell in values if cell]
         return values[channel] if channel < len(values) else ""
@@ -51,6 +52,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     start = source.start(_START)
     lines = list(iterate_lines(source, detect_encoding(start, len(start) < _START)))
     settings: dict[str, list[str]] = {}
+    # the separator is stated in the head itself, so both are tried
     at = _read_head(lines, 0, settings, "\t,")
     stated = {key: next((value.strip() for value in values), "") for key, values in settings.items()}
     separator = "," if stated.get("separator", "").casefold() == "comma" else "\t"
@@ -167,6 +169,7 @@ def _compute_time(segments: Sequence[_Segment], channel: int, decimal: Decimal) 
         begin, step = (parse_number(segment.setting(key, channel), decimal) for key in ("x0", "delta_x"))
         count = parse_number(segment.setting("samples", channel), decimal)
         time = (begin or 0.0) + np.arange(len(segment.rows)) * (1.0 if step is None or np.isnan(step) else step)
+        # a channel with fewer samples than rows ends before them
         if count is not None and 0 < count < time.size:
             time[int(count) :] = np.nan
         parts.append(time)

@@ -54,6 +54,7 @@ def _tables(source: MeasurementFile, signals: MatlabSignals, selection: Selectio
             replace(table, location=source.location.within(clock.path), details=(("group", clock.path),))
             for table, clock in zip(tables, signals.clocks, strict=True)
         ]
+    # a time alone holds no requested channel
     return [table for table in tables if len(table.columns) > (table.clock is not None)] or tables[:1]
 
 
@@ -102,6 +103,7 @@ def _variables(source: MeasurementFile) -> dict[str, Node]:
     if _needs_library(source):
         return resolve_objects(mat_v73.load_all(source.path)).whole().variables
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
+    # version 5 begins with a text, version 4 without any signature
     if source.start(6) == b"MATLAB":
         return resolve_objects(mat_v5.load_all(content)).whole().variables
     return mat_v4.load(content)

@@ -188,6 +188,7 @@ class _SignalFinder:
 
     def count_dates(self) -> None:
         """Make the time stamps that are dates count from the earliest one."""
+        # a datetime is the sum of two doubles, so the earliest is a pair
         firsts = [(t.high[k], t.low[k]) for t in self.dates.values() for k in np.flatnonzero(np.isfinite(t.high))[:1]]
         origin = min(firsts, default=(0.0, 0.0))
         for clock, times in self.dates.items():
@@ -222,6 +223,7 @@ class _SignalFinder:
             if stamps is None:
                 self.loose.append(item)
             else:
+                # Simulink puts the time last for signals that are matrices, first for others
                 clock.signals += _signals(item, stamps.size, last=values.values.ndim > 2)
         self.clocks.append(clock)
         return True
@@ -249,6 +251,7 @@ class _SignalFinder:
         stamps = _vector(fields.get("time", fields.get("t")))
         named = any(name in fields for name in (*_UNIT, "name", "datainfo"))
         vectors = [n for n in fields.values() if isinstance(n, MatNumbers) and n.values.size > 1]
+        # more vectors are channels of their own, one of which happens to be called data
         if not isinstance(data, MatNumbers) or len(vectors) > 1 + (stamps is not None):
             return False
         if stamps is None and not named:
@@ -319,6 +322,7 @@ def _signals(item: _UntimedNumbers, samples: int, last: bool = False) -> Iterato
     axes = [k for k, d in enumerate(values.shape) if d == samples]
     if not axes:
         return
+    # a square matrix has two axes of this length
     values = np.moveaxis(values, axes[-1] if last else axes[0], 0)
     for place in np.ndindex(values.shape[1:]):
         index = "".join(f"[{i}]" for i in place)
@@ -353,6 +357,7 @@ def _first_line(arrays: list[_UntimedNumbers]) -> list[TimeBase]:
     if len(arrays) != 1 or arrays[0].values.ndim != 2 or min(arrays[0].values.shape) < 2:
         return []
     (item,) = arrays
+    # the samples lie along the longer axis
     lines = item.values if item.values.shape[1] >= item.values.shape[0] else item.values.T
     time = _float64(lines[0])
     if time.size < 3 or not np.all(time[1:] > time[:-1]):

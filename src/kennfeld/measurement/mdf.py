@@ -99,6 +99,7 @@ def _use_library(source: MeasurementFile, work: Callable[..., Any], *arguments: 
     """Return `work(source, folder, *arguments)`, evaluated by the process of the library."""
     check_links(source.path)
     with optional_package(source.location, "mdf"):
+        # looked up here, as the process of the library is the one that imports it
         if find_spec(_PACKAGE) is None:
             raise ModuleNotFoundError(name=_PACKAGE)
     # it copies a file that was not closed properly, and does not remove the copy if that is damaged as well
@@ -221,6 +222,7 @@ def _open(source: MeasurementFile, temporary: str) -> Iterator[Any]:
             _discard(error)
         else:
             return
+    # outside of the handler, or the error would keep the reader alive
     message = f"the MDF file is damaged, cut off or encrypted ({reason})"
     raise InputError.of(source.location, message, "Copy or export it again.")
 
@@ -241,6 +243,7 @@ def _check_layout(source: MeasurementFile, file: Any) -> None:
     The library would ask for that memory, and read beyond its own.
     """
     with source.open() as stream:
+        # a file that was not finalized begins with `UnFinMF`
         finalized = stream.read(3) == b"MDF"
     for index, group in enumerate(file.groups):
         samples = _samples(file, index)
@@ -278,6 +281,7 @@ def _is_possible(block: Any, own: bool, source: MeasurementFile) -> bool:
 def _lies_within(channel: Any, size: int, invalid: int, version: str) -> bool:
     """Return whether the bits of a channel are bits of the record."""
     if version < "4":
+        # the offset in bits has 16 bits, so channels beyond 8 KB have one in bytes as well
         begin = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0)
         return bool(begin + channel.bit_count <= 8 * size)
     if channel.channel_type in _VIRTUAL_4:
@@ -295,6 +299,7 @@ def _label(file: Any, group: int) -> str:
     """Return the label of a group: its name, else its comment, else its number."""
     block = file.groups[group].channel_group
     text = str(getattr(block, "acq_name", "") or block.comment or "").strip().split("\n")[0]
+    # a comment of version 4 may be XML
     text = "" if text.startswith("<") else " ".join(text.split())[:60]
     return text or f"group {group + 1}"
 
@@ -435,6 +440,7 @@ def _clock(file: Any, group: int, stamps: Float) -> Column | None:
     if index is None:
         return None
     master = file.groups[group].channels[index]
+    # 1 is the time, 0 states no kind
     if file.version >= "4" and getattr(master, "sync_type", 1) not in (0, 1):
         return None
     conversion = getattr(master, "conversion", None)
@@ -474,6 +480,7 @@ def _physical(entry: _MdfChannel, samples: Any) -> Any:
     if conversion is None or entry.enumerated or conversion.is_identity:
         return samples
     from_text = conversion.kind in (ConversionKind.TEXT_VALUES, ConversionKind.TRANSLATION)
+    # a table of text keys needs texts, all others need numbers
     if from_text != (samples.dtype.kind not in "buif") or conversion.kind is ConversionKind.TRANSLATION:
         return samples
     return conversion.convert(samples)

@@ -58,6 +58,7 @@ def _read(file: Any, group: int, event: str) -> Frames | None:
     extended = (identifier & _EXTENDED) != 0
     if "IDE" in columns:
         extended = columns["IDE"].astype(np.int64) != 0
+    # more than 11 bits are an extended identifier, whatever the file states
     extended |= (identifier & ~_EXTENDED) > _STANDARD
     bus = columns["BusChannel"].astype(np.int64) if "BusChannel" in columns else np.zeros(len(identifier), np.int64)
     time = np.asarray(signals[0].timestamps, dtype=np.float64)

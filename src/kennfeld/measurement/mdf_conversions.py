@@ -80,6 +80,7 @@ class MdfConversion:
         if kind is ConversionKind.RATIONAL:
             return _simplified(values) == (0.0, 1.0)
         if kind is ConversionKind.POLYNOMIAL:
+            # P2 = P3 = P5 = P6 = 0 leave P4 x / P1
             return values[1:3] == values[4:6] == (0.0, 0.0) and values[0] == values[3]
         return kind is ConversionKind.IDENTITY
 
@@ -125,7 +126,7 @@ class MdfConversion:
                 yield low, high, text
 
     def convert(self, raw: NDArray[Any]) -> Float:
-        """Return physical values of raw ones, any[samples]: Float[samples], NaN for a text.
+        """Convert raw values, any[samples], to physical ones: Float[samples], NaN for a text.
 
         Raises:
             UnsupportedConversionError: it is not known how to compute them.
@@ -172,6 +173,7 @@ class MdfConversion:
     def _convert_table(self, raw: NDArray[Any], numbers: Float) -> Float:
         entry = self.entries(raw)
         values = np.full(numbers.shape, np.nan)
+        # one conversion for all samples of a reference
         for place in np.unique(entry).tolist():
             reference = self.references[place] if place < len(self.references) else None
             if isinstance(reference, MdfConversion):
@@ -185,8 +187,10 @@ class MdfConversion:
         if self.kind is ConversionKind.TEXT_RANGES:
             return _find_range(raw, numbers, np.array(self.values[::2]), np.array(self.values[1::2]))
         keys = np.array(self.values)
+        # stable, so that of equal keys the first one counts
         order = np.argsort(keys, kind="stable")
         at = np.searchsorted(keys[order], numbers)
+        # NaN sorts behind all keys
         known = at < keys.size
         entry = np.full(numbers.shape, keys.size, dtype=np.int64)
         known[known] = keys[order][at[known]] == numbers[known]
@@ -194,7 +198,7 @@ class MdfConversion:
         return entry
 
     def text_counts(self, raw: NDArray[Any]) -> dict[str, int]:
-        """Return how many samples have which text in a table of texts."""
+        """Count the samples with each text of a table of texts; `raw` are raw values, any[samples]."""
         counts: dict[str, int] = {}
         places, sizes = np.unique(self.entries(raw), return_counts=True)
         for place, size in zip(places.tolist(), sizes.tolist(), strict=True):
@@ -215,11 +219,13 @@ def _find_range(raw: NDArray[Any], numbers: Float, lower: Float, upper: Float) -
     is_whole = raw.dtype.kind in "bui"
     order = np.argsort(lower, kind="stable")
     low, high = lower[order], upper[order]
+    # disjoint ranges: only the last one that begins at or below a value can hold it
     if bool(np.all(high[:-1] < low[1:])) or (not is_whole and bool(np.all(high[:-1] <= low[1:]))):
         at = np.searchsorted(low, numbers, side="right") - 1
         inside = (at >= 0) & _within(numbers, low[at], high[at], is_whole) if low.size else np.zeros(raw.shape, bool)
         return np.where(inside, order[at] if low.size else 0, low.size)
     entry = np.full(numbers.shape, lower.size, dtype=np.int64)
+    # backwards, so that of ranges that overlap the first one remains
     for place in range(lower.size - 1, -1, -1):
         entry[_within(numbers, lower[place], upper[place], is_whole)] = place
     return entry
@@ -233,8 +239,10 @@ def _within(numbers: Float, low: Any, high: Any, is_whole: bool) -> Bool:
 def _simplified(values: Sequence[float]) -> tuple[float, float] | None:
     """Return offset and factor of a rational function that is linear."""
     p1, p2, p3, p4, p5, p6 = values[:6]
+    # (P2 x + P3) / P6
     if not p1 and not p4 and not p5 and p6:
         return p3 / p6, p2 / p6
+    # P1 x^2 / (P5 x), which is 0 at 0
     if not p2 and not p3 and not p4 and not p6 and p5:
         return 0.0, p1 / p5
     return None

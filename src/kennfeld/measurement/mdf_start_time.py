@@ -58,4 +58,5 @@ def start_time_of_texts(date: bytes, time: bytes, nanoseconds: int) -> datetime 
         whole = datetime.strptime(f"{date.decode('ascii')} {time.decode('ascii')}", "%d:%m:%Y %H:%M:%S")
     except (ValueError, UnicodeDecodeError):
         return None
+    # the texts have whole seconds, the nanoseconds their fraction, which may round up to the next second
     return whole.replace(microsecond=min((nanoseconds % _SECOND + 500) // 1000, 999_999))

@@ -83,7 +83,9 @@ def _append(file: Any, recording: WritableRecording) -> None:
     from asammdf import Signal
 
     channels = recording.channels
+    # the first block decides for the whole group which channels have invalidation bits
     gaps = [any(np.isnan(part[c.name].values).any() for part in recording.parts) for c in channels]
+    # numbers of pieces rise, so the ends of each part show whether there are several
     numbered = len({int(n) for pieces in recording.pieces for n in (pieces[0], pieces[-1])}) > 1
     names = {channel.name for channel in channels}
     blocks = _blocks(recording, gaps, numbered)

@@ -123,6 +123,7 @@ def _field(
     if kind in _BIT_TYPES:
         _, name, unit, style, _, index, count = _BITS.unpack_from(field)
         width = 8 * np.dtype(_BIT_TYPES[kind]).itemsize
+        # the index counts from the beginning of the file, or from that of the names
         bits = _bit_names(names[index - begin if index >= begin else index :], min(count, width))
         return LogField(plain_text(name), plain_text(unit), _BIT_TYPES[kind], style=style, category=category, bits=bits)
     if kind not in _TYPES:
@@ -240,6 +241,7 @@ def _read_blocks(location: Location, content: NDArray[np.uint8], head: Head) -> 
         else:
             block = f"after {count} records, at byte {at}, there is a block of unknown type {kind}"
             raise InputError.of(location, f"the MLG file is damaged: {block}", _COPY_AGAIN)
+    # a run is a view of the file; most files have only one
     whole = runs[0] if len(runs) == 1 else np.concatenate([content[:0], *runs])
     return _LogBlocks(whole.view(head.record), tuple(marks), mark_count, content.size - at)
 
@@ -277,6 +279,7 @@ def _column(name: str, signal: _LogSignal, blocks: _LogBlocks) -> Column:
 
 
 def _table(location: Location, head: Head, header: Header, columns: list[Column], blocks: _LogBlocks) -> Table:
+    # a field in a unit of time that never changes is not the clock
     times = (k for k, c in enumerate(columns) if time_unit(c.name, c.unit) is not None and _varies(c.values))
     clock_index = next(times, None)
     stamped = clock_index is None
@@ -315,6 +318,7 @@ def _stamps(blocks: _LogBlocks) -> Column:
 
 def _intact(records: NDArray[np.void]) -> Bool:
     """Return the records whose checksum is right; all if hardly any is, since some loggers write none."""
+    # modulo 256, over all bytes between the stamp and the checksum itself
     contents = records.view(np.uint8).reshape(records.size, -1)
     good: Bool = contents[:, 4:-1].sum(axis=1, dtype=np.uint8) == records["sum"]
     return good if 2 * np.count_nonzero(good) > good.size else np.ones(good.size, dtype=bool)

@@ -22,6 +22,7 @@ from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 
 _FIRST = struct.Struct("<I")  # address of the first channel, at byte 8
+# previous, next, begin, samples, sort, width, rate, shift, multiplier, scale, decimals, name, short name, unit
 _CHANNEL = struct.Struct("<IIII2xHHHhhhh32s8s12s")
 _DATE = slice(94, 110)
 _FLOATS = {2: "<f2", 4: "<f4"}

@@ -34,6 +34,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            # not as a map, which could not be closed as long as arrays refer to it
             with source.path.open("rb") as stream, netcdf_file(stream, "r", mmap=False) as file:
                 groups, matrices = _groups(file)
                 if groups:
@@ -51,6 +52,7 @@ def _groups(file: Any) -> tuple[list[RecordedGroup], dict[str, tuple[int, ...]]]
     lengths: dict[str, int] = {}
     matrices: dict[str, tuple[int, ...]] = {}
     for name, variable in file.variables.items():
+        # axes of length 1 do not matter
         long = [at for at, length in enumerate(variable.shape) if length != 1] or [0]
         if len(variable.dimensions) == 0 or 0 in variable.shape:
             continue

@@ -47,12 +47,13 @@ def compile_parser() -> NativeFunction:
 
 @cache
 def powers_of_ten() -> Int:
-    """Return the leading 128 bits of 10^-342 ... 10^308, rounded down, as 64 low and 64 high bits."""
+    """Compute the leading 128 bits of 10^-342 ... 10^308, rounded down: Int[651 * 2], 64 low and 64 high bits each."""
     halves = []
     for exponent in range(_LEAST, _MOST + 1):
         power = 10 ** abs(exponent)
         length = power.bit_length()
         if exponent < 0:
+            # 128 bits, as 2^(length - 1) < 10^k < 2^length
             bits = (1 << (length + 127)) // power
             bits >>= bits.bit_length() - 128
         else:
@@ -80,10 +81,12 @@ def _write_rows() -> FunctionWriter:
             with f.when(wanted):
                 cell.parse()
                 f.store(cell.value.get(), values, row.get())
+            # cells of columns that are not wanted are skipped, too; of others, the caller gets the place
             with f.unless(cell.complete.get()):
                 cell.skip()
                 with f.when(wanted):
                     cell.note(odd, row.get(), column)
+            # a cell that is still incomplete ends both loops
             with f.unless(cell.complete.get()):
                 odd.set("-1")
                 following.set("%width")
@@ -101,11 +104,13 @@ def _write_rounding() -> FunctionWriter:
     entry = f.add("%scale", -_LEAST)
     has_power = f.new(f"icmp ult i64 {entry}, {_MOST - _LEAST + 1}")
     with f.when(_and(f, has_power, f.new("icmp ne i64 %number, 0"))):
+        # w = number << zeros; high, low = w * the upper half of the power, which is less than w too small
         zeros = f.new("call i64 @llvm.ctlz.i64(i64 %number, i1 false)")
         number = f.new(f"shl i64 %number, {zeros}")
         low, high = _multiply(f, number, f.load("%powers", f.add(f.mul(entry, 2), 1), "i64"))
         low_product, high_product = f.variable("i64", low), f.variable("i64", high)
         decided = f.variable("i1", "true")
+        # the missing part matters only if low + w may carry into ones that lead up to the mantissa
         with f.when(_and(f, _ends_in_ones(f, high), f.new(f"icmp ult i64 {f.add(low, number)}, {number}"))):
             rest, more = _multiply(f, number, f.load("%powers", f.mul(entry, 2), "i64"))
             low = f.add(low, more)
@@ -113,20 +118,26 @@ def _write_rounding() -> FunctionWriter:
             high = f.add(high, carry)
             low_product.set(low)
             high_product.set(high)
+            # the power is rounded down, too: if its rest may carry through all bits, nothing is decided
             unknown = _and(f, _ends_in_ones(f, high), f.new(f"icmp eq i64 {low}, -1"))
             unknown = _and(f, unknown, f.new(f"icmp ult i64 {f.add(rest, number)}, {number}"))
             decided.set(f.new(f"xor i1 {unknown}, true"))
         low, high = low_product.get(), high_product.get()
+        # the product has 128 or 127 bits, of which the first 54 are the mantissa and a bit to round
         top = f.new(f"lshr i64 {high}, 63")
         mantissa = f.new(f"lshr i64 {high}, {f.add(top, 9)}")  # 54 bits
+        # a tie, or what looks like one as the product is truncated, is left to the caller
         half = _and(f, f.new(f"icmp eq i64 {low}, 0"), f.new(f"icmp eq i64 {f.new(f'and i64 {high}, 511')}, 0"))
         half = _and(f, half, f.new(f"icmp eq i64 {f.new(f'and i64 {mantissa}, 3')}, 1"))
+        # half up, as ties are excluded
         mantissa = f.add(mantissa, f.new(f"and i64 {mantissa}, 1"))
         # the exponent of the leading bit, plus the bias; an overflow of the mantissa adds to it
+        # 217706 / 2^16 is so close to log2(10) that the floor is exact from 10^-342 to 10^308
         power = f.new(f"ashr i64 {f.mul('%scale', 217706)}, 16")
         exponent = f.new(f"sub i64 {f.add(f.add(power, 64 + 1023 - 1), top)}, {zeros}")
         bits = f.add(f.new(f"lshr i64 {mantissa}, 1"), f.new(f"shl i64 {f.add(exponent, -1)}, 52"))
         exponent = f.new(f"ashr i64 {bits}, 52")
+        # subnormal and infinite results are left to the caller
         normal = f.new(f"icmp ult i64 {f.add(exponent, -1)}, {0x7FF - 1}")
         valid = _and(f, _and(f, decided.get(), normal), f.new(f"xor i1 {half}, true"))
         with f.when(valid):
@@ -222,12 +233,15 @@ class _Cell:
         head, done = f.label("digits"), f.label("end")
         f.do(f"br label %{head}")
         f.begin(head)
+        # digits become 0 to 9; 0x76 lifts all other bytes to 128 or more, and a carry reaches only bytes behind the
+        # first of them, which the count of trailing zeros finds
         word = f.new(f"xor i64 {self._load('i64')}, {0x30 * _EVERY}")
         flags = f.new(f"or i64 {f.add(word, 0x76 * _EVERY)}, {word}")  # the high bit of all that are not digits
         flags = f.new(f"and i64 {flags}, {_signed(0x80 * _EVERY)}")
         count = f.new(f"lshr i64 {f.new(f'call i64 @llvm.cttz.i64(i64 {flags}, i1 false)')}, 3")
         half = f.new(f"sub i64 32, {f.mul(count, 4)}")  # a shift by 64 bits is undefined
         word = f.new(f"shl i64 {f.new(f'shl i64 {word}, {half}')}, {half}")  # zeros before the digits
+        # each step joins neighbours: earlier * 10 + later, then times 100, then times 10000 (simdjson)
         for mask, factor, bits in (
             (0x0F0F0F0F0F0F0F0F, 10 * 2**8 + 1, 8),
             (0x00FF00FF00FF00FF, 100 * 2**16 + 1, 16),
@@ -274,6 +288,7 @@ class _Cell:
         exponent = f.new(f"select i1 {minus}, i64 {f.new(f'sub i64 0, {size}')}, i64 {size}")
         self.scale.set(f.add(self.scale.get(), exponent))
         self.number.set(number)
+        # a number of digits beyond all limits makes the cell an odd one
         valid = f.new(f"icmp ult i64 {f.add(digits, -1)}, 4")
         self.count.set(f.new(f"select i1 {valid}, i64 {count}, i64 {_NOWHERE}"))
 
@@ -295,6 +310,7 @@ class _Cell:
         whole = f.new(f"uitofp i64 {number} to double")
         divided, multiplied = f.new(f"fdiv double {whole}, {ten}"), f.new(f"fmul double {whole}, {ten}")
         self.value.set(f.select(f.new(f"icmp slt i64 {scale}, 0"), divided, multiplied))
+        # otherwise the number or the power is not exact, so that the single operation would round twice
         few_digits, small_power = f.new(f"icmp ule i64 {number}, {2**53}"), f.new(f"icmp ule i64 {size}, {_EXACT_TENS}")
         with f.unless(few_digits, small_power):
             f.call("round_decimal", [("i64", number), ("i64", scale), ("ptr", "%powers"), ("ptr", self.value.pointer)])

@@ -33,11 +33,13 @@ class DateOrigin:
         self._columns.append((read, tick))
 
     def seconds(self, read: Callable[[int], Any], tick: int, count: int) -> Float:
-        """Return dates in s since the earliest one, NaN where there is none."""
+        """Return `count` dates in s since the earliest one of the file, Float[count]; NaN where there is none."""
         firsts = ((values, own) for values, own in ((read(1), tick) for read, tick in self._columns) if values.size)
+        # the least integer is NaT, which pandas stores for a missing date
         known = [int(values[0]) * own for values, own in firsts if values[0] != np.iinfo(np.int64).min]
         ticks = np.asarray(read(count), dtype=np.int64)
         origin = min(known, default=0)
+        # whole ticks first, which are exact, then the part of a tick by which the origin differs
         elapsed = (ticks - origin // tick).astype(np.float64) * (tick * 1e-9) - origin % tick * 1e-9
         return np.where(ticks == np.iinfo(np.int64).min, np.nan, elapsed)
 
@@ -90,6 +92,7 @@ def _blocks(group: Any, kind: str, rows: int, path: str, origin: DateOrigin) -> 
         return
     for number in range(int(group.attrs.get("nblocks", 0))):
         names, values = group[f"block{number}_items"], group[f"block{number}_values"]
+        # a block of objects is one pickled cell, not a matrix
         numeric = len(values.shape) == 2 and values.shape[0] == rows
         for column, name in enumerate(map(_text, names[()])):
             kind_of = values.dtype if numeric else np.dtype("O")

@@ -48,5 +48,6 @@ def _columns(file: Any, schema: Any, header: Header, wanted: Sequence[int]) -> I
         block = wanted[start : start + size]
         names = [schema.field(i).name for i in block]
         read = file.read(columns=names)
+        # of several columns with one name, the first
         places = {name: at for at, name in reversed(list(enumerate(read.column_names)))}
         yield from (column_of(read.column(places[name]), header, i) for i, name in zip(block, names, strict=True))

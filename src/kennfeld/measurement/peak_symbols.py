@@ -25,8 +25,10 @@ def with_whole_signals(content: bytes) -> tuple[bytes, list[str]]:
     >>> with_whole_signals(text)[0].decode().splitlines()[-1]
     'Var=Speed unsigned 16,8 /u:rpm'
     """
+    # each byte is a character, so that texts in any encoding remain as they are
     text = content.decode("latin-1")
     empty = set(_EMPTY_ENUMERATION.findall(text))
+    # the older form is `enum Name(...)`; an empty one is a number without names
     text = _ENUMERATION.sub(r"\1enum ", _EMPTY_ENUMERATION.sub("", text))
     text = _TYPE.sub(lambda match: match[1] + "unsigned" if match[3] in empty else match[0], text)
     text, ranges = _IDENTIFIERS.subn(r"\1", text)

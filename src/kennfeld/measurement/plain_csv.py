@@ -16,16 +16,18 @@ _MOST_ODD = 4096  # cells of a part that Python parses one by one
 
 
 def read_numbers(body: CsvBody, pool: Executor) -> dict[int, Float] | None:
-    """Return the values of the columns of `body.types`, by their number; None if a row or a cell does not fit.
+    """Read the columns of `body.types`, Float[rows] by their number; None if a row or a cell does not fit.
 
     Each value is the double nearest to the number in the text. No byte within a character of the encoding may be equal
     to the separator.
     """
     parts = body.split(max(len(body.data) // _PART, 1))
+    # the parser may load bytes behind a part, which the next one has to hold
     if len(parts[-1]) < PADDING:
         parts = [body.data]
     counts = list(pool.map(count_lines, parts))
     ends = list(itertools.accumulate(counts))
+    # threads write into rows of their own, as the lines before each part are counted
     columns = {i: np.empty(ends[-1]) for i in body.types}
 
     compile_parser()  # once, before the threads call it
@@ -73,6 +75,7 @@ def _parse_odd(part: memoryview, odd: Int, decimal: Decimal, columns: dict[int, 
     for row, column, begin, end in odd.tolist():
         cell = bytes(part[begin:end]).decode("ascii", "replace")
         value = parse_number(cell, decimal)
+        # a switch among numbers makes a column of another type
         if value is None or is_truth(cell):
             return False
         columns[column][row] = value

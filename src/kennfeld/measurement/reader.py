@@ -101,6 +101,7 @@ def _read(
         _check_stated(source, tables, selection)
     if not source.reader.rasters:
         tables = split_timelines(_single_table(source, tables), selection)
+    # after the split, as each timeline has a clock of its own
     tables = with_fine_clocks(tables, selection)
     if not source.reader.rasters and len(tables) == 1:
         return assemble(tables[0], source.stem, selection, raster)

@@ -248,6 +248,7 @@ def _table(
     wanted |= {i for i, channel in enumerate(group.channels) if channel.clock}
     columns = [_column(group.channels[i], labels[i], group.samples, group.start_time) for i in sorted(wanted)]
     own = list(_own_time(group, labels))
+    # a time that is requested by name is a channel
     stated = {labels[i] for i, channel in enumerate(group.channels) if channel.clock} - set(selection.channels or ())
     clock = next((i for i, column in enumerate(columns) if column.name in stated and _rises(column)), None)
     return Table(

@@ -16,13 +16,14 @@ _FEWEST_JUMPS = 3
 
 
 def samples_on(time: Float, raster: float) -> float:
-    """Return the number of points of a raster over the range of `time`, as a float since it may be huge."""
+    """Count the points of a raster in s over the range of `time`, Float[samples] in s; a float, as it may be huge."""
     with np.errstate(over="ignore"):
+        # the quotient of 0.3 and 0.1 is below 3 by rounding, and the last point must not be lost
         return float(np.floor((time[-1] - time[0]) / raster + 1e-6)) + 1.0
 
 
 def even_grid(time: Float, raster: float) -> Float:
-    """Return the even raster from the first time stamp to the last.
+    """Compute the even raster, Float[points] in s, from the first of the time stamps, Float[samples], to the last.
 
     >>> even_grid(np.array([0.0, 0.3]), 0.1)
     array([0. , 0.1, 0.2, 0.3])
@@ -32,7 +33,7 @@ def even_grid(time: Float, raster: float) -> Float:
 
 
 def is_stepped(values: Float) -> bool:
-    """Return whether a channel jumps between levels and stays there, so that it must not be interpolated.
+    """Return whether a channel, Float[samples], jumps between levels and stays there: it must not be interpolated.
 
     It is a switch, has few whole levels, or keeps its value for most of the time and then changes by more than a
     quantum: a slow signal of a coarse sensor keeps its value as well, but changes by small steps.
@@ -65,6 +66,7 @@ def _keeps_levels(values: Float) -> bool:
     changes, kept, before, low, high = [], 0, np.empty(0), np.inf, -np.inf
     for first in range(0, values.size, SAMPLES_PER_BLOCK):
         block = values[first : first + SAMPLES_PER_BLOCK]
+        # with the last value of the block before, so that no change is missed between blocks
         known = np.concatenate([before, block[np.isfinite(block)]])
         if not known.size:
             continue
@@ -81,7 +83,10 @@ def _keeps_levels(values: Float) -> bool:
 
 
 def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequence[bool]) -> list[Float]:
-    """Return channels with common time stamps at other times, each as by `resample`."""
+    """Resample channels, Float[samples] each, from common stamps to other times, Float[points], both in s.
+
+    Each becomes Float[points], as by `resample`.
+    """
     exact = _snap(time, at)  # once for all channels without gaps
     return [
         _interpolate(time, values, exact, hold) if not np.isnan(values).any() else resample(time, values, at, hold)
@@ -90,7 +95,9 @@ def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequenc
 
 
 def resample(time: Float, values: Float, at: Float, held: bool = False) -> Float:
-    """Return a channel at other times: linear between valid samples, held if it is stepped, NaN outside them.
+    """Resample a channel: linear between valid samples, held if it is stepped, NaN outside them.
+
+    Stamps and values are Float[samples], the other times Float[points], like the result; times are in s.
 
     The channel is stepped if `held` is true or `is_stepped(values)`. In pauses, which are longer than `PAUSE` usual
     steps, a channel that is not stepped is NaN.
@@ -118,6 +125,7 @@ def _interpolate(stamps: Float, known: Float, exact: Float, held: bool) -> Float
 def _in_pause(stamps: Float, at: Float) -> Bool:
     """Return whether the points lie between two stamps that are a pause apart."""
     steps = np.diff(stamps)
+    # most recordings are even and have no pause, so the usual step is not needed
     if not steps.size or steps.max() <= PAUSE * steps.min() or steps.max() <= (longest := longest_usual_step(steps)):
         return np.zeros(at.shape, dtype=bool)
     after = np.clip(np.searchsorted(stamps, at), 1, stamps.size - 1)
@@ -130,4 +138,5 @@ def _snap(stamps: Float, at: Float) -> Float:
     after = np.minimum(np.searchsorted(stamps, at), stamps.size - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(stamps[before] - at) < np.abs(stamps[after] - at), stamps[before], stamps[after])
+    # 1e-14 is 45 roundings of a double, for times that count from a distant date
     return np.where(np.abs(nearest - at) <= _SAME_INSTANT + 1e-14 * np.abs(at), nearest, at)

@@ -154,7 +154,7 @@ class SortedFile:
         return [_Signal(samples[index], stamps, _unit(group.channels[index])) for index in indices]
 
     def get_master(self, number: int) -> NDArray[Any]:
-        """Return the time stamps of a group."""
+        """Return the time stamps of a group, [samples]: in s, or numbers of samples without a master channel."""
         master = self.masters_db.get(number)
         group = self.groups[number]
         if master is None:
@@ -182,6 +182,7 @@ class SortedFile:
             "itemsize": record,
         }
         kind: np.dtype[Any] = np.dtype(fields)  # type: ignore[call-overload]
+        # filled part by part, so that the records are never in memory as a whole
         columns = [np.empty(count, kind[str(index)].newbyteorder("=")) for index in indices]
         end = 0
         with _distrusted():
@@ -198,6 +199,7 @@ class SortedFile:
         """Yield whole records of a group."""
         record, rest = group.channel_group.record, b""
         for part in self._parts(group.data, record) if group.data else ():
+            # a record may begin in one block of data and end in the next
             whole = rest + part if rest else part
             length = len(whole) // record * record
             rest = whole[length:]
@@ -248,6 +250,7 @@ class SortedFile:
 
     def _check_identification(self) -> None:
         start = self._file.read(_FIRST)
+        # bytes 60 to 63 are the flags of what was not finalized
         finalized = start[:8] == b"MDF     " and start[60:64] == bytes(4)
         if len(start) < _FIRST or not finalized or not start[8:9] == b"4":
             raise UnusualLayoutError("version")
@@ -267,6 +270,7 @@ class SortedFile:
 
     def _chain(self, at: int, kind: bytes) -> Iterator[_FileBlock]:
         """Yield the blocks of a chain; the first link of each leads to the next."""
+        # a list may be read again and again, so only a cycle in it is an error
         chained = set[int]() if kind == b"##DL" else self._chained
         for _ in range(_MOST_BLOCKS):
             if not at:
@@ -282,6 +286,7 @@ class SortedFile:
     def _group(self, block: _FileBlock) -> _Group:
         """Return the group of a data group."""
         _, first, data, _ = block.links[:4]
+        # records with an identifier are those of several groups
         if block.data[0]:
             raise UnusualLayoutError("unsorted")
         following, channel, name, _, _, comment = (group := self._block(first, b"##CG")).links[:6]
@@ -329,9 +334,11 @@ class SortedFile:
         if number not in KINDS_4 or depth > _MOST_NESTED:
             raise UnusualLayoutError("conversion")
         kind = KINDS_4[number]
+        # behind 8 bytes of fields and the physical range, two doubles; the masks of bits are integers
         values = () if kind is ConversionKind.BITS else struct.unpack_from(f"<{count}d", block.data, 24)
         references: tuple[str | MdfConversion | None, ...] = ()
         if kind in _WITH_TEXTS:
+            # behind name, unit, comment and inverse
             references = tuple(self._reference(link, depth) for link in block.links[4:])
         elif kind is ConversionKind.FORMULA:
             references = (self._text(block.links[4]),)

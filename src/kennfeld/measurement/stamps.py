@@ -21,6 +21,7 @@ _HALF_DAY = 43_200.0
 _HOUR = 3600.0
 _MONTH_NAMES = ("jan", "feb", "mar|mär|mrz", "apr", "may|mai", "jun", "jul", "aug", "sep", "oct|okt", "nov", "dec|dez")
 _MONTHS = {name: number for number, names in enumerate(_MONTH_NAMES, start=1) for name in names.split("|")}
+# 2026-3-31, 20260331T, 31.3.2026, 3/4/2026 in either order, 31-Mar-2026
 _DATE = (
     r"(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)"
     r"|(?P<y1>\d{4})(?P<m1>\d\d)(?P<d1>\d\d)(?=[T ]\d\d)"
@@ -64,7 +65,9 @@ def is_stamp(cell: object) -> bool:
 def parse_stamps(
     cells: Sequence[object], origin: int | None = None, *, month_first: bool = False
 ) -> tuple[Float, int | None] | None:
-    """Return seconds since the day `origin` (default: that of the first date) and that day; None for other text.
+    """Parse cells as seconds since the day `origin`, Float[cells], and that day; None for other text.
+
+    The day, by default that of the first date, is a proleptic Gregorian ordinal.
 
     A missing cell is NaN. Times without a date count from midnight.
 
@@ -100,7 +103,7 @@ class StampCollector:
     origin: datetime | None = None  # the midnight that `build` counts from; None if there are no dates
 
     def extend(self, values: Float) -> None:
-        """Take a block that holds no stamps."""
+        """Take a block of values, Float[cells], that holds no stamps."""
         for blocks in self._blocks.values():
             blocks.append(values)
 
@@ -109,8 +112,10 @@ class StampCollector:
         parsed = {order: parse_stamps(cells, self._origins[order], month_first=order) for order in self._orders(cells)}
         if not any(parsed.values()):
             return False
+        # an order that was not parsed reads the same as the other
         parsed |= {order: parsed[next(iter(parsed))] for order in self._blocks if order not in parsed}
         for order, stamps in parsed.items():
+            # a cell that an order cannot read rules it out for the whole column
             if stamps is None:
                 del self._blocks[order]
             else:
@@ -128,7 +133,7 @@ class StampCollector:
         return orders if is_either else orders[:1]
 
     def build(self) -> Float:
-        """Return the seconds of all stamps; times of day continue across midnight, minutes across the hour."""
+        """Return all stamps in s, Float[cells]; times of day continue across midnight, minutes across the hour."""
         orders = {order: np.concatenate(blocks) for order, blocks in self._blocks.items()}
         order = self._choose_order(orders)
         values = orders[order]
@@ -147,6 +152,7 @@ class StampCollector:
         if len(orders) == 1:
             return next(iter(orders))
         elapsed = {order: _elapsed(values) for order, values in orders.items()}
+        # within one day both orders count the same seconds
         if np.array_equal(elapsed[False], elapsed[True], equal_nan=True):
             return False
         rising = [order for order, values in elapsed.items() if np.all(np.diff(values[~np.isnan(values)]) >= 0)]
@@ -180,6 +186,7 @@ def _stamp_seconds(cell: str, month_first: bool) -> tuple[int | None, float] | N
         if not 1 <= hours <= 12:
             return None
         hours = hours % 12 + (12 if match["half"] in "pP" else 0)
+    # an elapsed time may pass 24 hours, a time of day beside a date may not
     if (hours > 23 and match["date"]) or minutes > 59 or whole > 60:
         return None
     seconds = (

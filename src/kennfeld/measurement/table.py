@@ -81,7 +81,8 @@ class Column:
         return float(np.fmin.reduce(self.values, initial=np.nan)), float(np.fmax.reduce(self.values, initial=np.nan))
 
     def select(self, rows: Bool) -> "Column":
-        """Return the column with these samples alone."""
+        """Return the column with the samples of a mask, Bool[samples], alone."""
+        # the new number of each sample that remains
         sample = np.cumsum(rows) - 1
         texts = tuple((int(sample[k]), cell) for k, cell in self.texts if rows[k])
         count = self.text_count - (len(self.texts) - len(texts))

@@ -36,6 +36,7 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
         return Dataset(name, to_channels(columns, [c.values for c in columns]), findings=table.findings)
     stamps, clock, begin = time_in_seconds(time), clock_of(time), start_time_of(table, time)
 
+    # pieces first: equal stamps in two of them are different instants
     parts = [
         separate_instants(stamps[piece], [c.values[piece] for c in columns]) for piece in split_pieces(table, stamps)
     ]
@@ -59,7 +60,7 @@ def to_channels(columns: Sequence[Column], values: Sequence[Float]) -> tuple[Cha
 
 
 def readonly_view(values: Float) -> Float:
-    """Return the values, made read-only in place, so that the domain types need no copy."""
+    """Make values, Float[samples], read-only in place, so that the domain types need no copy; return them."""
     if values.flags.writeable:
         values.setflags(write=False)
     return values
@@ -117,6 +118,7 @@ def _time_errors(table: Table, column: Column, raster: float | None, channels: i
     if findings or raster is None or not time.size:
         return findings
     points = sum(samples_on(time[piece], raster) for piece in split_pieces(table, time))
+    # stamps in ms that are read as s make a raster a thousand times too fine
     if points <= 1000.0 * time.size + 1e6 and points * max(channels, 1) <= _MAX_VALUES:
         return []
     widest = int(np.argmax(np.diff(time))) + 1

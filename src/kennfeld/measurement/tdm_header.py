@@ -40,7 +40,9 @@ _TYPES = {
     "eFloat32Usi": "f4", "eFloat64Usi": "f8",
 }  # fmt: skip
 _TIME = "eTimeUsi"
+# the byte order is that of all 16 bytes, so the halves change places
 _TIME_TYPES = {"<": [("fraction", "<u8"), ("seconds", "<i8")], ">": [("seconds", ">i8"), ("fraction", ">u8")]}
+# DIAdem counts 365 days for the year 0
 _1904 = 60_084_288_000  # s from year 0, the origin of dates as numbers, to that of times
 _VALID = 0b1001  # bits of a flag: valid and defined
 _MEMBER = "header.xml"
@@ -69,6 +71,7 @@ def _parse(source: MeasurementFile) -> Element:
     if raw.startswith(b"PK"):
         raw = _unpack(source)
     plain = raw.replace(b"\0", b"")  # UTF-16
+    # entities may expand to any size
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise InputError.of(source.location, "declares a document type or entities", "Remove the declarations.")
     try:
@@ -112,6 +115,7 @@ class _StoredBlock:
         with self.path.open("rb") as file:
             file.seek(self.offset)
             raw = file.read(self.distance * (count - 1) + self.type.itemsize)
+        # a view: in a record, the values of other channels lie between
         return np.ndarray((count,), self.type, raw, strides=(self.distance,))
 
 
@@ -147,6 +151,7 @@ class _Column:
         if self.block is None or self.block.kind:
             return self.values() - origin[0] - origin[1]
         stamps = self.block.read()
+        # whole seconds as integers, so that a float holds all digits of the difference
         seconds = (stamps["seconds"].astype(np.int64) - (origin[0] - _1904)).astype(np.float64)
         return self._valid(seconds + (stamps["fraction"].astype(np.float64) * 2.0**-64 - origin[1]))
 
@@ -222,6 +227,7 @@ class _Document:
         return stored.length, RecordedChannel(name, f"{group}/{full}", unit, load, description, dated)
 
     def _dates_of(self, column: _Column) -> Float:
+        # called once all groups are known, so the earliest date is that of the file
         return column.dates(self._origin)
 
     def _length(self, column: Element) -> int:

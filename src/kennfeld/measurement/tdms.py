@@ -95,6 +95,7 @@ def _groups(file: Any, missing: Mapping[str, int] | None, skipped: Collection[st
     several = len(file.groups()) > 1
     for group in file.groups():
         rasters: dict[tuple[int, float, float], list[Any]] = defaultdict(list)
+        # beside a channel of time, the increments of the others do not count
         even = not _has_time_channel(group)
         for channel in group.channels():
             if len(channel) and channel.path not in skipped:

@@ -90,6 +90,7 @@ def detect_dialect(source: MeasurementFile) -> Dialect:
         raise InputError.of(source.location, "the file is empty (0 bytes)", "Export the measurement again.")
     encoding = detect_encoding(start, whole)
     if whole and not start.startswith((codecs.BOM_UTF16_BE, codecs.BOM_UTF16_LE)):
+        # with the line ends that a file opened as text has
         lines = io.StringIO(start.decode(encoding, "replace"), newline=None).read().split("\n")[:_HEAD_LINES]
     else:
         lines = list(_head_lines(source, encoding))
@@ -133,6 +134,7 @@ class _ExactReader:
 
 
 def _read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table | None:
+    # several small files are worth the compilation together
     if source.size < _LEAST_BULK or source.size + _ExactReader.seen <= BULK:
         _ExactReader.seen += source.size
         return None
@@ -154,6 +156,7 @@ def read_exactly(source: MeasurementFile, dialect: Dialect, selection: Selection
 
 def _other_numbers(table: Table, dialect: Dialect) -> Dialect | None:
     """Return the dialect with another form of numbers if the first lines leave it open and it makes one of a text."""
+    # between commas, a number can only differ by quoted separators of thousands
     if dialect.separator == ",":
         other = replace(dialect, grouped=True)
     elif dialect.decimal_seen:
@@ -192,6 +195,7 @@ class RowCollector:
 
     def add(self, line: int, cells: list[str]) -> None:
         """Take a row; one of an unusual length is noted."""
+        # nearly all rows end here
         if len(cells) != self.limit:
             if len(cells) < self.width or any(cell.strip() for cell in cells[self.limit :]):
                 self.odd.append((line, len(cells)))
@@ -313,6 +317,7 @@ def _thousands_warnings(source: MeasurementFile, dialect: Dialect, table: Table)
         if number is None or column.dated or column.is_text:
             continue
         values = np.abs(column.values[~np.isnan(column.values)])
+        # grouped: all numbers of the column are of this form; else, numbers from 1000 on without a mark are not grouped
         if dialect.grouped != (values.size == number.count) or (not dialect.grouped and values.max() >= _LEAST_GROUPED):
             continue
         mark = _mark(dialect)
@@ -337,6 +342,7 @@ def _find_grouped(source: MeasurementFile, dialect: Dialect) -> dict[int, _Group
             continue
         for i, raw in enumerate(split_line(line, dialect.separator)):
             cell = raw.strip(' "')
+            # a number such as 1,200.5 shows which mark is which
             if dialect.grouped and "." in cell and _POINTED.fullmatch(cell.replace(mark, "")):
                 return {}
             pointed = cell.replace(mark, ".")

@@ -68,7 +68,7 @@ def _does_not_fall(column: Column) -> bool:
 
 
 def time_in_seconds(column: Column) -> Float:
-    """Return the time stamps in seconds; dates count from the first one.
+    """Convert the time stamps to seconds, Float[samples]; dates count from the first one.
 
     >>> time_in_seconds(Column("t", "ms", "t", np.array([0.0, 10.0])))
     array([0.  , 0.01])
@@ -114,7 +114,7 @@ def unit_remedy(name: str) -> str:
 
 
 def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
-    """Report missing time stamps, steps backwards, and a clock that does not advance."""
+    """Report missing stamps among `time`, Float[samples] in s, steps backwards, and a clock that does not advance."""
     message = "rows with a wrong time stamp"
     gaps = np.flatnonzero(np.isnan(time)).tolist()
     if gaps:
@@ -124,6 +124,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
         )
     if advances(time):
         return []
+    # where a log may restart, only neighbours are compared
     earlier = time if table.restarts else np.maximum.accumulate(time)
     back = [] if table.restarts else _falls(time)
     still = int(np.count_nonzero(time[1:] < earlier[:-1] + SAME_INSTANT))
@@ -141,7 +142,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
 
 
 def advances(time: Float) -> bool:
-    """Return True if each sample is later than the one before."""
+    """Return True if each stamp, Float[samples] in s, is later than the one before."""
     return bool(np.all(time[1:] >= time[:-1] + SAME_INSTANT))
 
 
@@ -152,7 +153,7 @@ def _falls(time: Float) -> list[int]:
 
 
 def split_pieces(table: Table, time: Float) -> list[slice]:
-    """Return the samples of each piece: a new one begins if time falls in a table that allows it.
+    """Split stamps, Float[samples] in s, into pieces: a new one begins if time falls in a table that allows it.
 
     >>> table = Table(Location("run.msl"), (), np.arange(3), restarts=True)
     >>> split_pieces(table, np.array([0.0, 1.0, 0.5]))

@@ -56,6 +56,7 @@ def looks_like_unit(text: str) -> bool:
     if len(text) >= 2 and text[0] == "[" and text[-1] == "]":
         return True
     folded = plain_unit(text).casefold()
+    # products, quotients and powers of known units
     return folded in _UNITS or all(part in _UNITS for part in re.split(r"[/*·^ ]", folded))
 
 

@@ -63,7 +63,7 @@ def is_placeholder(attributes: Mapping[str, Any]) -> bool:
 
 
 def unpack_numbers(values: Any, attributes: Mapping[str, Any]) -> Float:
-    """Return stored numbers as physical ones: NaN where they are missing, then scaled.
+    """Convert stored numbers, any[samples], to physical ones, Float[samples]: NaN where they are missing, then scaled.
 
     >>> unpack_numbers(np.array([1, -1, 3]), {"_FillValue": -1, "scale_factor": 0.5, "add_offset": 10.0})
     array([10.5,  nan, 11.5])
@@ -74,13 +74,16 @@ def unpack_numbers(values: Any, attributes: Mapping[str, Any]) -> Float:
         np.float64
     )
     if stored.dtype.kind == "f":
+        # rounded to the type of the file
         numbers[numbers == np.float64(stored.dtype.type(_NEVER_WRITTEN))] = np.nan
+    # the limits of an unsigned variable are stored as signed numbers, too
     if not is_unsigned:
         low, high = _valid_range(attributes)
         numbers[(numbers < low) | (numbers > high)] = np.nan
     for name in _MISSING:
         for missing in np.ravel(attributes.get(name, ())):
             if isinstance(missing, int | float | np.number):
+                # before scaling: these attributes hold packed numbers (CF 8.1)
                 numbers[stored == missing] = np.nan
     factor, offset = _number(attributes, "scale_factor", 1.0), _number(attributes, "add_offset", 0.0)
     return numbers if (factor, offset) == (1.0, 0.0) else numbers * factor + offset

@@ -56,6 +56,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     wanted = (clock, *(i for i in selection.wants(header) if i != clock))
     builders = {i: ColumnBuilder.of(header, i) for i in wanted}
     rows = sections[_ROWS]
+    # a row has one decimal mark, and nothing else separates digits
     decimal: Decimal = "," if "," in rows[0][1] and "." not in rows[0][1] else "."
     collector = RowCollector(header.width, len(header.names), builders, decimal)
     for line, text in rows:
@@ -103,6 +104,7 @@ def _header(source: MeasurementFile, sections: Mapping[str, Sequence[NumberedLin
     stated = [plain_unit(line.strip()) for _, line in sections.get(_UNITS, ())]
     if stated and len(stated) == len(further):
         units |= dict(zip(further, stated, strict=True))
+    # the section may also have a line for each column
     elif stated and len(stated) == len(names):
         units |= {i: stated[i] for i in further}
     elif stated:
@@ -141,6 +143,7 @@ def _convert(table: Table, column: Column, findings: list[Finding]) -> Column:
     axis = {"lat": "lat", "latitude": "lat", "long": "long", "longitude": "long"}.get(name)
     if axis is None:
         return column
+    # + 0.0 makes 0.0 of the -0.0 of a longitude on the meridian
     degrees = column.values / (_MINUTES if axis == "lat" else -_MINUTES) + 0.0
     if np.any(np.abs(degrees) > _MOST_DEGREES[axis]):
         message = "the values are not minutes of arc and were not converted to degrees"

@@ -30,6 +30,7 @@ def find_vcds_header(rows: Sequence[Sequence[str]], decimal: Decimal) -> Header 
         return None
     words = {cell.strip().casefold() for row in stamped for cell in rows[row] if _is_stamp(cell)}
     signed = any(_SIGNATURE.search(cell) for row in head[: stamped[0]] for cell in row)
+    # `TIME` above `STAMP` are as certain as the name of the program
     if not (signed or words >= {"time", "stamp"}):
         return None
     first, last = stamped[0], stamped[-1]
@@ -47,13 +48,14 @@ def find_vcds_header(rows: Sequence[Sequence[str]], decimal: Decimal) -> Header 
     for column in clocks:
         unit_of[column] = "s"
     names[: clocks[0]] = [""] * clocks[0]  # the column of markers
-    _drop_idle_groups(names, clocks)
+    _drop_empty_groups(names, clocks)
     return Header(last, data, tuple(unique_names(names)), tuple(unit_of), staggered=True)
 
 
 def _first_label(rows: Sequence[Sequence[str]], stamped: int) -> int:
     """Return the first row of names: the one right above the time stamps, if it is not that of the groups."""
     above = rows[stamped - 1] if stamped else ()
+    # `Group A:`, `'003`, `G003` or `F0`
     is_groups = any(re.search(r"[A-Z]:\s*$|^'\d+|^[GF]\d+$", cell.strip()) for cell in above)
     return stamped if is_groups or not any(map(str.strip, above)) else stamped - 1
 
@@ -65,7 +67,7 @@ def _name_of(labels: Sequence[Sequence[str]], column: int) -> str:
     return " ".join(word for word in words if not _IDENTIFIER.match(word)) or " ".join(words)
 
 
-def _drop_idle_groups(names: list[str], clocks: Sequence[int]) -> None:
+def _drop_empty_groups(names: list[str], clocks: Sequence[int]) -> None:
     """Remove the name of a time column without channels: that of a group that is not running."""
     for column, end in zip(clocks, [*clocks[1:], len(names)], strict=True):
         if not any(names[column + 1 : end]):

@@ -63,7 +63,7 @@ class WritableRecording:
         return np.concatenate([part[channel].values for part in self.parts])
 
     def blocks(self, size: int) -> Iterator[tuple[Dataset, slice, Int]]:
-        """Yield parts with a slice of at most `size` samples, and their pieces, in order."""
+        """Yield parts with a slice of at most `size` samples, and their pieces, Int[samples], in order."""
         for part, pieces in zip(self.parts, self.pieces, strict=True):
             for first in range(0, part.samples, size):
                 here = slice(first, min(first + size, part.samples))

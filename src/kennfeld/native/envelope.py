@@ -62,6 +62,11 @@ class Envelope:
         envelopes = (cls(order, first_blocks(places_of(order), rows, columns, BLOCK)) for order in orders)
         return min(envelopes, key=lambda envelope: envelope.work)
 
+    def grouped(self, count: int) -> "Envelope":
+        """Return the envelope in which so many block rows begin together, at a multiple of their number."""
+        least = np.minimum.reduceat(self.first, np.arange(0, self.blocks, count)) // count * count
+        return Envelope(self.order, np.repeat(least, count)[: self.blocks])
+
     @property
     def size(self) -> int:
         """Number of rows of the matrix."""

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.base.atomic_files import write_whole
-from kennfeld.base.errors import Findings
-from kennfeld.project.forms import NamedEntriesForm, form_of, keys_of, read_entry, write_entry
+from kennfeld.project.forms import NamedEntriesForm, form_of, keys_of
 from kennfeld.project.schema import ProjectFile
-from kennfeld.project.section import KeyLocation, KeyPath, Section
+from kennfeld.project.section import KeyPath
 from kennfeld.project.toml_file import parse_toml, read_text
 from kennfeld.project.toml_keys import KeySpan, TomlKeys
 
@@ -112,17 +111,6 @@ class ProjectDocument:
             return False
         stop = min((start for start, _ in self._keys.headings if start > starts[0]), default=len(self._text))
         return "#" in self._text[starts[0] : stop].partition("\n\n")[0]
-
-    def set_entry(self, path: Sequence[str | int], entry: Any) -> None:
-        """Set a section to an entry. Keys that equal their default are not written unless they are in the file."""
-        present, table = self.get(*path) or {}, write_entry(entry)
-        section = Section(present, KeyLocation(self._name), Findings(), tuple(path))
-        before = write_entry(read_entry(type(entry), section, name=path[-1]))
-        if not section.findings.has_errors:
-            # a key that did not change keeps its notation, such as a default that the user wrote
-            table |= {key: value for key, value in present.items() if before.get(key) == table.get(key)}
-        if table or present:
-            self.set(path, table)
 
     def _load(self, text: str) -> None:
         self._text = text

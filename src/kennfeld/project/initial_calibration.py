@@ -149,11 +149,20 @@ def _missing(file: ProjectFile, name: str) -> Finding:
 
 def _clash(file: ProjectFile, old: Parameter, new: Parameter, first: str, second: str) -> Finding:
     if old.kind == new.kind and old.values.shape == new.values.shape:
-        message = f"{old.name} has different breakpoints in {first} and {second}"
+        message = f"{old.name} has {_difference(old, new)} in {first} and {second}"
     else:
         message = f"{old.name} is {describe_parameter(old)} in {first} and {describe_parameter(new)} in {second}"
     remedy = "Remove one of the files, or the parameter from one of them."
     return Finding(file.location("calibration", "initial"), message, remedy)
+
+
+def _difference(old: Parameter, new: Parameter) -> str:
+    """Return what differs between two parameters of the same kind and size."""
+    if not isinstance(old, RBF) or not isinstance(new, RBF):
+        return "different breakpoints"
+    if old.coordinates != new.coordinates:
+        return "different numbers of inputs"
+    return "different kernels" if old.kernel != new.kernel else "different hinges"
 
 
 def describe_parameter(parameter: Parameter) -> str:

@@ -2,10 +2,10 @@
 
 import re
 import tomllib
-from bisect import bisect_right
 from typing import Literal
 
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.program.positions import TextLines
 from kennfeld.project.section import KeyPath
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")  # also comments
@@ -55,7 +55,7 @@ class TomlKeys:
         self.headings: list[tuple[int, KeyPath]] = []  # in the order of the text
         self._counts: dict[KeyPath, int] = {}
         # offsets of line breaks, in which `line` searches: counting them anew for each key takes quadratic time
-        self._newlines = [match.start() for match in re.finditer("\n", text)]
+        self._lines = TextLines(text)
         self._scan()
 
     def line(self, path: KeyPath) -> int:
@@ -63,7 +63,7 @@ class TomlKeys:
         for length in range(len(path), 0, -1):
             span = self.spans.get(path[:length])
             if span is not None:
-                return bisect_right(self._newlines, span.start - 1) + 1
+                return self._lines.number(span.start)
         return 0
 
     def block_end(self, heading: KeyPath) -> int:

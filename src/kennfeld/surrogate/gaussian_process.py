@@ -123,7 +123,8 @@ def gaussian_process(
     outliers = far | _suspects(rows, values, ~far)
     if outliers.any():
         check_points(rows[~outliers], values[~outliers], names)
-    training = _Training(rows, values, ~outliers, method, centres, seed)
+    setup = _TrainingSetup(rows, values, ~outliers, method, centres, seed)
+    training = _Training(setup)
     if method == "exact" and len(training.points) > MOST_FORCED:
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
     kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)
@@ -131,7 +132,7 @@ def gaussian_process(
     # a value that a steep function explains is a suspect by its neighbours, but near to the model
     wrong = far | (outliers & training.is_certain(candidates, blocks))
     if np.any(wrong != outliers):
-        training = _Training(rows, values, ~wrong, method, centres, seed)
+        training = _Training(replace(setup, used=~wrong))
     process = training.choose(candidates, blocks, wrong)
     if kinks and not stopped():
         training, process = training.with_hinges(process, blocks, stopped)
@@ -160,30 +161,44 @@ def _suspects(x: Float, y: Float, among: Bool) -> Bool:
     return suspects
 
 
+@dataclass(frozen=True, eq=False)
+class _TrainingSetup:
+    """The data and the settings of a training, in physical units.
+
+    Attributes:
+        x: Float[rows, inputs].
+        y: Float[rows], as measured.
+        used: the rows that count, Bool[rows].
+        method: exact or sparse.
+        centres: number of inducing inputs, None by default.
+        seed: of random draws.
+        weights: of the rows, Float[rows]; None if all are equal.
+        hinges: kinks of the plane, subtracted from `y`.
+    """
+
+    x: Float
+    y: Float
+    used: Bool
+    method: Method
+    centres: int | None
+    seed: int
+    weights: Float | None = None
+    hinges: tuple[Hinge, ...] = ()
+
+
 class _Training:
     """Rows that are used for training, scaled and merged, and the processes over them."""
 
-    def __init__(
-        self,
-        x: Float,
-        y: Float,
-        used: Bool,
-        method: Method,
-        centres: int | None,
-        seed: int,
-        weights: Float | None = None,
-        hinges: tuple[Hinge, ...] = (),
-    ) -> None:
-        self.x, self.measured, self.used, self.method, self.seed = x, y, used, method, seed
-        self.y = y - evaluate_hinges(hinges, x)
-        self.scaling = Scaling.of(x[used], self.y[used])
-        target = (self.y[used] - self.scaling.level) / self.scaling.height
-        shares = None if weights is None else weights[used]
-        self.points = TrainingPoints.of(self.scaling.inward(x[used]), target, shares)
-        most = MOST_EXACT if centres is None else min(centres, MOST_EXACT)
-        self.exact = method == "exact" or (method == "auto" and len(self.points) <= most)
-        self.given, self.centres = centres, centres or CENTRES
-        self.hinges = hinges
+    def __init__(self, setup: _TrainingSetup) -> None:
+        self.setup, self.x, self.used, self.seed = setup, setup.x, setup.used, setup.seed
+        self.y = setup.y - evaluate_hinges(setup.hinges, setup.x)
+        self.scaling = Scaling.of(self.x[self.used], self.y[self.used])
+        target = (self.y[self.used] - self.scaling.level) / self.scaling.height
+        shares = None if setup.weights is None else setup.weights[self.used]
+        self.points = TrainingPoints.of(self.scaling.inward(self.x[self.used]), target, shares)
+        most = MOST_EXACT if setup.centres is None else min(setup.centres, MOST_EXACT)
+        self.exact = setup.method == "exact" or (setup.method == "auto" and len(self.points) <= most)
+        self.centres = setup.centres or CENTRES
 
     def search(
         self, kernels: Sequence[Kernel], starts: int, stopped: Stopped, near: Hyperparameters | None = None
@@ -235,9 +250,7 @@ class _Training:
             return normal
         for round_ in range(REWEIGHTED):
             weights = (FREEDOM + 1) / (FREEDOM + (np.nan_to_num(robust.left_out) / sigma) ** 2)
-            training = _Training(
-                self.x, self.measured, self.used, self.method, self.given, self.seed, weights, self.hinges
-            )
+            training = _Training(replace(self.setup, weights=weights))
             # a new search of length scales is by far the most expensive step: last, and only if it may pay
             if round_ == REWEIGHTED - 1:
                 gain = student_gain(before, robust.left_out[self.used])
@@ -267,7 +280,7 @@ class _Training:
         if np.nanmean(bent**2) > HOPELESS**2 * np.nanmean(smooth.left_out**2):
             return self, smooth
         hinges = self.scaling.outward(choice.hinges)
-        kinked = _Training(self.x, self.y, self.used, self.method, self.given, self.seed, hinges=hinges)
+        kinked = _Training(replace(self.setup, hinges=hinges))
         process = kinked.choose(kinked.search((smooth.tried.kernel,), 1, stopped), blocks, smooth.outliers)
         if process.hyperparameters is None:
             process = replace(process, left_out=bent)  # for which hinges were selected anew
@@ -309,7 +322,7 @@ class _Training:
         if not is_plane:
             expansion = self.scaling.expansion(*process.terms(), process.lengths, process.kernel)
         return GaussianProcess(
-            replace(expansion, hinges=self.hinges),
+            replace(expansion, hinges=self.setup.hinges),
             Validity.around(self.x[self.used], self.scaling.spread * process.lengths, self.seed),
             self._uncertainty(process, expansion, residual[self.used]),
             residual,
@@ -323,8 +336,9 @@ class _Training:
         )
 
     def _remarks(self) -> Iterator[str]:
-        if self.exact and self.given is not None and self.given < len(self.points):
-            yield f"centres = {self.given} is not used: an exact Gaussian process has one per point, {len(self.points)}"
+        centres = self.setup.centres
+        if self.exact and centres is not None and centres < len(self.points):
+            yield f"centres = {centres} is not used: an exact Gaussian process has one per point, {len(self.points)}"
 
     def _smoothed(
         self, process: Exact | Sparse, residual: Float, together: Sequence[Int]

@@ -27,7 +27,7 @@ def test_variables_are_those_of_the_description(tmp_path, version):
     assert description.step == 0.1
     assert [v.name for v in description.states] == ["x"]
     assert [v.name for v in description.inputs] == ["u"]
-    assert [(v.name, v.unit) for v in description.real_outputs] == [("y", "Nm")]
+    assert [(v.name, v.unit) for v in description.computed_outputs] == [("y", "Nm")]
     assert description.indicators == 2
     assert description.model_exchange.directional
     assert description.derivatives[0].references == {1, 3}

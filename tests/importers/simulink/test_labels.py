@@ -13,8 +13,8 @@ from kennfeld.importers.simulink.stateflow.label_parser import (
     parse_transition_label,
     strip_comments,
 )
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
+from kennfeld.program import tree as m
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget, MatlabError
 from kennfeld.matlab.evaluator import NumericEvaluator, evaluate
@@ -29,6 +28,7 @@ from kennfeld.models.imperative.symbolic_values import (
     force,
     integers,
 )
+from kennfeld.program import tree as m
 from tests.importers.simulink.simulink_code import outputs
 from tests.importers.simulink.simulink_runs import alone, imported, run
 
@@ -114,7 +114,7 @@ def same(one, other):
 def in_scripts(name, arguments, wanted):
     """What a script gets; None where it is refused."""
     try:
-        return NumericEvaluator({}, {}, Budget(), "").call(name, arguments, wanted, m.SourcePosition())
+        return NumericEvaluator({}, {}, Budget(), "").call(name, arguments, wanted, m.TextPosition())
     except MatlabError:
         return None
 

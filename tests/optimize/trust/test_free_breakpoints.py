@@ -43,7 +43,7 @@ def repeated(made, count):
     start, rng, ends = objective.start, np.random.default_rng(7), []
     for _ in range(count):
         targets[:] = CLEAN + NOISE * rng.standard_normal(X.size)
-        compiled.reread_targets()
+        compiled.samples.wanted.reread()
         ends.append(
             levenberg_marquardt(
                 objective, start, limits, SolverSettings(tolerance=1e-6, damping_limited_ratio=np.inf)

@@ -49,8 +49,8 @@ def repeated_within(problem, truth, noise, count=REPETITIONS):
     try:
         for _ in range(count):
             target[:] = truth + noise * rng.standard_normal(target.size)
-            run.exact.reread_targets()
-            outputs._penalised.reread_targets()
+            run.exact.samples.wanted.reread()
+            outputs._penalised.samples.wanted.reread()
             end, _ = run.minimise()
             assert end.status == "converged"
             ends.append(end.values)

@@ -8,82 +8,12 @@ import kennfeld as kf
 from kennfeld.domain.constraints import Limit, Shape
 from kennfeld.optimize import Problem, run
 from kennfeld.optimize.trust import matrices
-from kennfeld.optimize.trust.block_factor import BLOCK, BlockFactor
 from kennfeld.optimize.trust.information_matrix import Spectrum, nullity
 from kennfeld.optimize.trust.inverse import DenseInverse, SparseInverse
 from tests.draws import mostly_slow
+from tests.optimize.trust.sparse_matrices import curvature, lookups
 
 PLAIN = kf.Options(continuation="off")
-
-
-def lookups(rows, columns, count, seed=0, shared=0):
-    """Random bilinear lookups in a map, as the rows of a Jacobian; all samples touch `shared` more values."""
-    random = np.random.default_rng(seed)
-    x, y = random.uniform(0, rows - 1, count), random.uniform(0, columns - 1, count)
-    jacobian = np.zeros((count, rows * columns + shared))
-    i, j = np.minimum(x.astype(int), rows - 2), np.minimum(y.astype(int), columns - 2)
-    u, v = x - i, y - j
-    for a, b, weight in ((0, 0, (1 - u) * (1 - v)), (0, 1, (1 - u) * v), (1, 0, u * (1 - v)), (1, 1, u * v)):
-        jacobian[np.arange(count), (i + a) * columns + j + b] = weight
-    jacobian[:, rows * columns :] = random.normal(size=(count, shared))
-    return jacobian
-
-
-def curvature(jacobian):
-    return jacobian.T @ jacobian
-
-
-@pytest.fixture(params=[(1, 20), (9, 11), (13, 20)], ids=str)
-def matrix(request):
-    rows, columns = request.param
-    jacobian = lookups(max(rows, 2), columns, 40 * rows * columns, shared=2)
-    return curvature(jacobian) + 0.01 * np.eye(jacobian.shape[1])
-
-
-def test_a_factor_solves_and_gives_entries_of_the_inverse(matrix):
-    factor, inverse = BlockFactor(csr_array(matrix)), np.linalg.inv(matrix)
-    right = np.random.default_rng(1).normal(size=(len(matrix), 3))
-    assert factor.negative == 0
-    np.testing.assert_allclose(factor.solve(right), inverse @ right, rtol=1e-9, atol=1e-9)
-    assert factor.solve(right[:, :0]).shape == (len(matrix), 0)
-    np.testing.assert_allclose(factor.diagonal, np.diag(inverse), rtol=1e-9)
-
-
-def test_the_trace_and_the_diagonal_of_products_with_the_inverse(matrix):
-    inverse = np.linalg.inv(matrix)
-    other = matrix * (np.random.default_rng(2).uniform(size=matrix.shape) < 0.5)
-    other = other + other.T
-    factor = BlockFactor(csr_array(matrix))
-    assert factor.trace(csr_array(other)) == pytest.approx(np.trace(inverse @ other), rel=1e-9)
-    expected = np.diag(inverse @ other @ inverse)
-    np.testing.assert_allclose(factor.sandwich(csr_array(other)), expected, atol=1e-9 * np.abs(expected).max())
-
-
-def test_a_pattern_makes_room_for_matrices_with_other_zeros():
-    tied = np.diag([2.0, 2.0, 2.0]) + 0.5
-    factor = BlockFactor(csr_array(np.diag([1.0, 2.0, 4.0])), csr_array(tied))
-    assert factor.trace(csr_array(tied)) == pytest.approx(2.5 * 1.75)
-    np.testing.assert_allclose(factor.sandwich(csr_array(tied)), 2.5 / np.array([1.0, 4.0, 16.0]))
-
-
-@pytest.mark.parametrize("size", [1, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK])
-def test_any_size_fills_whole_blocks(size):
-    random = np.random.default_rng(size)
-    matrix = np.diag(random.uniform(1, 2, size))
-    if size > 1:
-        matrix += np.diag(np.full(size - 1, 0.3), 1) + np.diag(np.full(size - 1, 0.3), -1)
-    factor = BlockFactor(csr_array(matrix))
-    np.testing.assert_allclose(factor.diagonal, np.diag(np.linalg.inv(matrix)), rtol=1e-12)
-
-
-def test_the_signs_of_a_factor_count_eigenvalues_that_are_not_positive():
-    matrix = curvature(lookups(8, 12, 4000))
-    scale = np.sqrt(np.diag(matrix))
-    matrix = matrix / scale / scale[:, None]
-    values = np.linalg.eigvalsh(matrix)
-    for count in (0, 1, 5, 50):
-        shift = 0.5 * (values[count - 1] + values[count]) if count else 0.5 * values[0]
-        assert BlockFactor(csr_array(matrix - shift * np.eye(len(matrix)))).negative == count
 
 
 def open_matrix(dimension, seed=0):
@@ -229,3 +159,18 @@ def test_what_is_said_of_a_fit_is_what_dense_matrices_say(name, monkeypatch):
     np.testing.assert_allclose(
         found.covariance(), covariance, rtol=1e-5, atol=max(1e-6, 10 * slack if name == "output" else slack) * largest
     )
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_directions_without_curvature_are_counted_by_the_signs_of_pivots(seed):
+    """Many values are shared by few rows each, so that pivots of determined values may be small."""
+    random = np.random.default_rng(seed)
+    size, missing = int(random.integers(30, 200)), int(random.integers(0, 8))
+    jacobian = np.zeros((size - missing, size))
+    for row in jacobian:
+        first = random.integers(0, size - 4)
+        row[first : first + 4] = random.normal(size=4)
+    jacobian = jacobian[:, np.any(jacobian, axis=0)] * 10.0 ** random.uniform(-3, 3, np.any(jacobian, axis=0).sum())
+    matrix = jacobian.T @ jacobian
+    units = matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    assert nullity(csr_array(matrix)) == np.count_nonzero(np.linalg.eigvalsh(units) < 1e-10)

@@ -42,7 +42,7 @@ def repeated(made, spread, count):
     start, rng, ends = compiled.values.pack(TRUTH)[: compiled.values.free], np.random.default_rng(7), []
     for _ in range(count):
         targets[:] = CLEAN + spread * rng.standard_normal(SIZE)
-        compiled.reread_targets()
+        compiled.samples.wanted.reread()
         ends.append(levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6)).values)
     order = [compiled.values.offsets[name] + np.arange(TRUTH[name].size) for name in made.free_names]
     return np.array(ends)[:, np.concatenate(order)]

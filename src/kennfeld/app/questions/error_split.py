@@ -7,7 +7,8 @@ import numpy as np
 from kennfeld.app.answer import finite
 from kennfeld.app.session.evidence import Correction, Obstacle, corrections
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter

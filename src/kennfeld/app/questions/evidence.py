@@ -8,8 +8,9 @@ from kennfeld.app.answer import finite
 from kennfeld.app.session.distributions import thin
 from kennfeld.app.session.evidence import Informing
 from kennfeld.app.session.selection import both, check_clock, condition, outside, stretch_in_other_data
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SampleSelection
+from kennfeld.app.session.view import View
 from kennfeld.app.wire import ABSENT, Absent
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError

@@ -12,7 +12,8 @@ from kennfeld.app.folders import writable
 from kennfeld.app.questions.calibrations import ExistingFile, RoundedRow, rounded
 from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.edited_values import on_same_breakpoints
-from kennfeld.app.session.session import Run, Session
+from kennfeld.app.session.runs import Run
+from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass

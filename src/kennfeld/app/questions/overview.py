@@ -9,7 +9,8 @@ import numpy as np
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.view import View
 from kennfeld.app.wire import ABSENT, Absent
 from kennfeld.base.errors import Finding, Location, Severity
 from kennfeld.base.lazy_dataclass import dataclass

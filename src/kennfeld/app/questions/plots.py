@@ -9,9 +9,10 @@ from kennfeld.app.answer import finite
 from kennfeld.app.questions.error_split import nearest
 from kennfeld.app.session.distributions import common_bins, drawn_samples, histogram
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SampleSelection, SignalName
 from kennfeld.app.session.strips import Statistics, describe, statistics, strip
+from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import KennfeldError
 from kennfeld.base.lazy_dataclass import dataclass

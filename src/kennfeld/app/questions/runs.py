@@ -14,8 +14,10 @@ from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.edited_values import moved_breakpoints, with_edits
 from kennfeld.app.session.live_model import Evaluation
 from kennfeld.app.session.run_job import Validation
-from kennfeld.app.session.session import Run, Session, View
+from kennfeld.app.session.runs import Run
+from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetTables
+from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass

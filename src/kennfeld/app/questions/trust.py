@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.app.answer import finite
-from kennfeld.app.session.session import Run, Session
+from kennfeld.app.session.runs import Run
+from kennfeld.app.session.session import Session
 from kennfeld.app.wire import ABSENT, Absent, KeyChange
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass

@@ -192,11 +192,6 @@ class Correction:
     allowed: float
     obstacle: Obstacle = ""
 
-    @property
-    def reachable(self) -> bool:
-        """True if nothing is in the way of the change."""
-        return not self.obstacle
-
 
 def corrections(error: float, slopes: Mapping[str, Float], parameters: ParameterSet) -> Sequence[Correction]:
     """Compute for each table the change that would take away an error, to first order.

@@ -6,6 +6,7 @@ Another program, or another app, may write the same files. An edit begins from w
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 
 
@@ -64,3 +65,21 @@ class FilesOnDisk:
             return (self._folder / name).read_bytes().decode("utf-8", "replace")
         except OSError:
             return None
+
+
+def text_or_none(path: Path) -> str | None:
+    """Return the text of a file as `read_exactly` does; None if it cannot be read."""
+    try:
+        return read_exactly(path)
+    except InputError:
+        return None
+
+
+def read_exactly(path: Path) -> str:
+    """Return the text of a file with its line ends and byte order mark. Raises `InputError` if it is not UTF-8."""
+    try:
+        return path.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError.of(Location(path.name), "is not text in UTF-8") from None

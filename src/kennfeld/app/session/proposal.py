@@ -25,7 +25,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Choice:
+class KeyChoice:
     """A key, by path, whose value the user chooses among options."""
 
     path: tuple[str | int, ...]
@@ -44,7 +44,7 @@ class Proposal:
 
     title: str
     changes: Sequence[tuple[tuple[str | int, ...], Any]]
-    choice: Choice | None = None
+    choice: KeyChoice | None = None
 
 
 def read_function(text: str, functions: Collection[ModelFunction] = ()) -> Model | None:
@@ -134,5 +134,5 @@ def _criterion(function: Model, mapped: Mapping[str, str], channels: Mapping[str
     node = next((name for name in outputs if name in unused), outputs[-1])
     target = node if node in unused else unused[0] if len(unused) == 1 else ""
     entry = {"node": node, "target": {"channel": target}}
-    choice = None if target else Choice(("criterion", 1, "target", "channel"), unused)
+    choice = None if target else KeyChoice(("criterion", 1, "target", "channel"), unused)
     yield Proposal(f"{node} follows {target or 'the channel'}", [(("criterion", 1), entry)], choice)

@@ -5,16 +5,13 @@ import queue
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import field, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints, on_same_breakpoints, with_edits
-from kennfeld.app.session.evidence import Evidence
-from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk
+from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints, on_same_breakpoints
+from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk, read_exactly, text_or_none
 from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
@@ -23,16 +20,16 @@ from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
+from kennfeld.app.session.runs import Job, Run
 from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
-from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
 from kennfeld.app.session.surrogate_training import SurrogateTraining
-from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.app.session.view import View
+from kennfeld.base.arrays import Float
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.base.file_state import FileVersion, opened_files
-from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import within
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
@@ -41,8 +38,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.models import Model
 from kennfeld.models.code_consent import ConsentRequest, allow
-from kennfeld.optimize.fit.result import Result, TraceLine
-from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument
@@ -51,107 +47,6 @@ from kennfeld.project.schema import ProjectFile
 _T = TypeVar("_T")  # Python 3.11
 
 _REVISIONS = itertools.count(time.time_ns() // 1000)  # never the same, also after a restart
-
-
-def _text_or_none(path: Path) -> str | None:
-    try:
-        return read_exactly(path)
-    except InputError:
-        return None
-
-
-def read_exactly(path: Path) -> str:
-    """Return the text of a file with its line ends and byte order mark. Raises `InputError` if it is not UTF-8."""
-    try:
-        return path.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError.of(Location(path.name), "is not text in UTF-8") from None
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """A run that has ended.
-
-    Attributes:
-        number: counted from 1.
-        before: the values at its start.
-        result: its result.
-        problem: what was calibrated, None if it is the present problem.
-        extrapolation: use of surrogates outside their training data; None if it is not computed yet.
-    """
-
-    number: int
-    before: ParameterSet
-    result: Result
-    problem: Problem | None = None
-    extrapolation: tuple[Extrapolation, ...] | None = None
-
-
-@dataclass
-class Job:
-    """The running or last calibration, as it is shown.
-
-    Attributes:
-        state: idle, running, stopping, or the status of the last result.
-        message: a sentence on it.
-        began: monotonic time of its start, in s.
-        seconds: how long it has run.
-        trace: the steps so far.
-        preview: values of the best step so far, by parameter.
-        problem: what is calibrated.
-    """
-
-    state: str = "idle"
-    message: str = ""
-    began: float = 0.0
-    seconds: float = 0.0
-    trace: list[TraceLine] = field(default_factory=list)
-    preview: Mapping[str, Float] = field(default_factory=dict)
-    problem: Problem | None = None
-
-
-class View:
-    """A project that could be read, at the present values.
-
-    Attributes:
-        model: its compiled problem.
-        start: the evaluation at the initial values.
-        now: the evaluation at the present values.
-        signals: what can be drawn.
-        samples: number of training samples at each grid point, by table.
-    """
-
-    def __init__(self, model: LiveModel, read_channels: ReadChannels | None = None) -> None:
-        self.model = model
-        self.start = self.now = model.evaluate(model.problem.parameters)
-        self.signals = Signals(model, self.start, read_channels, self._informed)
-        self.samples: Mapping[str, Int] = self.evidence.sample_counts()
-
-    @cached_property
-    def evidence(self) -> Evidence:
-        """The lookups at the present values."""
-        return Evidence(self.model, self.now.parameters)
-
-    def _informed(self, recording: LiveDataset, point: GridPoint) -> Bool:
-        """Mark the samples of a dataset whose lookup gives a value of a table a weight."""
-        return self.evidence.informed(recording, point.parameter, point.value) > 0
-
-    def follow(self, values: Mapping[str, Float], tables: Mapping[str, Parameter]) -> tuple[Finding, ...]:
-        """Evaluate the model with edited values, and the initial ones of the other parameters; see `with_edits`."""
-        initial = self.model.problem.parameters
-        before = self.now.parameters
-        parameters, findings = with_edits(initial, values, tables)
-        self.now = self.start if parameters is initial else self.model.evaluate(parameters)
-        self.signals.follow(self.now)
-        # a cached property at the values before
-        self.__dict__.pop("evidence", None)
-        moved = any(not on_same_breakpoints(table, before[table.name]) for table in parameters.parameters)
-        # counts stay the same if no lookup can have moved
-        if moved or not self.model.unmoved.issuperset(self.samples):
-            self.samples = self.evidence.sample_counts()
-        return findings
 
 
 class Session:
@@ -481,7 +376,7 @@ class Session:
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
-        texts = {name: _text_or_none(folder / name) for name in self.state.texts}
+        texts = {name: text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
         # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)

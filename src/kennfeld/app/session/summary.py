@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from kennfeld.app.session.distributions import common_bins, histogram
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass

@@ -77,7 +77,7 @@ class DiagramCode:
             case "ComplexElement", "MethodPort":
                 return self._called(step, place)
             case "ComplexElement", "MemberSetPort":
-                target = e.Member(self._element(step.block), step.port.get("elementName"), place=place)
+                target = e.Field(self._element(step.block), step.port.get("elementName"), place=place)
                 return e.Assign(target, self._input(step.port), place=place)
         return _unsupported_statement(f"a step of a {step.block.tag} block", place)
 
@@ -176,7 +176,7 @@ class DiagramCode:
             case "ImplementationCast":
                 return self._input(next((item for item in interface_ports(block) if item.tag == "SelectorPort"), block))
             case "ComplexElement" if port.element.tag == "MemberGetPort":
-                return e.Member(self._element(block), port.element.get("elementName"), place=place)
+                return e.Field(self._element(block), port.element.get("elementName"), place=place)
             case "ComplexElement":
                 return self._method_value(port, place)
         return _unsupported(f"the output of a {block.tag} block as a value", place)
@@ -187,7 +187,7 @@ class DiagramCode:
         if block.get("type") == "Return":
             return e.Name(RESULT, place=place)
         if block.get("type") != "Argument" and name in self._arguments:
-            return e.Member(e.Name("this", place=place), name, place=place)
+            return e.Field(e.Name("this", place=place), name, place=place)
         return e.Name(name, place=place)
 
     def _model_type(self, block: XmlElement) -> str:
@@ -266,11 +266,11 @@ class DiagramCode:
         of = self._element(port.block)
         if kind in TABLES and method == "getAt":
             values = [self._input(arguments[axis]) for axis in ("x", "y") if axis in arguments]
-            return e.Call(e.Member(of, "getAt", place=place), tuple(values), place=place)
+            return e.Call(e.Field(of, "getAt", place=place), tuple(values), place=place)
         if kind in TABLES and method == "interpolate":
             names = tuple(f"{name}.search.{axis}" for axis in ("x", "y")[: TABLES.index(kind) + 1])
             self.searched[name] = names
-            return e.Call(e.Member(of, "getAt", place=place), tuple(map(e.Name, names)), place=place)
+            return e.Call(e.Field(of, "getAt", place=place), tuple(map(e.Name, names)), place=place)
         if kind == "array" and method == "getAt" and len(arguments) == 1:
             return e.Index(of, self._input(*arguments.values()), place=place)
         if kind == "array" and method == "get" and not arguments:
@@ -285,7 +285,7 @@ class DiagramCode:
         element = self._elements.get(name)
         signature = None if element is None else self.references.signature(element.reference, method)
         by_name = {BlockPort(block, item).name: item for item in inputs}
-        of = e.Member(self._element(block), method, place=place)
+        of = e.Field(self._element(block), method, place=place)
         if signature is None:
             reference = element.reference if element is not None else name
             message = f"the method {method} of {name}, whose class {reference or '?'} is missing or lacks it,"

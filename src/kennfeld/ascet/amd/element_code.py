@@ -110,7 +110,7 @@ class ElementCode:
         if entry.reference not in self.data_sets(element.reference):
             return None
         of = e.Name(self.qualified(element.reference).rpartition(".")[2])
-        return e.Call(e.Member(of, entry.reference), ())
+        return e.Call(e.Field(of, entry.reference), ())
 
 
 def _limits(low: float, high: float) -> e.Range:

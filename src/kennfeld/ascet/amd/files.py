@@ -167,8 +167,3 @@ def component_stem(name: str) -> str:
     for part in _PARTS:
         stem = stem.removesuffix(part.removesuffix(ENDING))
     return stem.partition(".project")[0] if ".project" in stem else stem
-
-
-def is_default_project(path: str) -> bool:
-    """Return True for the files of a default project."""
-    return path.endswith(".dp.amd")

@@ -158,7 +158,7 @@ class ComponentLibrary:
                 names = " and ".join(sorted(map(file_name, known))[:3])
                 return e.Unsupported(f"the label {label} has different numbers in {names}, which is not supported")
             if known:
-                return e.Member(e.Name(qualified_name(next(iter(known)))), label)
+                return e.Field(e.Name(qualified_name(next(iter(known)))), label)
         return None
 
     def _enumerations(self) -> list[str]:

@@ -71,9 +71,11 @@ class CallRecord:
         self.functions = tuple(functions)
         head = json.dumps({"file": file, "process": os.getpid(), "functions": self.functions}).encode()
         content = head.ljust(_HEAD, b"\0") + bytes(SLOT_SIZE * slots)
+        # a longer head reaches into the slots, so that nobody could read such a record
         self._memory = _shared_memory(content) if len(head) <= _HEAD else None
         if self._memory is None:
             self._memory = mmap.mmap(-1, len(content))
+        # two views of the same slots, as times are doubles
         self._words = (ctypes.c_int64 * (4 * slots)).from_buffer(self._memory, _HEAD)
         self._times = (ctypes.c_double * (4 * slots)).from_buffer(self._memory, _HEAD)
         for slot in range(slots):
@@ -85,11 +87,13 @@ class CallRecord:
 
     def number(self, function: str) -> int:
         """Return the number by which machine code names a function."""
+        # 0 means none
         return self.functions.index(function) + 1
 
     def begin(self, function: int, slot: int = 0) -> None:
         """Write that the function of this number is about to be called, at no time."""
         at = 4 * slot
+        # the function comes last, so that a reader sees a complete call or none
         self._words[at + _CALLS] += 1
         self._times[at + _TIME] = math.nan
         self._words[at + _FUNCTION] = function

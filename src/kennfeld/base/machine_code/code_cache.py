@@ -33,6 +33,7 @@ def read_code(key: str) -> bytes | None:
         return None
     try:
         with (folder / key).open("rb") as file:
+            # of the open file, which nobody can exchange after the check
             if not is_own(os.fstat(file.fileno())):
                 return None
             content = file.read()
@@ -76,6 +77,7 @@ def is_own(status: os.stat_result) -> bool:
 
 
 def _hash(key: str, code: bytes) -> bytes:
+    # keyed, so that the content of another name is not taken for it
     return blake2b(code, key=bytes.fromhex(key), digest_size=_HASH).digest()
 
 

@@ -98,8 +98,10 @@ def describe_status(status: int) -> str:
     """
     if status < 0:
         name = next((member.name for member in signal.Signals if member == -status), "")
+        # macOS adds the number: `Segmentation fault: 11`
         text = (signal.strsignal(-status) or "").partition(":")[0] if name else ""
         return f"{text[:1].lower()}{text[1:]} ({name})" if text else name or f"signal {-status}"
+    # the upper two bits of a status of Windows are set for errors
     return _WINDOWS.get(status, f"error 0x{status:X}" if status >= 0xC0000000 else "")
 
 

@@ -75,6 +75,7 @@ class Engine:
 
     def _function(self, name: str, kinds: Sequence[str]) -> NativeFunction:
         result: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind] for kind in kinds))(self.address(name))
+        # the code lives as long as its engine
         result.engine = self
         native: NativeFunction = result
         return native
@@ -145,6 +146,7 @@ def _module(write: Callable[[], Functions], content: str | None, loops: bool) ->
     """
     if content is None:
         return _compile(write(), loops)
+    # code for another processor may have instructions that this one lacks
     target = f"{_target().triple} {llvm.get_host_cpu_name()} {_features()}"
     key = key_of(llvmlite.__version__, target, str(loops), content)
     kept = read_code(key)
@@ -160,6 +162,7 @@ def _module(write: Callable[[], Functions], content: str | None, loops: bool) ->
 def _compile(functions: Functions, loops: bool) -> ObjectModule:
     text = "".join(f.text() for f in functions)
     externals = externals_of(text)
+    # set after loading; the optimiser must not take the pointers for null
     text += "".join(f"@{external.pointer} = externally_initialized global ptr null\n" for external in externals)
     with _loading:
         code = _object_code(text, loops and len(text) <= LONG)

@@ -59,6 +59,7 @@ def address_of(name: str) -> int:
 @cache
 def c_function(name: str) -> int:
     """Return the address of a function of the C library."""
+    # None is the program itself, which the C library is loaded into
     library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
     address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
     assert address is not None

@@ -49,6 +49,7 @@ class _ArgumentPickler(pickle.Pickler):
 def _source_hash() -> str:
     """Return a hash of the sources; empty if a package is installed without."""
     root = Path(__file__).parents[2]
+    # sorted, as a file system may list them in any order
     packages = [sorted((root / name).rglob("*.py")) for name in WRITERS]
     files = [*(file for package in packages for file in package), *(root / name for name in OTHERS)]
     if not all(packages) or not all(file.is_file() for file in files):

@@ -200,6 +200,7 @@ class FunctionWriter:
         """Return the finished function, after the text before it."""
         head = ", ".join(f"{kind} %{name}" for kind, name in self.parameters)
         linkage = "internal " if self.internal else ""
+        # slots in the first block are allocated once, even those of a loop
         body = "\n".join(["stack:", *self.slots, "  br label %entry", "entry:", *self.lines])
         return f"{self.before}define {linkage}void @{self.name}({head}) {self.internal} {{\n{body}\n  ret void\n}}\n"
 
@@ -254,6 +255,7 @@ class Vector:
 
     def reduce(self, start: str, vector: str) -> str:
         """Return a double plus the sum of all lanes."""
+        # `reassoc`: the lanes may be added pairwise instead of one after the other
         return self.f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {self.kind} {vector})")
 
     def all(self, value: float) -> str:
@@ -292,8 +294,10 @@ class Vector:
         scaled = self("fmul", x, self.all(1 / math.log(2)))
         shifted = f.new(f"fadd {self.kind} {scaled}, {self.all(ROUNDER)}")
         number = f.new(f"fsub {self.kind} {shifted}, {self.all(ROUNDER)}")
+        # Cody and Waite: n * the high part of ln(2) is exact, so that the rest keeps its digits
         rest = self("fsub", x, self("fmul", number, self.all(LN2_HIGH)))
         rest = self("fsub", rest, self("fmul", number, self.all(LN2_LOW)))
+        # the last bits of the shifted number are the integer, which is added to the exponent of 1.0
         bits = f.new(f"bitcast {self.kind} {shifted} to {whole}")
         high = f.new(f"shl {whole} {bits}, <{', '.join(['i64 52'] * self.lanes)}>")
         power = f.new(f"add {whole} {high}, <{', '.join([f'i64 {ONES}'] * self.lanes)}>")

@@ -38,6 +38,7 @@ def check_records(stream: bytes, most_cells: int) -> None:
         walked += end - begin
         if cells > most_cells:
             raise ValueError(f"its sheets span more than {most_cells} cells")
+        # records that sheets share would be read again for each of them
         if walked > 2 * len(stream):
             raise ValueError("its sheets overlap")
 
@@ -52,6 +53,7 @@ def _extent(stream: bytes, begin: int) -> tuple[int, int, int, int]:
         if kind in _CELLS and size >= 4:
             row, column = _PLACE.unpack_from(stream, at)
             if kind == _SEVERAL:
+                # row, first column, 6 bytes a cell, last column: size // 6 - 1 cells, one of which is counted below
                 filled += size // 6 - 2
                 column = max(column, int.from_bytes(stream[end - 2 : end], "little"))
             filled += 1

@@ -41,6 +41,7 @@ class _CompoundFile:
         self.table = _numbers(b"".join(map(self._sector, self._table_sectors(further))))
         self.entries = self._chain(directory)
         self.short_table = _numbers(self._chain(short_table))
+        # the first entry is the root, whose stream holds the short sectors
         self.root = self._chain(self._extent(0)[0])
 
     def stream(self, index: int) -> bytes:
@@ -71,6 +72,7 @@ class _CompoundFile:
         sectors = list(struct.unpack_from("<109I", self.content, 76))
         steps = 0
         while further < self.sectors:
+            # the last entry of such a sector leads to the next one
             *more, further = _numbers(self._sector(further))
             sectors += more
             steps += 1
@@ -86,6 +88,7 @@ class _CompoundFile:
         return b"".join(map(self._sector, _follow_chain(start, self.table, self.sectors)))
 
     def _sector(self, index: int) -> bytes:
+        # the header takes the room of one sector
         begin = (index + 1) * self.size
         return self.content[begin : begin + self.size]
 

@@ -40,6 +40,7 @@ def find_unsaved(archive: zipfile.ZipFile, sheet: str) -> UnsavedFormulas | None
         return None
     cells: dict[str, None] = {}
     for text in iterate_chunks(archive, member, _OVERLAP):
+        # a plain search first, as most sheets hold only values
         if b"<f" in text or b":f" in text:
             cells |= dict.fromkeys(cell.decode() for cell in _CELL.findall(text))
     return UnsavedFormulas(sheet, len(cells), next(iter(cells))) if cells else None

@@ -62,6 +62,7 @@ def _records(records: bytes) -> Iterator[tuple[int, int, int]]:
     while at + 2 <= end:
         kind = records[at]
         if kind & 0x80:
+            # seven bits a byte; the eighth says that another byte follows
             kind, at = kind & 0x7F | (records[at + 1] & 0x7F) << 7, at + 1
         at += 1
         size, shift = 0, 0
@@ -117,6 +118,7 @@ def _extent_of_any(chunks: Chunks) -> tuple[int, int]:
             unplaced[b"c" if letters else b"row"] -= 1
             height = max(height, _parse_row(row))
         unplaced.update(match[1] for match in _ELEMENT.finditer(text))
+    # those without a place may all lie behind the last one that has one
     return width + max(unplaced[b"c"], 0), height + max(unplaced[b"row"], 0)
 
 
@@ -128,5 +130,6 @@ def _column_number(letters: bytes) -> int:
     """Return the number of a column, counted from 1."""
     number = 0
     for letter in letters[:_MAX_DIGITS]:
+        # A is 1, Z is 26, AA is 27
         number = 26 * number + letter - 64
     return number

@@ -60,6 +60,7 @@ def _no_stderr() -> Iterator[None]:
         return
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
+        # the library writes to the descriptor itself, not through Python
         os.dup2(nowhere, 2)
         yield
     finally:
@@ -77,6 +78,7 @@ def column_letters(index: int) -> str:
     letters = ""
     index += 1
     while index:
+        # the letters are digits from 1 to 26, without a zero
         index, rest = divmod(index - 1, 26)
         letters = chr(65 + rest) + letters
     return letters
@@ -187,6 +189,7 @@ def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int
 
 def _text_chunks(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes]:
     for chunk in iterate_chunks(archive, member, OVERLAP):
+        # UTF-16, in which the patterns would find nothing
         if b"\0" in chunk:
             raise ValueError(f"{member.filename} is encoded in a way that Excel does not write")
         yield chunk

@@ -110,8 +110,10 @@ def _fixed_spacing(options: Options) -> tuple[float, float, int] | None:
     if "FIX_AXIS_PAR" in options:
         first, second, third = options["FIX_AXIS_PAR"]
         offset, shift, count = parse_number(first), parse_integer(second), parse_integer(third)
+        # a damaged shift would overflow 2^shift
         if offset is None or shift is None or count is None or not -64 <= shift <= 64:
             raise A2lError("has an invalid FIX_AXIS_PAR: must be offset, shift and number")
+        # FIX_AXIS_PAR states the distance as a power of 2
         return offset, 2.0**shift, count
     if "FIX_AXIS_PAR_DIST" in options:
         first, second, third = options["FIX_AXIS_PAR_DIST"]

@@ -52,6 +52,7 @@ def conversion_of(a2l: A2l, name: str, lower: float, upper: float) -> CompuConve
     method = a2l.compu_methods.get(name)
     if method is None:
         raise A2lError(f"has the conversion {name[:60]}, which is not defined")
+    # numbers stay raw; the words are assigned to them
     if method.table in a2l.compu_vtabs and method.kind in _TABLE_KINDS:
         words = VerbalConversion(a2l.compu_vtabs[method.table])
         return CompuConversion(name, method.unit, _identity, _identity, words)
@@ -92,8 +93,10 @@ def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Formula,
         with np.errstate(all="ignore"):
             return nan_if_infinite((f * values - c) / (b - e * values))
 
+    # raw = c / f, whatever the physical value
     if not (a or b or d or e):
         raise A2lError(f"has the conversion {method.name}, which has no physical value")
+    # (b p + c) / (e p + f) is constant if its determinant is 0
     if b * f == c * e and not (a or d):
         raise A2lError(f"has the conversion {method.name}, which maps every value to the same raw value")
     return (partial(_root, method.coeffs, lower, upper), raw) if a or d else (physical, raw)
@@ -102,13 +105,17 @@ def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Formula,
 def _root(coeffs: tuple[float, ...], lower: float, upper: float, values: Float) -> Float:
     """Return the root of the quadratic within the limits, NaN if none or both are."""
     a, b, c, d, e, f = coeffs
+    # (a - d r) p^2 + (b - e r) p + (c - f r) = 0 for the raw value r
     square, linear, constant = a - d * values, b - e * values, c - f * values
     with np.errstate(all="ignore"):
+        # the root without cancellation, the other one by their product (Press et al., Numerical Recipes, section 5.6)
         whole = -0.5 * (linear + np.where(linear < 0, -1.0, 1.0) * np.sqrt(linear * linear - 4 * square * constant))
         roots = nan_if_infinite(np.stack([whole / square, constant / whole]))
+    # rounding may put the root of a limit just outside
     slack = 1e-9 * (np.abs(roots) + 1e-300)
     inside = (roots >= lower - slack) & (roots <= upper + slack)
     same = np.isclose(roots[0], roots[1], rtol=1e-12, atol=0)
+    # a double root counts once
     inside[1] &= ~(inside[0] & same)
     return np.where(inside.sum(axis=0) == 1, np.where(inside[0], roots[0], roots[1]), np.nan)
 
@@ -132,6 +139,7 @@ def _interpolating_table(table: CompuTab) -> tuple[Formula, Formula | None]:
     if np.all(steps > 0):
         return forwards, _interpolation(physical, raw, np.nan)
     if np.all(steps < 0):
+        # `np.interp` requires rising points
         return forwards, _interpolation(physical[::-1], raw[::-1], np.nan)
     return forwards, None
 
@@ -142,6 +150,7 @@ def _interpolation(points: Float, values: Float, outside: float) -> Formula:
 
 def _exact_table(table: CompuTab) -> tuple[Formula, Formula]:
     raw, physical = np.array(table.raw), np.array(table.physical)
+    # stable, so that of equal physical values the first raw one counts
     order = np.argsort(physical, kind="stable")
     missing = np.nan if table.default is None else table.default
 

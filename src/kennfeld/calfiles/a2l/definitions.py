@@ -5,6 +5,7 @@ import re
 from kennfeld.calfiles.a2l.objects import Component, CompuMethod, CompuTab, CompuVtab, RecordLayout
 from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor, is_text, parse_number
 
+# FNC_VALUES, IDENTIFICATION and RESERVED have no direction, all others must have one
 _KEYWORD = re.compile(
     r"(FNC_VALUES|IDENTIFICATION|RESERVED"
     r"|(?:AXIS_PTS|AXIS_RESCALE|NO_AXIS_PTS|NO_RESCALE|SRC_ADDR|RIP_ADDR|SHIFT_OP|OFFSET|DIST_OP)(?=_[WXYZ45]$))"
@@ -45,6 +46,7 @@ def parse_record_layout(block: A2lBlock) -> RecordLayout:
             unknown.append(keyword[:40])
         if len(components) + len(unknown) > _MAX_PARTS:
             raise A2lError(f"has more than {_MAX_PARTS} parts")
+    # the positions count, in whichever order a file lists them
     ordered = tuple(sorted(components, key=lambda component: component.position))
     return RecordLayout(name, ordered, fixed, alignments, _FLAGS[0] in flags, _FLAGS[1] in flags, tuple(unknown))
 
@@ -69,6 +71,7 @@ def parse_compu_method(block: A2lBlock) -> CompuMethod:
     words = options.get("COEFFS_LINEAR" if kind == "LINEAR" else "COEFFS", [])
     coeffs = tuple(value for word in words if (value := parse_number(word)) is not None and abs(value) <= 1e300)
     count = {"LINEAR": 2, "RAT_FUNC": 6}.get(kind, len(words))
+    # words that are not finite numbers are missing among the coefficients
     if not len(coeffs) == len(words) == count:
         raise A2lError(f"is {kind} without {count} finite coefficients")
     formulas = [_parse_formula_block(inner) for inner in block.inner("FORMULA")]
@@ -87,6 +90,7 @@ def parse_compu_tab(block: A2lBlock) -> CompuTab:
     name, _, _ = cursor.word("name"), cursor.text("description"), cursor.word("kind")
     pairs = sorted((cursor.number("raw number"), cursor.number("number")) for _ in _rows(cursor, 2))
     options = cursor.options({"DEFAULT_VALUE": 1, "DEFAULT_VALUE_NUMERIC": 1})
+    # DEFAULT_VALUE is a text here
     default = parse_number(options.get("DEFAULT_VALUE_NUMERIC", [""])[0])
     return CompuTab(name, tuple(raw for raw, _ in pairs), tuple(number for _, number in pairs), default)
 
@@ -108,6 +112,7 @@ def parse_compu_vtab(block: A2lBlock) -> CompuVtab:
 
 def _rows(cursor: Cursor, width: int) -> range:
     count = cursor.whole("size")
+    # checked before any row is read, as a damaged count may be any number
     if not 0 <= count <= _MAX_ROWS or count * width > cursor.left():
         raise A2lError(f"states {count} rows, but has fewer")
     return range(count)

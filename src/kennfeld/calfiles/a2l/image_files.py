@@ -89,6 +89,7 @@ def _find_included(main: Path, name: str, including: Path | None) -> tuple[Path,
 
     The standard does not define its folder: that of the including file is searched first, then that of the main file.
     """
+    # paths are those of Windows in most files
     path = name.strip().replace("\\", "/")
     for folder in dict.fromkeys(file.parent for file in (including or main, main)):
         content = _file_content(folder / path)
@@ -113,6 +114,7 @@ def unwritable(origin: object, ending: str) -> tuple[str, str] | None:
         message = "writing an image requires an existing image to modify, but none is given"
         return message, "Read the parameters from an image, or specify one: kennfeld convert IN OUT --image FILE."
     is_intel = origin.image.kind == "Intel HEX"
+    # the records of the image are changed in place, so their format stays
     if (ending in _INTEL_ENDINGS) == is_intel:
         return None
     fitting = [known for known in IMAGE_ENDINGS if (known in _INTEL_ENDINGS) == is_intel]

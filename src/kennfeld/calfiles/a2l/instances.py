@@ -101,9 +101,11 @@ class Instances:
         if isinstance(definition, _Structure):
             stride = definition.size
         elif isinstance(definition, Characteristic) and definition.type == "ASCII":
+            # a byte for each character
             stride = max(1, *definition.shape, 1)
         else:
             raise A2lError(f"is an array of {use.type[:60]}, whose element size is not stated")
+        # as in C, the last subscript is x, which runs fastest
         for at, index in enumerate(product(*(range(size) for size in reversed(use.sizes)))):
             subscript = "".join(f"[{i}]" for i in index)
             yield replace(use, name=use.name + subscript, address=use.address + at * stride, sizes=())

@@ -43,7 +43,7 @@ Stored = TypeVar("Stored", "SharedAxis", "Label")
 
 
 def fixed_points(axis: AxisDescr, count: int) -> Float:
-    """Return the raw numbers of the first breakpoints of a fixed axis."""
+    """Compute the raw numbers of the first breakpoints of a fixed axis, Float[count]."""
     if axis.fixed_spacing is not None:
         return space_points(*axis.fixed_spacing[:2], count)
     if not axis.fixed_points:
@@ -52,13 +52,13 @@ def fixed_points(axis: AxisDescr, count: int) -> Float:
 
 
 def space_points(offset: float, distance: float, count: int) -> Float:
-    """Return numbers at equal distances."""
+    """Space raw numbers at equal distances: offset + distance * k, Float[count]."""
     points: Float = offset + distance * np.arange(count, dtype=np.float64)
     return points
 
 
 def sort_points(points: Float) -> tuple[Float, bool]:
-    """Return breakpoints in rising order, and True if they fell; `A2lError` if they do neither."""
+    """Sort breakpoints, Float[points], and return True if they fell; `A2lError` if they neither rise nor fall."""
     if not np.all(np.isfinite(points)):
         raise A2lError("has breakpoints without a physical value")
     rising, falls = in_rising_order(points)
@@ -73,7 +73,7 @@ def sort_points(points: Float) -> tuple[Float, bool]:
 
 
 def resolve_axis(inputs: Float, positions: Float, count: int, name: str, unit: str, quantity: str) -> Axis:
-    """Return the inputs of the columns 0, 1, ...: the same lookup only if every pair is a column."""
+    """Return the inputs, Float[pairs], of the positions 0, 1, ...: the same lookup only if every pair is a column."""
     if not np.array_equal(positions, np.arange(count)) or np.any(np.diff(inputs) <= 0):
         raise A2lError(f"has breakpoints that cannot be derived from the positions of {name}")
     return Axis(inputs, input=quantity, unit=unit)
@@ -116,10 +116,11 @@ class Label:
         """Check whether another state of the same label has the same raw numbers."""
         parts = [(self.part, other.part)]
         parts += [(a.part, b.part) for a, b in zip(self.axes, other.axes, strict=True) if a.part and b.part]
+        # a NaN that stays is not a change
         return all(np.array_equal(a.stored, b.stored, equal_nan=not a.storage.integer) for a, b in parts)
 
     def in_memory_order(self, values: Float) -> Float:
-        """Convert values between ascending axis order and the order of the memory, in either direction."""
+        """Convert values, Float[x, y, ...], between rising axes and the order of the memory, in either direction."""
         return turn(values, [each.axis for each in self.axes])
 
 
@@ -167,6 +168,7 @@ class Labels:
         if conversion.words is not None:
             raise A2lError("has verbal values as breakpoints")
         order = first_byte_order(source.byte_order, outer_order, self.a2l.common.byte_order)
+        # rescale pairs are never stored as differences
         difference &= component.kind == "AXIS_PTS"
         return StorageFormat(component.data_type, order, conversion, None, difference, *_hard_limits(source))
 
@@ -181,12 +183,14 @@ class Labels:
 
         def count_at(component: Component, offset: int) -> int:
             key = f"{'AXIS_RESCALE' if component.kind == 'NO_RESCALE' else 'AXIS_PTS'}_{component.direction}"
+            # an object to be resized has the counts of the new set
             if counts is not None and key in counts:
                 return counts[key]
             memory = self.image.read(source.address + offset, SIZES[component.data_type])
             if memory is None:
                 raise AbsentError
             number = float(decode_raw(memory, np.array(0), component.data_type, self.order(source)))
+            # 0 if it cannot be a count, which is refused as a number of points
             return int(number) if 0 <= number < _MAX_COUNT else 0
 
         request, alignments = self._request(source, counts), self.a2l.common.alignments
@@ -212,6 +216,7 @@ class Labels:
                 raise A2lError(f"refers to {axis.axis_pts_ref} as common breakpoints, which are rescale pairs")
             return len(shared.axis)
         fixed = axis.fixed_spacing[2] if axis.fixed_spacing else len(axis.fixed_points)
+        # FIX_AXIS_PAR and its like state the number themselves
         return fixed if axis.attribute == "FIX_AXIS" and fixed else axis.max_axis_points
 
     def order(self, source: AxisPts | Characteristic) -> str:
@@ -220,6 +225,7 @@ class Labels:
     def part(self, address: int, places: PartOffsets, key: str, storage: StorageFormat) -> ObjectPart:
         """Return the numbers of one part of an object at an address."""
         offsets = places.offsets[key]
+        # one piece of memory from the first to the last number, with whatever lies between
         start, size = int(offsets.min()), int(offsets.max() - offsets.min()) + SIZES[storage.data_type]
         memory = self.image.read(address + start, size)
         if memory is None:
@@ -256,6 +262,7 @@ class Labels:
         attributes: dict[str, Any] = {"unit": self.unit(source), "description": source.description}
         attributes |= {"lower": low, "upper": high, "locked": source.read_only}
         values = label.in_memory_order(part.physical)
+        # a VALUE may have a MATRIX_DIM as well
         if source.type == "VAL_BLK" or part.offsets.ndim > len(label.axes):
             if values.ndim > _MAX_DIMENSIONS:
                 raise A2lError(f"has {values.ndim} dimensions, but a value block has at most {_MAX_DIMENSIONS}")
@@ -268,6 +275,7 @@ class Labels:
         word = words.text(float(part.raw))
         if word is None:
             raise A2lError(f"has the raw value {float(part.raw):g}, for which {words.table.name} defines no text")
+        # the kind depends on all words of the table, not on the present one
         known = [word for _, _, word in words.table.ranges]
         kind = kind_of_words(known + ([words.table.default] if words.table.default else []))
         text = Text(source.name, word, source.description, unit=self.unit(source), kind=kind)
@@ -361,6 +369,7 @@ def _ascii_text(source: Characteristic, part: ObjectPart) -> Text:
 def _read_once(known: dict[str, Stored | Exception], name: str, read: Callable[[], Stored]) -> Stored:
     """Return or raise what was read before; a label that refers to itself raises an error."""
     if name not in known:
+        # stands here while the label is read, so that a circle of references ends
         known[name] = A2lError(f"refers to {name[:80]}, which refers to itself")
         try:
             known[name] = read()

@@ -36,10 +36,12 @@ def parse_a2l(raw: bytes, name: str, findings: FileFindings, include: Include | 
         if sound:
             findings.error(0, "", "has no MODULE", "Export it as ASAP2 1.3 to 1.71.")
         return A2l(name)
+    # a module without labels may come first
     chosen = next((module for module in modules if any(module.inner("CHARACTERISTIC"))), modules[0])
     for module in modules:
         if module is not chosen:
             findings.warning(module.line, module.name, "is an additional MODULE; skipped")
+    # ASAP2_VERSION stands outside of all blocks
     words = root.tokens
     version = words[words.index("ASAP2_VERSION") + 1 :][:2] if "ASAP2_VERSION" in words else []
     return _Module(chosen, findings).read(name, ".".join(version), projects[0].name if projects else "")
@@ -59,6 +61,7 @@ class _Module:
         characteristics = self._all(
             "CHARACTERISTIC", lambda block: self._with_functions(parse_characteristic(block), block)
         )
+        # after the functions, as instances refer to them as well
         instances = Instances(self.module, self.findings, self.by_label)
         coded = (inner for block in self.module.inner("VARIANT_CODING") for inner in block.inner("VAR_CHARACTERISTIC"))
         addresses = map(parse_integer, self._parameter_words("ADDR_EPK"))
@@ -96,6 +99,7 @@ class _Module:
         return objects
 
     def _with_functions(self, item: Object, block: A2lBlock) -> Object:
+        # a function may list its labels, and a label its functions
         own = [unquote(word) for inner in block.inner("FUNCTION_LIST") for word in inner.tokens]
         return replace(item, functions=tuple(dict.fromkeys([*self.by_label.get(item.name, ()), *own])))
 

@@ -116,6 +116,7 @@ class _Walk:
 
     def run(self) -> PartOffsets:
         for direction, count in self.layout.fixed_counts.items():
+            # a layout may fix counts of axes that only other objects have
             if direction in self.request.most:
                 self._count(f"AXIS_PTS_{direction}", count)
         if self._is_static():
@@ -136,6 +137,7 @@ class _Walk:
 
     def _counts_first(self) -> None:
         """Read the point counts of a static layout, where they may be stored after the points."""
+        # a walk with the maximum sizes, which a static layout reserves, finds where the counts are
         start = replace(self, holds=lambda *_: True, spaces_only=True, places=PartOffsets(), count_offsets={})
         for component in self.layout.components:
             start._place(component)
@@ -155,6 +157,7 @@ class _Walk:
             self._stored_count(component)
         elif component.kind == "FNC_VALUES":
             numbers, rooms = self._shape()
+            # STATIC_RECORD_LAYOUT spreads the values by the maximum sizes, STATIC_ADDRESS_OFFSETS only keeps that room
             spread = rooms if self.layout.static_layout else numbers
             self._keep(component, numbers, _strides(spread, SIZES[component.data_type], component.mode), prod(rooms))
         elif component.kind == "AXIS_PTS":
@@ -164,6 +167,7 @@ class _Walk:
             self._pairs(component)
         else:
             self._single(component)
+        # reserved parts have no key, so each of them takes its room
         return {component.key} if component.kind not in ("RESERVED", "IDENTIFICATION") else set()
 
     def _single(self, component: Component) -> None:
@@ -189,6 +193,7 @@ class _Walk:
         if self.spaces_only:
             return most, most
         stored = any(component.key == f"NO_{key}" for component in self.layout.components)
+        # in other layouts, the place of the count depends on the count
         if key not in self.places.counts and stored:
             name = self.layout.name
             raise A2lError(f"has the record layout {name}, which stores the number of points after the points")
@@ -199,6 +204,7 @@ class _Walk:
         if number < 1:
             raise A2lError(f"has {number} rescale pairs")
         size = SIZES[component.data_type]
+        # input and position of each pair follow each other
         self._keep(component, (number, 2), (2 * size, size), 2 * max(number, component.pairs))
 
     def _shape(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -228,8 +234,10 @@ class _Walk:
         along = list(self.request.most).index(axis.direction)
         if len(numbers) > 2:
             raise A2lError(f"has the record layout {self.layout.name}: {values.mode} in a cube")
+        # values that belong to one point of the axis
         others = prod(numbers) // numbers[along]
         value_size = SIZES[values.data_type]
+        # before arrays of this size are made: a damaged count may be any number
         if prod(numbers) > 2**32 or not self.holds(self.address, prod(numbers) * value_size):
             raise AbsentError
         sizes = {axis.key: SIZES[axis.data_type], values.key: value_size * others}
@@ -243,6 +251,7 @@ class _Walk:
         if not points.size:
             raise AbsentError
         self._span(values, int(points[0]), self.at - int(points[0]))
+        # Int[points, others], one row for each point of the axis; transposed if the axis is y, so that x comes first
         grid = np.array(starts[values.key])[:, None] + value_size * np.arange(others)
         grid = grid.reshape(numbers) if along == 0 else grid.T.reshape(numbers)
         self.places.components |= {axis.key: axis, values.key: values}
@@ -259,6 +268,7 @@ class _Walk:
         last = sum((number - 1) * stride for number, stride in zip(numbers, strides, strict=True))
         self._span(component, start, last + size)
         offsets = np.array(start)
+        # offset = start + the sum of index * stride over the directions
         for number, stride in zip(numbers, strides, strict=True):
             offsets = offsets[..., None] + stride * np.arange(number)
         self.places.offsets[component.key] = offsets
@@ -268,6 +278,7 @@ class _Walk:
             raise AbsentError
 
     def _aligned(self, at: int, component: Component) -> int:
+        # an object begins at its address, whatever its alignment
         if at == 0:
             return 0
         border = alignment_of(component.data_type, self.layout.alignments, self.alignments)
@@ -277,6 +288,7 @@ class _Walk:
 def _strides(numbers: Sequence[int], size: int, mode: str) -> list[int]:
     """Return the distance in bytes between neighbouring values, by direction."""
     order = list(range(len(numbers)))
+    # x and y change places; layers follow each other in both modes
     if mode == _COLUMNS and len(numbers) > 1:
         order[:2] = [1, 0]
     elif mode not in (_ROWS, _COLUMNS) and len(numbers) > 1:

@@ -29,6 +29,7 @@ _ALIGNMENT_KINDS |= {f"{sign}{kind}": kind for sign in "US" for kind in ("BYTE",
 _DEFAULT_ALIGNMENTS = {"BYTE": 1, "WORD": 2, "LONG": 4, "INT64": 8}
 _DEFAULT_ALIGNMENTS |= {"FLOAT16_IEEE": 2, "FLOAT32_IEEE": 4, "FLOAT64_IEEE": 4}
 _MAX_LISTED = 5  # values of one label that are listed
+# rounding moves a value by half a step at most; more is due to the conversion
 _HALF_STEP = 0.5 * (1 + 1e-6)
 
 
@@ -65,20 +66,22 @@ def _effective_mask(data_type: str, bit_mask: int | None) -> int | None:
 
 
 def decode_raw(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit_mask: int | None = None) -> Raw:
-    """Return the raw numbers at byte offsets of a piece of memory, in the shape of `offsets`."""
+    """Decode the raw numbers at byte offsets of a piece of memory, Int[...]; Raw[...] of the same shape."""
     size = SIZES[data_type]
+    # uint8[..., bytes of a number], as in the memory, then with the least significant byte first
     cells = np.frombuffer(memory, dtype=np.uint8)[offsets[..., None] + np.arange(size)]
     cells = np.ascontiguousarray(cells[..., _byte_positions(size, byte_order)])
     mask = _effective_mask(data_type, bit_mask)
     if mask is None:
         results: Raw = cells.view(f"<{_CODES[data_type]}")[..., 0].astype(native(data_type))
         return results
+    # bits under a mask are an unsigned number, whatever the type
     unsigned = cells.view(f"<u{size}")[..., 0].astype(np.uint64)
     return np.asarray((unsigned & np.uint64(mask)) >> np.uint64(shift_of(mask)))
 
 
 def encode_raw(raw: Raw, data_type: str, byte_order: str, bit_mask: int | None = None) -> tuple[Any, Any]:
-    """Return the bytes of raw numbers, and which bits of them count, both of shape `raw.shape + (size,)`."""
+    """Encode raw numbers, Raw[...], as bytes, and the bits of them that count, both uint8[..., size of a number]."""
     size, mask = SIZES[data_type], _effective_mask(data_type, bit_mask)
     order = _byte_positions(size, byte_order)
     bits = np.full((*raw.shape, size), 255, dtype=np.uint8)
@@ -89,6 +92,7 @@ def encode_raw(raw: Raw, data_type: str, byte_order: str, bit_mask: int | None =
         bits[...] = np.frombuffer(mask.to_bytes(size, "little"), dtype=np.uint8)
         cells = shifted.astype(f"<u{size}")[..., None].view(np.uint8)
     placed, counting = np.empty_like(cells), np.empty_like(bits)
+    # the inverse of the order in which they are read
     placed[..., order], counting[..., order] = cells, bits
     return placed, counting
 
@@ -98,6 +102,7 @@ def _byte_positions(size: int, byte_order: str) -> list[int]:
     places = list(range(size))
     if byte_order in ("MSB_FIRST", "BIG_ENDIAN"):
         return places[::-1]
+    # words of two bytes, each with its least significant byte first, from the most significant word on
     if byte_order == "MSB_LAST_MSW_FIRST" and size > 1:
         return [i for at in range(size - 2, -1, -2) for i in (at, at + 1)]
     if byte_order == "MSB_FIRST_MSW_LAST" and size > 1:
@@ -118,7 +123,7 @@ class StorageFormat:
     upper: float = inf
 
     def physical(self, raw: Raw) -> Float:
-        """Convert raw to physical values; NaN if a raw value has none."""
+        """Convert raw to physical values, Float[...] of the same shape; NaN if a raw value has none."""
         values = np.asarray(self.conversion.physical(np.asarray(raw, dtype=np.float64)), dtype=np.float64)
         return np.where(np.isfinite(values), values, np.nan)
 
@@ -142,10 +147,11 @@ class StorageFormat:
         return float(ends.min()), float(ends.max())
 
     def step(self, raw: Float) -> Float:
-        """Return the distance of the next storable number, 0 for floating-point ones."""
+        """Compute the physical distance from raw numbers, Float[...], to the next storable ones; 0 for floats."""
         if not self.integer:
             return np.zeros(np.shape(raw))
         low, high = self.span
+        # the largest raw number has its only neighbour below
         neighbour = np.where(raw < high, raw + 1, np.maximum(raw - 1, low))
         return np.nan_to_num(np.abs(np.asarray(self.physical(neighbour) - self.physical(raw))))
 
@@ -154,6 +160,7 @@ class StorageFormat:
         least, largest = self.range
         if not lower < upper:
             return -inf, inf
+        # limits that a tool wrote may be off by a step, or by the digits they lack
         slack = self.step(np.array(self.span)).max() + 1e-6 * (largest - least)
         full = lower <= least + slack and upper >= largest - slack
         return (-inf, inf) if full else (open_limit(lower), open_limit(upper))
@@ -177,7 +184,7 @@ class ObjectPart:
         return self.storage.physical(self.raw)
 
     def unlike(self, values: Float) -> Bool:
-        """Return a mask of the numbers that differ from the memory; two NaN are equal."""
+        """Return a mask, Bool[...], of the physical values that differ from the memory; two NaN are equal."""
         alike: Bool = (values == self.physical) | (np.isnan(values) & np.isnan(self.physical))
         return ~alike
 
@@ -201,7 +208,7 @@ class Rounded:
 def nearest_raw(
     name: str, part: ObjectPart, values: Float, unlike: Bool, item: str, findings: FileFindings
 ) -> Rounded | None:
-    """Return the raw numbers to store, those that are not `unlike` as they are.
+    """Round physical values, Float[...], to the raw numbers to store; those that are not `unlike` stay as they are.
 
     None, and an error for each of the first values that cannot be stored.
     """
@@ -210,6 +217,7 @@ def nearest_raw(
         findings.error(0, name, f"cannot be changed: the conversion {storage.conversion.name} has no inverse")
         return None
     with np.errstate(all="ignore"):
+        # 0 stands in for NaN, of which a table would make a number
         exact = np.asarray(storage.conversion.raw(np.where(np.isnan(values), 0.0, values)), dtype=np.float64)
     exact = np.where(np.isnan(values), np.nan, exact)
     rounded = np.rint(exact) if storage.integer else exact
@@ -218,6 +226,7 @@ def nearest_raw(
         _report_unstorable(name, storage, values, wrong, item, findings)
         return None
     raw = part.raw.copy()
+    # numbers that are stored as distances may exceed the type of these
     raw[unlike] = rounded[unlike].astype(native(storage.data_type) if not storage.difference else raw.dtype)
     off = np.where(unlike, np.abs(storage.physical(raw) - values), 0.0)
     step = storage.step(raw.astype(np.float64))
@@ -233,8 +242,10 @@ def _find_unstorable(part: ObjectPart, values: Float, raw: Float, unlike: Bool) 
     with np.errstate(all="ignore"):
         outside = ~((raw >= least) & (raw <= largest))
         if storage.difference:
+            # the first number is stored as it is, the others as distances from the one before
             distances = np.diff(raw, prepend=0.0)
             outside |= ~((distances >= least) & (distances <= largest))
+        # a limit between two storable numbers allows the nearer one
         slack = 0.5 * storage.step(np.clip(np.nan_to_num(raw), least, largest)) + 1e-9 * np.abs(values)
         beyond = ~((values >= storage.lower - slack) & (values <= storage.upper + slack))
     return unlike & (outside | beyond)

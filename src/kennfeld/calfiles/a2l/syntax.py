@@ -5,7 +5,6 @@ backslash, comments as in C, other files by `/include`. The content of IF_DATA a
 """
 
 import re
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
@@ -17,11 +16,13 @@ from kennfeld.base.formatting import one_line
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
+from kennfeld.program.positions import TextLines
 
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
 # the main file; None if there is no such file.
 Include = Callable[[str, Path | None], tuple[Path, bytes] | None]
 
+# a text, a comment, a word, or the begin of a text or comment without an end; possessive, so that no failure is retried
 _TOKEN = re.compile(
     r'"((?:[^"\\]++|\\.|"")*+)"'
     r"|/\*.*?\*/|//[^\n]*"
@@ -38,7 +39,6 @@ _MAX_NESTING = 64  # blocks within each other
 _MAX_INCLUDES = 200
 _MAX_INCLUDED_BYTES = 400_000_000  # of all included files together
 _MAX_FAULTS = 20
-_NEWLINE = re.compile("\n")
 _DAMAGED = "The file is damaged or truncated."
 _MAX_SHOWN = 40
 
@@ -50,11 +50,11 @@ class _File:
     path: Path | None = None  # of an included file
 
     @cached_property
-    def _newlines(self) -> list[int]:
-        return [match.start() for match in _NEWLINE.finditer(self.text)]
+    def _lines(self) -> TextLines:
+        return TextLines(self.text)
 
     def line(self, offset: int) -> int:
-        return bisect_right(self._newlines, offset) + 1
+        return self._lines.number(offset)
 
 
 @dataclass(slots=True, eq=False)
@@ -126,6 +126,7 @@ class _BlockBuilder:
     def _run(self, file: _File, start: int, depth: int) -> int | None:
         """Process tokens from an offset; return the offset at which to continue, None at the end."""
         waiting = ""  # /begin, /end or /include, until the word after it has come
+        # bound once, as a file has millions of words
         keep = self.stack[-1].tokens.append
         for match in _TOKEN.finditer(file.text, start):
             kind = match.lastindex
@@ -148,6 +149,7 @@ class _BlockBuilder:
             waiting, action = "", waiting
             if not self._act(file, match.start(), action, word, depth):
                 return None
+            # A2ML has a grammar of its own
             if action == "/begin" and word == "A2ML":
                 return self._after_a2ml(file, match.end())
             keep = self.stack[-1].tokens.append
@@ -315,12 +317,14 @@ def parse_number(word: str) -> float | None:
 
 def parse_integer(word: str) -> int | None:
     """Return a whole number of at most 64 bits, None if the word is none."""
+    # Python reads 1_000 as a number, and takes long to read thousands of digits
     if len(word) > 40 or "_" in word:
         return None
     try:
         sign, digits = (-1, word[1:]) if word[:1] == "-" else (1, word.removeprefix("+"))
         value = sign * int(digits, 16 if digits[:2] in ("0x", "0X") else 10)
     except ValueError:
+        # a whole number may be written as 1e3
         number = parse_float(word)
         return int(number) if number.is_integer() and abs(number) < 2**53 else None
     return value if abs(value) < 2**64 else None

@@ -40,10 +40,11 @@ class Memory:
     clashes: set[tuple[str, str]] = field(default_factory=set)
 
     def put(self, name: str, address: int, part: ObjectPart, raw: Any, where: Bool) -> None:
-        """Put raw numbers of a part of an object at an address, those of `where`."""
+        """Put raw numbers of a part of an object at an address, those of the mask `where`, both in the part's shape."""
         storage = part.storage
         stored: Raw = np.asarray(raw)
         if storage.difference:
+            # a changed point changes the distances on both sides, so all of them are written
             stored, where = np.diff(stored, prepend=stored.dtype.type(0)), np.full(stored.shape, bool(where.any()))
         chosen = np.asarray(where)
         stored = stored.astype(native(storage.data_type))
@@ -55,6 +56,7 @@ class Memory:
 
     def _cell(self, name: str, at: int, value: int, mask: int) -> None:
         before, known, other = self.cells.get(at, (0, 0, name))
+        # bits that both set, to different values
         if (before ^ value) & mask & known and other != name and (other, name) not in self.clashes:
             self.clashes.add((other, name))
             message = f"shares memory with {other} at 0x{at:X}, which is set to another value"
@@ -295,6 +297,7 @@ class _ImageWriter:
         raw = self._raw_word(label.words, text) if label.words is not None else self._raw_characters(label, text)
         if raw is not None:
             self.changed.add(text.name)
+            # of a text, the characters that differ; a word is one number
             where = np.asarray(raw != label.part.stored) if label.words is None else np.asarray(True)
             self.memory.put(text.name, label.source.address, label.part, raw, where)
 
@@ -315,6 +318,7 @@ class _ImageWriter:
             self.findings.error(0, text.name, message, "Shorten the text.")
             return None
         raw = np.frombuffer(content.ljust(size, b"\0"), dtype=np.uint8).astype(np.float64)
+        # a signed byte holds the upper half of the characters as negative numbers
         return np.where(raw > 127, raw - 256, raw) if label.part.storage.data_type == "SBYTE" else raw
 
     def _numbers(
@@ -332,6 +336,7 @@ class _ImageWriter:
         rounded = nearest_raw(source.name, part, values, unlike, item, self.findings) if unlike.any() else None
         if rounded is None:
             return
+        # a changed value may round to the number that is stored
         changed = (rounded.raw != part.raw) & unlike
         if (source.read_only or locked) and changed.any():
             self._warn_about_read_only(source, int(changed.sum()))
@@ -347,6 +352,7 @@ class _ImageWriter:
 
 def _report_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, findings: FileFindings) -> None:
     """Report labels that change only because they share memory with others."""
+    # the written image is read again, so that overlaps of any layouts show
     after = Labels(a2l, read_image(content, image.name, FileFindings(image.name)))
     message = "changes unintentionally: it shares memory with another label that is changed"
     for name in a2l.characteristics:

@@ -99,6 +99,7 @@ def read_amd(source: CalibrationSource) -> ReadResult:
         files, paths = _single(source)
     reader = _AmdReader(files, findings)
     for path in paths:
+        # members of an archive are read one by one, a single file is at hand
         reader.read(path, None if files.name == source.name and source.raw.startswith(_ZIP) else source.raw)
     items = reader.named()
     members = {key: value.item for key, value in items.items()}
@@ -142,6 +143,7 @@ class _AmdReader:
         for data_set in read_data_sets(root):
             is_chosen = data_set.is_shared or data_set.is_default
             for entry in data_set.entries:
+                # without declarations, any element may be a parameter
                 element = declared.get(entry.element) if declared is not None else _undeclared(entry)
                 if element is None or element.kind != "parameter" or entry.form == "complex":
                     continue
@@ -233,6 +235,7 @@ def _item(element: ComponentElement, entry: DataEntry, variant: str, own: Physic
     if entry.form == "Array":
         return Block(element.name, _numbers(entry.values), **attributes)
     axes = [Axis(points, falling=falls) for points, falls in map(in_rising_order, map(_numbers, entry.axes))]
+    # the last axis runs fastest
     values = _numbers(entry.values).reshape([len(axis) for axis in axes])
     return parameter(element.name, turn(values, axes), axes, **attributes)
 

@@ -22,6 +22,7 @@ from kennfeld.domain.parameters import Parameter, Text
 
 _ZIP: Final = b"PK\x03\x04"
 _ATTRIBUTE: Final = rb"\s+[\w:.-]+\s*=\s*(?:\"[^\"]*\"|'[^']*')"
+# the value of the element that begins here, behind any other attributes
 _VALUE: Final = re.compile(rb"<[\w:.-]+(?:" + _ATTRIBUTE + rb")*?\s+value\s*=\s*(\"[^\"]*\"|'[^']*')")
 _SIGNATURE: Final = re.compile(rb"<(?:\w+:)?SignatureValue\b")
 
@@ -70,6 +71,7 @@ def _replaced(raw: bytes, changed: Mapping[str, bytes]) -> bytes:
         after.comment = before.comment
         for member in before.infolist():
             content = changed.get(member.filename)
+            # the entry keeps the date and the attributes of the member
             after.writestr(member, before.read(member) if content is None else content, member.compress_type)
     return result.getvalue()
 
@@ -146,6 +148,7 @@ class _AmdUpdate:
             self.findings.error(0, name, message, "Save it in UTF-8.")
             return
         begin, end = match.span(1)
+        # without the quotes
         self.changes[value.path][begin + 1] = end - 1, text.encode("utf-8")
 
 

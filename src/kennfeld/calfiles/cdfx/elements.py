@@ -12,7 +12,7 @@ from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.calfiles.xml_tree import SEPARATOR, Element
+from kennfeld.calfiles.xml_tree import SEPARATOR, TreeElement
 from kennfeld.domain.parameters import LABELS
 
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
@@ -28,8 +28,8 @@ class Instance:
     category: str
     description: str
     line: int
-    value: Element | None  # SW-VALUE-CONT
-    axes: tuple[Element, ...]  # SW-AXIS-CONT
+    value: TreeElement | None  # SW-VALUE-CONT
+    axes: tuple[TreeElement, ...]  # SW-AXIS-CONT
     functions: tuple[str, ...] = ()
     display_name: str = ""
     variant: str = ""
@@ -45,7 +45,7 @@ class Instance:
         return self.value.line_of("UNIT-DISPLAY-NAME") if self.value else ""
 
 
-def instances(root: Element, findings: FileFindings) -> list[Instance]:
+def instances(root: TreeElement, findings: FileFindings) -> list[Instance]:
     """Return all labels with values, once per variant, in file order; report what is skipped."""
     results: list[Instance] = []
     for tree in _trees(root):
@@ -58,7 +58,7 @@ def instances(root: Element, findings: FileFindings) -> list[Instance]:
     return results
 
 
-def _trees(element: Element) -> Iterator[Element]:
+def _trees(element: TreeElement) -> Iterator[TreeElement]:
     """Return the SW-INSTANCE-TREEs, however many systems and specifications are around them."""
     for child in element.children:
         if child.tag == "SW-INSTANCE-TREE":
@@ -67,7 +67,7 @@ def _trees(element: Element) -> Iterator[Element]:
             yield from _trees(child)
 
 
-def _flatten(element: Element, outer: str, findings: FileFindings) -> Iterator[Instance]:
+def _flatten(element: TreeElement, outer: str, findings: FileFindings) -> Iterator[Instance]:
     """Return an instance and those within it; INCA may write the label a.b.c as c in b in a."""
     name = element.line_of("SHORT-NAME").strip()
     if outer:
@@ -93,10 +93,12 @@ def _flatten(element: Element, outer: str, findings: FileFindings) -> Iterator[I
         yield from _flatten(child, name, findings)
 
 
-def _holders(element: Element, has_inner: bool, name: str, findings: FileFindings) -> Iterator[tuple[str, Element]]:
+def _holders(
+    element: TreeElement, has_inner: bool, name: str, findings: FileFindings
+) -> Iterator[tuple[str, TreeElement]]:
     """Yield the elements that contain values, each with its variant: the instance itself, or one per variant."""
     variants = element.first(_VARIANTS)
-    results: dict[str, Element] = {}
+    results: dict[str, TreeElement] = {}
     for holder in variants.all(_VARIANT) if variants else ():
         # Engine=2,Gear=1; a reference without a value stands alone
         parts = [child for child in holder.children if child.tag not in _VALUE_TAGS]
@@ -105,12 +107,13 @@ def _holders(element: Element, has_inner: bool, name: str, findings: FileFinding
         if first is not holder:
             message = f"is a variant with the same criteria as in line {first.line}; skipped"
             findings.warning(holder.line, name, message)
+    # without values of its own, an instance only groups others
     if not results and (element.first("SW-VALUE-CONT") is not None or not has_inner):
         results[""] = element
     yield from results.items()
 
 
-def _criteria(element: Element) -> Iterator[str]:
+def _criteria(element: TreeElement) -> Iterator[str]:
     references = [child for child in element.children if child.tag.endswith("-REF")]
     values = [child.text.strip() for child in element.children if child.tag in ("VT", "V", "VF", "VH")]
     if len(references) == 1 and len(values) == 1:
@@ -131,13 +134,15 @@ class Values:
     shape: tuple[int, ...]
 
     def shaped(self, sizes: tuple[int, ...]) -> Float | None:
-        """Return the numbers as an array of these sizes, x first; None if count or grouping differs."""
+        """Return the numbers as Float[x, y, ...] of these sizes; None if count or grouping differs."""
+        # a flat list fits every shape of its size
         if len(self.numbers) != prod(sizes) or (len(self.shape) > 1 and self.shape != sizes[::-1]):
             return None
+        # x runs fastest
         return np.array(self.numbers, dtype=np.float64).reshape(sizes[::-1]).T
 
 
-def values_of(holder: Element | None, name: str, findings: FileFindings) -> Values | None:
+def values_of(holder: TreeElement | None, name: str, findings: FileFindings) -> Values | None:
     """Return the values within a SW-VALUE-CONT or SW-AXIS-CONT.
 
     None if there are none, and with an error for each invalid number.
@@ -150,7 +155,7 @@ def values_of(holder: Element | None, name: str, findings: FileFindings) -> Valu
     return None if shape is None or walker.has_errors else Values(walker.numbers, walker.texts, shape)
 
 
-def array_size(holder: Element) -> tuple[int, ...]:
+def array_size(holder: TreeElement) -> tuple[int, ...]:
     """Return the SW-ARRAYSIZE, x first; empty if it states nothing usable."""
     sizes = holder.first("SW-ARRAYSIZE")
     words = [word.strip() for word in sizes.words("V")] if sizes else []
@@ -169,7 +174,7 @@ class _ValueWalker:
     texts: list[str] = field(default_factory=list)
     has_errors: bool = False
 
-    def group(self, element: Element) -> tuple[int, ...] | None:
+    def group(self, element: TreeElement) -> tuple[int, ...] | None:
         groups = list(element.all("VG"))
         if not groups:
             before = len(self.numbers) + len(self.texts)
@@ -186,7 +191,7 @@ class _ValueWalker:
             return None
         return (len(groups), *(shapes[0] or ()))
 
-    def _take(self, element: Element) -> None:
+    def _take(self, element: TreeElement) -> None:
         for child in element.children:
             if child.tag == "VT":
                 self.texts.append(child.text)
@@ -198,13 +203,14 @@ class _ValueWalker:
                 else:
                     self._report_wrong_numbers(child, words, numbers)
 
-    def _report_wrong_numbers(self, child: Element, words: list[str], numbers: list[float]) -> None:
+    def _report_wrong_numbers(self, child: TreeElement, words: list[str], numbers: list[float]) -> None:
         line = child.line
         for word, number in zip(words, numbers, strict=True):
             if not isfinite(number):
                 text = word.strip()[:60]
                 has_comma = "," in text and isfinite(parse_float(text.replace(",", ".")))
                 remedy = "Write a decimal point." if has_comma else ""
+                # of the element's lines, the one that the word is in
                 at = line + word[: len(word) - len(word.lstrip())].count("\n")
                 self.findings.error(at, self.name, f"must be a finite number, got {text!r}", remedy)
             line += word.count("\n")

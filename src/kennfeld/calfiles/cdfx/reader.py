@@ -17,7 +17,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.calfiles.xml_tree import Element, parse_xml
+from kennfeld.calfiles.xml_tree import TreeElement, parse_xml
 from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
 
 _VERSION = re.compile(r"CDF(\d)(\d)")
@@ -44,6 +44,7 @@ def read_cdfx(source: CalibrationSource) -> ReadResult:
     labels = instances(root, findings)
     if not labels and all(element.tag != "SW-INSTANCE-TREE" for element in root.walk()):
         findings.error(root.line, "", "has no SW-INSTANCE-TREE, which contains the labels", "Export it as CDF 2.0.")
+    # axes first, as a table may stand before the axis it refers to
     for instance in labels:
         if instance.category in ("COM_AXIS", "RES_AXIS", "CURVE_AXIS"):
             reader.take_axis(instance)
@@ -95,6 +96,7 @@ class _CdfxReader:
         # A CURVE_AXIS is a parameter too, whose findings are reported when it is taken.
         is_curve = instance.category == "CURVE_AXIS"
         values = values_of(instance.value, instance.name, FileFindings("") if is_curve else self.findings)
+        # the first variant of an axis is the group axis
         if instance.variant and (instance.name in self.groups or instance.name in self.positions):
             if not is_curve:  # which is a curve in each of its variants
                 self._take_other_variant(instance, values)
@@ -190,6 +192,7 @@ class _CdfxReader:
     def _is_new(self, instance: Instance, item: object) -> bool:
         """Check whether a name occurs for the first time; a repetition must be equal."""
         line, first = self.taken.setdefault((instance.name, instance.variant), (instance.line, item))
+        # axes are equal even if files store them in opposite orders
         turned = isinstance(first, Axis) and isinstance(item, Axis) and first.falling != item.falling
         if first is not item and (first != item or turned):
             message = f"{instance.name} is already defined in line {line}, with different content"
@@ -209,6 +212,7 @@ class _CdfxReader:
         assert instance.value is not None
         stated, shape = array_size(instance.value), values.shape[::-1]
         if len(shape) == 1:
+            # without groups, SW-ARRAYSIZE alone states the shape
             shape = drop_trailing_ones(stated) if prod(stated) == shape[0] and stated else shape
         elif stated and drop_trailing_ones(stated) != drop_trailing_ones(shape):
             size, actual = (size_text(sizes) for sizes in (stated, shape))
@@ -231,6 +235,7 @@ class _CdfxReader:
             message = f"has {count_noun(len(instance.axes), 'SW-AXIS-CONT')}, but needs {dimensions}"
             self._wrong(instance, f"{instance.category} {message}")
             return None
+        # groups are nested from the last axis to x
         sizes = values.shape[::-1] if len(values.shape) == dimensions else (0,) * dimensions
         candidates = [self._axis(instance, direction, size) for direction, size in enumerate(sizes)]
         axes = [axis for axis in candidates if axis is not None]
@@ -285,6 +290,7 @@ class _CdfxReader:
                 message = f"refers to the {letter} axis {reference}, which is not in this file"
                 self._skip(instance, message, "Export the axis too.")
                 return None
+            # the table states the breakpoints of an axis that the file lacks
             unit = cont.line_of("UNIT-DISPLAY-NAME")
             self.groups[reference] = Axis(points, unit=unit, name=reference, falling=falls)
         group = self.group_variants.get((reference, instance.variant), self.groups[reference])
@@ -321,7 +327,7 @@ class _CdfxReader:
         self.findings.error(instance.line, instance.name, message, remedy)
 
 
-def _is_empty(holder: Element | None) -> bool:
+def _is_empty(holder: TreeElement | None) -> bool:
     """Check whether values are missing; wrong ones have findings of their own."""
     return holder is None or holder.first("SW-VALUES-PHYS") is None
 

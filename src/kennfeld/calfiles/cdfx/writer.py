@@ -91,6 +91,7 @@ def _instance(item: Item, others: Sequence[Item]) -> str:
         category = "CUBOID" if len(item.axes) == 3 else f"CUBE_{len(item.axes)}"
     references = (f"<SW-FEATURE-REF>{_escape_line(name)}</SW-FEATURE-REF>\n" for name in item.functions)
     values = _format_values(item)
+    # a single variant is written as one, or its criteria would be lost
     if item.variant or others:
         variants = "".join(map(_variant, (item, *others)))
         values = f"<SW-INSTANCE-PROPS-VARIANTS>\n{variants}</SW-INSTANCE-PROPS-VARIANTS>\n"
@@ -121,6 +122,7 @@ def _format_values(item: Item) -> str:
 def _variant(item: Item) -> str:
     criteria = []
     for criterion in item.variant.split(",") if item.variant else ():
+        # of `Engine=2`, Engine is the criterion; a text without = is the value of an unnamed one
         name, equals, value = criterion.partition("=")
         reference = f"<SW-VCD-CRITERION-REF>{_escape_line(name)}</SW-VCD-CRITERION-REF>" if equals else ""
         text = f"<VT>{_escape_line(value if equals else criterion)}</VT>"
@@ -174,4 +176,5 @@ def _escape_line(text: str) -> str:
 
 
 def _escape_text(text: str) -> str:
+    # readers of XML turn a bare carriage return into a line feed
     return escape(text, quote=False).replace("\r", "&#13;")

@@ -21,6 +21,7 @@ from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.domain.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
+# CALIBRATION VALUES V2.1,.,*,"", : separator, decimal point, begin of comments, quotes
 _HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")
 _AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")
 _SKIPPED_TYPES = ("CUBOID", "Z_AXIS_PTS", "RESCALE_AXIS_PTS")
@@ -112,6 +113,7 @@ class _Dialect:
     def numbers(self, cells: list[str]) -> list[float]:
         """Return the numbers of cells; NaN for a cell that holds none."""
         if self.point != ".":
+            # a point beside a decimal comma makes the cell no number, as `parse_float` refuses `_`
             cells = [cell.replace(".", "_").replace(self.point, ".") for cell in cells]
         return list(map(parse_float, cells))
 
@@ -214,6 +216,7 @@ class _CvxReader:
         is_group = record.kind == "AXIS_PTS"
         axis = Axis(points, unit=record.unit, name=record.name if is_group else "", falling=falls)
         first, known = self.axes.setdefault((record.kind, record.name, record.variant), (record, axis))
+        # without its variant as well, for tables whose variant has no axis of its own
         for variant in (record.variant, ""):
             self.folded.setdefault((record.kind, record.name.casefold(), variant), axis)
         if not np.array_equal(known.breakpoints, points) or known.falling != axis.falling:
@@ -259,6 +262,7 @@ class _CvxReader:
         if len(widths) != 1:
             self._wrong(record, f"VAL_BLK has rows of {sorted(widths)} values" if rows else "VAL_BLK has no values")
             return None
+        # a row is one y, and x is the first index here
         shaped = values if len(rows) == 1 else values.reshape(len(rows), -1).T
         return Block(record.name, shaped, unit=record.unit, **record.labels)
 
@@ -304,6 +308,7 @@ class _CvxReader:
             return None
         width = max((len(row.values) for row in record.rows), default=0)
         sizes = {len(axis) for axis in self.groups.values()}
+        # a group axis of this size is probably meant; the rows of a map may include the line of embedded breakpoints
         if (width if letter == "X" else len(record.rows)) in sizes | {size + 1 for size in sizes if letter == "Y"}:
             message = f"{record.kind} does not state which group axis is its {letter.lower()} axis; skipped"
             self.findings.warning(record.row.line, record.name, message, "Export it as DCM.")

@@ -73,6 +73,7 @@ def _item_records(item: Item) -> Iterator[str]:
         yield _record(item.name, f"{kind},{unit},{_quote(item.text)}", *_coding(item))
         return
     values, _ = in_stored_order(item)
+    # one line for each y
     first, *others = map(_format_numbers, np.atleast_2d(values.T))
     lines = [f"{unit},,{first}"]
     if item.kind in ("scalar", "block"):

@@ -96,6 +96,7 @@ class DcmLines:
         """Take a line that begins with a keyword, followed by the rest."""
         if self.block is not None and keyword in _BLOCK_KEYWORDS:
             self.block.statements.append((number, keyword, rest))
+        # a comment; as `*SSTX name` it states the group axis of a table
         elif keyword[0] in "*!.":
             match = _GROUP_AXIS.match(line) if self.block is not None and "SST" in line else None
             if match and self.block is not None:
@@ -155,6 +156,7 @@ class DcmLines:
             self.findings.error(number, rest.split(" ")[0], f"unknown keyword {keyword}", guess)
         else:
             self.unknown.setdefault(keyword, (number, ""))
+        # takes the lines of the unknown block, up to its END
         self.block = DcmBlock("", "", number)
 
 

@@ -62,6 +62,7 @@ def read_dcm(source: CalibrationSource) -> ReadResult:
     lines = split_blocks(source.text, findings)
     reader = _DcmReader(findings, lines)
     blocks = [block for block in lines.blocks if block.sizes is not None]
+    # axes first, as a table may stand before the axis it refers to
     for block in blocks:
         if block.keyword == "STUETZSTELLENVERTEILUNG":
             reader.take_axis(block)
@@ -220,6 +221,7 @@ class _DcmReader:
         """Return the axis of a table without breakpoints: DCM 1.x stores them in a distribution, if at all."""
         assert block.sizes is not None
         key = ("" if group is None else group.name, variant_of(block, self.criteria))
+        # the axis of the table's own variant, if there are several
         own = self.axis_variants.get(key, group)
         if own is not None and len(own) == block.sizes[direction]:
             return own.changed(name="", unit=block.text_of(_AXES[direction][2]))
@@ -249,8 +251,10 @@ class _DcmReader:
 
     def _has_complete_rows(self, block: DcmBlock, numbers: _Numbers) -> bool:
         """Check whether each ST/Y of a map is followed by one full row."""
+        # without an ST/Y for each row, the values are counted as a whole
         if block.sizes is None or len(block.sizes) < 2 or len(numbers.rows) != block.sizes[1]:
             return True
+        # a row ends where the next one begins
         ends = [start for _, _, start in numbers.rows[1:]] + [len(numbers.values)]
         complete = True
         for (line, rest, start), end in zip(numbers.rows, ends, strict=True):
@@ -277,6 +281,7 @@ class _DcmReader:
                 rows.append((line, rest, len(words)))
         words += " ".join(waiting).split()
         try:
+            # `float` is faster, but reads 1_000 as a number
             values = np.array(list(map(parse_float if "_" in "".join(words) else float, words)), dtype=np.float64)
         except ValueError:
             values = np.array([np.nan])
@@ -314,6 +319,7 @@ class _DcmReader:
             return axis
         group = self._axis_named(reference)
         if group is None:
+            # the table states the breakpoints of an axis that the file lacks
             group = self.axes[reference] = axis.changed(name=reference)
         if not np.array_equal(group.breakpoints, axis.breakpoints):
             message = f"has other breakpoints than the group axis {group.name}; kept as an axis of its own"

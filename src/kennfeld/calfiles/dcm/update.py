@@ -103,6 +103,7 @@ class _DcmUpdate:
             own = self.dcm.block_axes.get(block.line, ())
             (old, old_points), (new, new_points) = (in_stored_order(item, own) for item in (before, now))
             numbers = dict(zip(_AXES, zip(old_points, new_points, strict=True), strict=False))
+            # row by row, as the file has them
             numbers["WERT"] = old.T.ravel(), new.T.ravel()
         return self._replace(block, numbers, texts)
 
@@ -137,6 +138,7 @@ class _DcmUpdate:
             if word not in numbers:
                 continue
             count, (before, now) = len(rest.split()), numbers[word]
+            # the numbers of a keyword go on over its lines
             part = slice(done[word], done[word] + count)
             done[word] += count
             if not np.array_equal(before[part], now[part]):
@@ -153,6 +155,7 @@ class _DcmUpdate:
         aside = [self.text[n - 1] for n in range(block.line + 1, block.end) if n not in known]
         *body, end = text.splitlines()
         yield from (line + self.newline for line in body)
+        # the new text states the group axes itself
         yield from (line for line in aside if line.strip() and not _GROUP_AXIS.match(line))
         yield end + _line_end(self.text[block.end - 1])
 
@@ -168,6 +171,7 @@ class _DcmUpdate:
         blocks += [
             axis_block(axis) for name, axis in self.axes.items() if name not in self.dcm.axes and " " not in name
         ]
+        # a last line without its end must not run into a new block
         if blocks and self.text and not _line_end(self.text[-1]):
             yield self.newline
         for block in blocks:

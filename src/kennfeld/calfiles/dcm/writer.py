@@ -76,6 +76,7 @@ def check_storable(parameters: ParameterSet, file: str) -> None:
             findings.error(0, item.name, message, remedy)
     used = {axis.name for member in parameters.parameters for axis in member.axes}
     for axis in parameters.axes:
+        # tables name their axes in a comment, which takes nearly any name; a block of its own takes one word
         if axis.name not in used:
             for message, remedy in _name_faults(axis.name):
                 findings.error(0, axis.name, message, remedy)

@@ -97,6 +97,7 @@ class _EsdlReader:
         elements = [(item, element) for item in classes for element in item.elements if _is_read(element)]
         counts = Counter(element.name for _, element in elements)
         self.shared = {size.name for _, element in elements for size in element.sizes if isinstance(size, e.Name)}
+        # False comes before True
         for owner, element in sorted(elements, key=lambda pair: pair[1].name not in self.shared):
             name = element.name if counts[element.name] == 1 else f"{owner.name}.{element.name}"
             try:
@@ -202,6 +203,7 @@ def _array(tree: e.Expression) -> Float | None:
         array = np.array(nested, dtype=np.float64)
     except (TypeError, ValueError):
         return None
+    # numpy makes NaN of a part that is not a number
     return array if np.all(np.isfinite(array)) else None
 
 

@@ -69,6 +69,7 @@ class _EsdlUpdate:
     def _take_numbers(self, member: Parameter, item: EsdlValue) -> None:
         values, points = in_stored_order(member, item.parameter.axes)
         self.replace(member.name, item.values, values.ravel())
+        # tables over shared axes have no breakpoints in their text
         for trees, breakpoints in zip(item.axes, points, strict=False):
             self.replace(member.name, trees, breakpoints)
 
@@ -101,5 +102,6 @@ def _format_like(number: float, tree: Number, text: str) -> str:
     is_real = is_real or (isinstance(tree, e.Unary) and isinstance(tree.operand, e.Number) and tree.operand.is_real)
     if not is_real and number == int(number):
         return str(int(number))
+    # a real number has a point, before an exponent as well
     mantissa, exponent, power = repr(number).partition("e")
     return f"{mantissa}{'' if '.' in mantissa else '.0'}{exponent}{power}"

@@ -52,6 +52,7 @@ def sheet_names(names: Iterable[str]) -> list[str]:
     >>> sheet_names(["MapX", "mapx", "a[0]", "Axes"])
     ['MapX', 'mapx (2)', 'a(0)', 'Axes (2)']
     """
+    # Excel keeps the name History for itself
     taken = {name.casefold() for name in (INDEX, SCALARS, TEXTS, AXES, "History")}
     sheets = []
     for name in names:
@@ -84,6 +85,7 @@ class Sheet:
     def text(self, row: int, column: int) -> str:
         """Return the value of a cell as text."""
         value = self.cell(row, column)
+        # Excel shows at most 15 digits
         return "" if value is None else f"{value:.15g}" if isinstance(value, float) else str(value)
 
     def words(self, row: int) -> list[str]:
@@ -149,6 +151,7 @@ def holds_calibration(head: FileHead) -> bool:
         return False
     raw = head.whole(_MAX_SEARCHED)
     try:
+        # most workbooks are measured data, which the list of their sheets shows without opening them
         with zipfile.ZipFile(BytesIO(raw)) as archive, archive.open("xl/workbook.xml") as stream:
             names = _SHEET_NAME.findall(stream.read(_MAX_SHEET_LIST))
         if INDEX.encode() not in names:

@@ -158,6 +158,7 @@ class _SheetReader:
             return None
         attributes = row.labels() | {"unit": row.text("unit")}
         size = row.text("size").split("x")
+        # a block of one value states its size, `1 x 1`, and a scalar none
         if size == [""]:
             return Scalar(row.name, number, **attributes)
         if any(word.strip() != "1" for word in size) or len(size) > 4:
@@ -190,6 +191,7 @@ class _SheetReader:
         if cells.group:
             if cells.group in self.broken:
                 return None
+            # an axis that the sheet of group axes lacks is that of its first table
             home, known = self.groups.setdefault(cells.group, (sheet, cells))
             if not self._agrees(sheet, cells, home, known):
                 return None
@@ -243,6 +245,7 @@ def _breakpoints(sheet: Sheet, row: int, start: int) -> AxisCells | None:
     end = start
     while sheet.cell(row, end) is not None:
         end += 1
+    # a number behind the first empty cell belongs to the axis as well
     if end > start and not sheet.has_number(row, end + 1):
         return sheet.breakpoints([(row, column) for column in range(start, end)])
     sheet.error(f"{sheet.place(row, end)} is empty; a breakpoint is missing")

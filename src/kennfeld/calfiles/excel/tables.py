@@ -62,6 +62,7 @@ def _page(sheet: Sheet, row: int) -> _Page | None:
         right += 1
     x = _read_axis(sheet, [(row, column) for column in range(1, right)], (row, 1), "x")
     downwards = sheet.text(row, 0).strip().casefold().startswith("y")
+    # breakpoints end at an empty cell, a note or the next page
     while sheet.cell(below, 0) is not None and not _is_end_of_table(sheet, below):
         below += 1
     y = _read_axis(sheet, [(at, 0) for at in range(row + 1, below)], (row + 1, 0), "y") if downwards else None
@@ -74,6 +75,7 @@ def _page(sheet: Sheet, row: int) -> _Page | None:
     _report_stray_numbers(sheet, row, rows, columns, downwards)
     if any(number is None for line in numbers for number in line):
         return None
+    # x runs to the right, and is the first index here
     values = np.array(numbers, dtype=np.float64).reshape(len(rows), len(columns)).T
     return _Page(row, further, x, y, values)
 
@@ -161,6 +163,7 @@ def _cube(sheet: Sheet, pages: list[_Page]) -> Grid | None:
     for direction in range(len(first.further.points)):
         cells: dict[float, tuple[int, int]] = {}
         for page in pages:
+            # in the order in which the pages have them first
             cells.setdefault(page.further.points[direction], page.further.cells[direction])
         higher.append(AxisCells(list(cells), list(cells.values())))
     places = list(product(*(axis.points for axis in higher)))
@@ -169,6 +172,7 @@ def _cube(sheet: Sheet, pages: list[_Page]) -> Grid | None:
         place = ", ".join(f"{letter} = {point:.15g}" for letter, point in zip(AXIS_LETTERS[2:], missing, strict=False))
         sheet.error(f"Sheet {sheet.name} has no page for {place}", "Add it.")
         return None
+    # Float[x, y, pages], the last axis running fastest, as `product` yields the pages
     values = np.stack([known[place].values for place in places], axis=-1)
     values = values.reshape(*first.values.shape, *(len(axis.points) for axis in higher))
     axes = [first.x, *([first.y] if first.y else []), *higher]

@@ -21,7 +21,9 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
 
 _MAX_ROWS, _MAX_COLUMNS, _MAX_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
+# Excel takes 65 530 links a sheet
 _MAX_LINKS = 60_000
+# xlsxwriter takes text between <r> and </r> for markup
 _UNFIT = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff\ufffe\uffff]|\A<r>(?=.*</r>\Z)", re.DOTALL)
 _FIXED_DATE = datetime(2000, 1, 1)  # the same set gives the same bytes
 _COLOURS = {"min_color": "#63BE7B", "mid_color": "#FFEB84", "max_color": "#F8696B"}
@@ -138,9 +140,11 @@ class _WorkbookWriter:
         x, *others = table.index_axes
         y, further = others[:1], others[1:]
         stored = turn(table.values, table.axes)
+        # a curve is a page with a single row
         values = stored if y else stored[:, None]
         first = row + bool(further)  # of the corner of the first page
         written: dict[tuple[int, int], tuple[int, int]] = {}  # the cell of each breakpoint beyond x and y
+        # z runs fastest
         for page, reversed_indices in enumerate(product(*(range(len(axis)) for axis in further[::-1]))):
             indices = reversed_indices[::-1]
             for number, (letter, axis, at) in enumerate(zip(AXIS_LETTERS[2:], further, indices, strict=False)):
@@ -157,6 +161,7 @@ class _WorkbookWriter:
                 self._point(sheet, (row + at + 1, 0), y[0], at, (first + at + 1, 0) if page else None)
             if not y:
                 sheet.write_string(row + 1, 0, f"values [{table.unit}]" if table.unit else "values", self.axis)
+            # transposed, the further axes come first, so that their indices choose a page
             self._numbers(sheet, row + 1, values.T[reversed_indices].T)
             row += 2 + values.shape[1]
         sheet.freeze_panes(0 if further else first + 1, 1)

@@ -49,6 +49,7 @@ class Image:
         """All memory as segments without gaps, by ascending address."""
         spans: list[tuple[int, int]] = []  # first address and end of each segment
         for record in self._sorted:
+            # records that touch or overlap are one segment
             if spans and record.address <= spans[-1][1]:
                 spans[-1] = (spans[-1][0], max(spans[-1][1], record.end))
             else:
@@ -105,6 +106,7 @@ class Image:
             for record in self._touched(starts, longest, address, len(content)):
                 increase = _overwrite(text, record, address, content)
                 checksums[record.checksum_at] = checksums.get(record.checksum_at, 0) + increase
+        # the sum of bytes and checksum is constant modulo 256, so one falls as the others rise
         for at, increase in checksums.items():
             before = bytes.fromhex(text[at : at + 2].decode())
             if increase % 256:
@@ -112,6 +114,7 @@ class Image:
         return bytes(text)
 
     def _touched(self, starts: list[int], longest: int, address: int, size: int) -> Iterator[Record]:
+        # a record that begins earlier is too short to reach this address
         at = bisect_right(starts, address - longest)
         while at < len(starts) and starts[at] < address + size:
             if self._sorted[at].end > address:

@@ -85,6 +85,7 @@ class RecordReader(ABC):
 
     def take(self, line: Line) -> None:
         """Check a line and add its content."""
+        # the mark of an S-record includes its type, which is not a digit of the content
         content = decode_hex(line.text[len(self.mark) :]) if line.text.startswith(self.mark[:1]) else None
         if content is None or not self.is_long_enough(line, content):
             self.error(line, f"is not an {self.record_name}", "no valid record", "The file is damaged.")
@@ -123,6 +124,7 @@ def lines_of(raw: bytes) -> Iterator[Line]:
     for number, line in enumerate(raw.splitlines(keepends=True), 1):
         text = line.strip(_FILLER)
         if text:
+            # the filler before the text does not contain its first character
             yield Line(number, text, at + line.find(text[:1]))
         at += len(line)
 
@@ -133,6 +135,7 @@ def decode_hex(digits: bytes) -> bytes | None:
         content = bytes.fromhex(digits.decode("ascii"))
     except ValueError:
         return None
+    # Python skips blanks between bytes
     return content if 2 * len(content) == len(digits) else None
 
 
@@ -193,6 +196,7 @@ class SRecordReader(RecordReader):
         address, data = int.from_bytes(content[1 : 1 + size], "big"), content[1 + size : -1]
         if kind in "123":
             self.lines += 1
+            # behind `S`, type and length
             digits = line.at + 4 + 2 * size
             if data:
                 self.records.append(Record(address, data, digits, digits + 2 * len(data), line.number))
@@ -231,6 +235,7 @@ class IntelHexReader(RecordReader):
 
     def _data(self, line: Line, offset: int, data: bytes) -> Iterator[Record]:
         """Yield the bytes of one line; within a segment addresses wrap around at 0xFFFF."""
+        # behind `:llaaaatt`
         digits, checksum = line.at + 9, line.at + 9 + 2 * len(data)
         room = _SEGMENT_SIZE - offset if self.segmented else 2**32 - self.base - offset
         if data[:room]:

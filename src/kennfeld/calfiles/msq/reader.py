@@ -89,6 +89,7 @@ def find_definition(path: Path | None, signature: str, findings: FileFindings) -
         if signature and signature in _SIGNATURE.findall(text):
             return text
     for file, text in texts.items():
+        # TunerStudio keeps the definition of a project under this name
         if file.name.casefold() == "maincontroller.ini":
             other = next(iter(_SIGNATURE.findall(text)), "")
             message = f"{file.name} is for the firmware {other!r}, but the tune for {signature!r}"
@@ -138,6 +139,7 @@ def pairs_of(definition: str) -> list[Pair]:
 def _complete_pair(section: str, key: str, bins: dict[str, list[str]], title: str) -> list[Pair]:
     """Return the pair that one more line of an editor completes."""
     is_table = section == "tableeditor"
+    # a table is complete with x, y and z in any order; a curve may have several ybins over one xbins
     if len(bins) < 3 if is_table else key != "ybins" or "xbins" not in bins:
         return []
     axes = [bins["xbins"], bins["ybins"]] if is_table else [bins["xbins"]]
@@ -155,7 +157,7 @@ def usual_pairs() -> list[Pair]:
 
 
 @dataclass(frozen=True)
-class Constant:
+class TuneConstant:
     """One setting: its attributes, and the location of its content in the file."""
 
     name: str
@@ -185,7 +187,7 @@ class Msq:
 
     source: CalibrationSource
     text: str
-    constants: Mapping[str, Constant]
+    constants: Mapping[str, TuneConstant]
     items: Mapping[str, Item]
     axes: Mapping[str, Axis]
 
@@ -214,7 +216,7 @@ def read_msq(source: CalibrationSource) -> ReadResult:
 @dataclass
 class _MsqReader:
     findings: FileFindings
-    constants: dict[str, Constant] = field(default_factory=dict)
+    constants: dict[str, TuneConstant] = field(default_factory=dict)
     arrays: dict[str, Float] = field(default_factory=dict)  # a row for each y, as in the file
     items: dict[str, Item] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
@@ -236,7 +238,7 @@ class _MsqReader:
                 self._keep(_constant(attributes, line, part.start(4), part[4], page))
         return signature
 
-    def _keep(self, constant: Constant) -> None:
+    def _keep(self, constant: TuneConstant) -> None:
         if not constant.name:
             self.findings.error(constant.line, "", "a constant has no name", "Use a complete copy of the file.")
         elif constant.name in self.constants:
@@ -246,7 +248,7 @@ class _MsqReader:
             self.constants[constant.name] = constant
             self._value(constant)
 
-    def _value(self, constant: Constant) -> None:
+    def _value(self, constant: TuneConstant) -> None:
         content = constant.content.strip()
         if content.startswith('"') and constant.sizes is not None:
             message = "is a list of words, which cannot be a parameter; skipped"
@@ -264,7 +266,7 @@ class _MsqReader:
             text, kind = unescape(content[1:-1] if quoted else content), _WORD_KINDS[quoted]
             self.items[constant.name] = Text(constant.name, text, kind=kind, **constant.labels)
 
-    def _array(self, constant: Constant) -> Float | None:
+    def _array(self, constant: TuneConstant) -> Float | None:
         numbers = list(map(parse_float, constant.words))
         for word, number in zip(constant.words, numbers, strict=True):
             if not isfinite(number):
@@ -279,8 +281,10 @@ class _MsqReader:
 
     def build(self, pairs: list[Pair], has_definition: bool) -> None:
         """Convert the constants to parameters, those with a pair to tables."""
+        # backwards, so that of several pairs for a table the first one that fits remains
         different = {(pair.values, pair.axes): pair for pair in reversed(pairs)}
         tables = {pair.values: pair for pair in different.values() if self._fits(pair, has_definition)}
+        # breakpoints are read as axes, unless they are a table themselves
         used = {name for pair in tables.values() for name in pair.axes} - tables.keys()
         for name in self.constants:
             if name in self.arrays and name not in used:
@@ -330,7 +334,7 @@ class _MsqReader:
         return Block(name, array.ravel() if 1 in array.shape else array.T, **constant.labels)
 
 
-def _constant(attributes: Mapping[str, str], line: int, begin: int, content: str, page: str) -> Constant:
+def _constant(attributes: Mapping[str, str], line: int, begin: int, content: str, page: str) -> TuneConstant:
     rows, columns, digits = (
         int(attributes[key]) if _COUNT.fullmatch(attributes.get(key, "")) else None
         for key in ("rows", "cols", "digits")
@@ -338,4 +342,4 @@ def _constant(attributes: Mapping[str, str], line: int, begin: int, content: str
     unit, name = attributes.get("units", "").strip(), attributes.get("name", "")
     sizes = None if rows is None else (rows, 1 if columns is None else columns)
     digits = digits if digits is not None and digits < 20 else None
-    return Constant(name, line, begin, content, unit, digits, sizes, page)
+    return TuneConstant(name, line, begin, content, unit, digits, sizes, page)

@@ -8,7 +8,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_labels, count_noun, holds_control_characters
 from kennfeld.calfiles.content import in_stored_order, replace_numbers, turn
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
-from kennfeld.calfiles.msq.reader import Constant, Msq
+from kennfeld.calfiles.msq.reader import Msq, TuneConstant
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Text
 
@@ -74,6 +74,7 @@ class _MsqUpdate:
                 if axis.name != known.name and not np.array_equal(axis.breakpoints, known.breakpoints):
                     message = f"has its own axis, whose breakpoints differ from {known.name} in the tune"
                     self.findings.error(0, item.name, message, f"Change the group axis {known.name}.")
+            # a row for each y, as in the file
             old, new = (in_stored_order(each, before.axes)[0].T.ravel() for each in (before, item))
             self._numbers(self.tune.constants[item.name], old, new)
 
@@ -106,14 +107,16 @@ class _MsqUpdate:
             message = f"is not strictly {'decreasing' if before.falling else 'increasing'} after {rounded}, as stored"
             self.findings.error(0, axis.name, message, "Increase the distance of its breakpoints.")
 
-    def _numbers(self, constant: Constant, before: Float, now: Float) -> Float:
+    def _numbers(self, constant: TuneConstant, before: Float, now: Float) -> Float:
         """Replace changed numbers in place; return the values as rounded."""
         if not np.isfinite(now).all():
             self.findings.error(0, constant.name, "a tune cannot store non-finite values")
             return before
         rounded = now if constant.digits is None else np.array([round(v, constant.digits) for v in now.tolist()])
+        # an unchanged number keeps digits beyond those that its constant states
         rounded = np.where(now == before, before, rounded)
         if not np.array_equal(rounded, before):
+            # + 0.0 makes 0.0 of the -0.0 that rounding may leave
             content = replace_numbers(constant.content, before, rounded, lambda number, _: repr(number + 0.0))
             self.contents[constant.name] = content
         difference = float(np.abs(rounded - now).max(initial=0.0))

@@ -72,6 +72,7 @@ def find_conversions(source: CalibrationSource, findings: FileFindings) -> Conve
     match = _NAMED.match(source.text)
     if match is None or source.path is None:
         return None
+    # the folder is that of the computer on which the file was written
     path = source.path.parent / Path((match[1] or match[2]).replace("\\", "/")).name
     if path.suffix.lower() != ".a2l" or not path.is_file():
         return None

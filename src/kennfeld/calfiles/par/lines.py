@@ -24,6 +24,7 @@ from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
 
 _SIGNATURE = re.compile(r"\ufeff?\s*CANape PAR V(\d+(?:\.\d+)*)")
+# name, perhaps further words, [type(bits),(sizes)], and the rest
 _HEADER = re.compile(
     r"\s*([^\s;:\[]\S*)\s+(?:[^\s\[;][^\[;]*\s)?\[\s*(STRING|INT|UINT|FLOAT|DOUBLE)\s*(?:\(\s*(\d{1,5})\s*\))?\s*"
     r"(?:,\s*\(\s*(\d{1,7}(?:\s*,\s*\d{1,7}){0,4})\s*\)\s*)?\](.*)",
@@ -156,6 +157,7 @@ class _Splitter:
             self.findings.error(line, label.name, f"must be a number, got {word[:40]!r}", "", text)
         physical = comment.strip()
         begin = offset + len(before) - len(before.lstrip())
+        # behind the semicolon and its blanks
         after = offset + len(before) + 1 + len(comment) - len(comment.lstrip())
         yield ParNumber(raw, word, begin, physical, after)
 
@@ -174,6 +176,7 @@ class _Splitter:
             return
         label = self.labels[-1]
         counts = {"": (len(label.values), label.count)}
+        # the sizes are stated from the last axis to x
         sizes = dict(zip(AXES, reversed(label.sizes), strict=False))
         counts |= {letter: (len(points), sizes.get(letter, 0)) for letter, points in label.axes.items()}
         for letter, (count, size) in counts.items():

@@ -113,6 +113,7 @@ class _ParReader:
         if label.sizes or not label.is_integer or not word or not isnan(displayed_value(word)):
             return None
         is_known = (label.name, "") in self.quantities
+        # `1,5` or `1.5 bar` is a number in another form, unless an A2L file states it as a word
         if _LIKE_A_NUMBER.fullmatch(word) and not is_known:
             return None
         return Text(label.name, word, kind="enumeration", **self._labels(label))
@@ -126,6 +127,7 @@ class _ParReader:
         shape = tuple(reversed(label.sizes))
         axes = [label.axes[letter] for letter in AXES[: len(shape)] if letter in label.axes]
         table = values.reshape(label.sizes).T
+        # breakpoints of x, of x and y, or of all three
         is_complete = list(label.axes) and list(AXES[: len(axes)]) == sorted(label.axes)
         dropped = drop_trailing_ones(shape) if shape else ()
         if not axes:
@@ -217,4 +219,5 @@ def _half_digit(text: str) -> float:
         return 0.5
     mantissa, _, exponent = text.lower().partition("e")
     power = int(exponent or 0) - len(mantissa.partition(".")[2])
+    # a damaged exponent must not overflow
     return 0.5 * 10.0 ** max(min(power, 300), -300)

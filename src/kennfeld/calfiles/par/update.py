@@ -83,6 +83,7 @@ class _ParUpdate:
         else:
             label = self.par.labels[item.name]
             (old, old_points), (new, new_points) = (in_stored_order(each, before.axes) for each in (before, item))
+            # in the file, x runs fastest
             self._replace(label, "", old.T.ravel(), new.T.ravel())
             for letter, *points in zip(AXES, old_points, new_points, strict=False):
                 self._replace(label, letter, *points)
@@ -114,6 +115,7 @@ class _ParUpdate:
             message = f"a text of up to {len(label.values)} characters fits, got {item.text[:60]!r}"
             self.findings.error(0, item.name, message, "Shorten it.")
             return
+        # the room of a text is fixed
         codes += [0] * (len(label.values) - len(codes))
         for number, code in zip(label.values, codes, strict=True):
             self.changes[number.begin] = len(number.word), str(code)
@@ -149,6 +151,7 @@ class _ParUpdate:
             return
         word = self._word(label, raw, value, quantity)
         self.changes[number.begin] = len(number.word), word
+        # a word or a remark stays
         if np.isnan(displayed_value(number.physical)):
             return
         shown = _display(float(word) if quantity is None else physical(quantity, float(word)), number.physical)
@@ -168,6 +171,7 @@ class _ParUpdate:
             self.findings.error(0, label.name, message, "Limit it with bounds.")
         exact = float(rounded) if quantity is None else physical(quantity, float(rounded))
         error = 0.0 if exact is None else abs(exact - value)
+        # 1e-300, as an error has no relation to a value of 0
         if error > _TINY * max(abs(value), 1e-300):
             self.rounding[label.name] = max(self.rounding.get(label.name, 0.0), error)
         return str(rounded)

@@ -9,7 +9,6 @@ from kennfeld.importers.ascet.expression_translation import (
     ExpressionTranslation,
     arithmetic_type,
     call_of,
-    position,
 )
 from kennfeld.importers.ascet.functions import EXTERNAL, FUNCTIONS
 from kennfeld.importers.ascet.instances import ClassInstance, searched_label
@@ -31,7 +30,7 @@ from kennfeld.importers.ascet.resolved_types import (
 )
 from kennfeld.importers.ascet.type_resolution import dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _INTRINSIC: Final = ("abs", "min", "max", "between", "sqrt", "exp", "log", "sin", "cos", "tan", "pow")
 
@@ -43,7 +42,7 @@ class CallTranslation(ExpressionTranslation):
         """Translate a call; None for a method without a result, whose call is then pending."""
         if isinstance(tree.of, e.Name):
             return self._call_by_name(tree, tree.of.name)
-        if not isinstance(tree.of, e.Member):
+        if not isinstance(tree.of, e.Field):
             raise UnsupportedEsdlError("this call is not supported", place=tree.place)
         of, name = self.named(tree.of.of), tree.of.name
         if isinstance(of, ClassInstance):
@@ -164,7 +163,7 @@ class CallTranslation(ExpressionTranslation):
         values: Sequence[Operand | Place | e.Braces],
         tree: e.Call,
     ) -> Operand | Place | None:
-        call = m.Call(m.Name(code.name), tuple(trees), place=position(tree.place))
+        call = m.Call(m.Name(code.name), tuple(trees), place=tree.place)
         if isinstance(code.result, NumberType) and not code.outputs:
             return Operand(call, code.result)
         if self._lazy:
@@ -178,9 +177,9 @@ class CallTranslation(ExpressionTranslation):
         for at in code.outputs:
             targets += self._changed(values[at], method.arguments[at], tree)
         if targets:
-            self.pending.append(m.Assign(tuple(targets), call, place=position(tree.place)))
+            self.pending.append(m.Assign(tuple(targets), call, place=tree.place))
         else:
-            self.pending.append(m.Evaluate(call, place=position(tree.place)))
+            self.pending.append(m.Evaluate(call, place=tree.place))
         if code.result is None:
             return None
         result = Place(name, code.result, is_local=True)
@@ -275,4 +274,4 @@ class CallTranslation(ExpressionTranslation):
         self.used.add(label)
         self.code.assigned.add(label)
         value = self.operand(tree.arguments[0])
-        self.pending.append(m.Assign((m.Name(label),), value.tree, place=position(tree.place)))
+        self.pending.append(m.Assign((m.Name(label),), value.tree, place=tree.place))

@@ -28,16 +28,11 @@ from kennfeld.importers.ascet.resolved_types import (
 )
 from kennfeld.importers.ascet.type_resolution import dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor", "<<": "shift", ">>": "shift"}
 Result = TypeVar("Result")
-
-
-def position(place: e.TextPosition) -> m.SourcePosition:
-    """Return a position for the shared syntax tree."""
-    return m.SourcePosition(place.line, place.column)
 
 
 def call_of(name: str, *arguments: m.Expression) -> m.Call:
@@ -104,7 +99,7 @@ class ExpressionTranslation:
                 return Operand(m.Number(float(value)), BOOLEAN)
             case e.Braces():
                 return tree
-            case e.Name() | e.Member() | e.Index():
+            case e.Name() | e.Field() | e.Index():
                 return self._named_value(tree)
             case e.Call():
                 return self._call(tree)
@@ -127,7 +122,7 @@ class ExpressionTranslation:
                 raise unsupported_error(tree)
             case e.Name():
                 return self.names.name(tree)
-            case e.Member(of, _):
+            case e.Field(of, _):
                 around = self.named(of)
                 return self.names.member(around, tree)
             case e.Index(of, index):
@@ -237,7 +232,7 @@ class ExpressionTranslation:
             right = self.lazily(lambda: self.operand(tree.right))
             return Operand(m.Binary(operator, left.tree, right.tree), BOOLEAN)
         right = self.operand(tree.right)
-        place = position(tree.place)
+        place = tree.place
         if operator in _COMPARISONS:
             return Operand(m.Binary(_COMPARISONS[operator], left.tree, right.tree, place=place), BOOLEAN)
         if operator in _BITS:

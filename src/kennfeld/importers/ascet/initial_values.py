@@ -11,7 +11,6 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.ascet.declarations import FileScope
 from kennfeld.importers.ascet.resolved_types import (
     ArrayType,
-    AxisType,
     Fields,
     NumberType,
     StructType,
@@ -147,8 +146,3 @@ def _fitting(values: Float, axes: tuple[Float, ...], value: e.Expression) -> Flo
     if any(np.any(np.diff(axis) <= 0) for axis in axes):
         raise UnsupportedEsdlError("the breakpoints of a table do not increase", place=value.place)
     return values
-
-
-def is_axis_or_table(kind: Type) -> bool:
-    """Return True for types that hold breakpoints."""
-    return isinstance(kind, TableType | AxisType)

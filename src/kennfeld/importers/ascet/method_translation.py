@@ -6,7 +6,7 @@ from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.importers.ascet.call_translation import CallTranslation
-from kennfeld.importers.ascet.expression_translation import call_of, position
+from kennfeld.importers.ascet.expression_translation import call_of
 from kennfeld.importers.ascet.instances import ClassInstance, state_label
 from kennfeld.importers.ascet.name_resolution import EnumerationName
 from kennfeld.importers.ascet.program_code import RESULT, MethodCode, Operand, Place, ProgramCode, leaf_names
@@ -24,7 +24,7 @@ from kennfeld.importers.ascet.resolved_types import (
 )
 from kennfeld.importers.ascet.state_machines import STATE, machine_statements, state_numbers
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _MAX_COPIES: Final = 10_000  # elements that an assignment copies one by one
 _MAX_STATEMENTS: Final = 50_000  # of a method, after structs and arrays are split
@@ -57,11 +57,11 @@ class MethodTranslation(CallTranslation):
         results = [] if self._result is None else leaf_names(RESULT, self._result)
         for place in changed:
             results += leaf_names(place.label, place.type)
-        declaration = m.Declaration("global", tuple(sorted(self.used)), place=position(self.method.place))
+        declaration = m.Declaration("global", tuple(sorted(self.used)), place=self.method.place)
         statements = ((declaration, *body) if self.used else body) if self._is_complete else ()
         self.code.read |= self.used
         definition = m.FunctionDefinition(
-            self.name, tuple(parameters), tuple(results), statements, place=position(self.method.place)
+            self.name, tuple(parameters), tuple(results), statements, place=self.method.place
         )
         return MethodCode(self.name, definition, scope, self._result, outputs, self._is_complete)
 
@@ -113,7 +113,7 @@ class MethodTranslation(CallTranslation):
             self.pending = outer
 
     def _statement(self, statement: e.Statement, is_last: bool) -> m.Statements:
-        place = position(statement.place)
+        place = statement.place
         match statement:
             case e.Assign():
                 return self._assign_statement(statement)
@@ -144,11 +144,11 @@ class MethodTranslation(CallTranslation):
             raise UnsupportedEsdlError("a call is required here", place=expression.place)
         result = self.call(expression)
         if isinstance(result, Operand) and isinstance(result.tree, m.Call):
-            return (m.Evaluate(result.tree, place=position(expression.place)),)
+            return (m.Evaluate(result.tree, place=expression.place),)
         return ()
 
     def _while(self, statement: e.While) -> m.Statements:
-        place = position(statement.place)
+        place = statement.place
         condition = self.lazily(lambda: self.operand(statement.condition)).tree
         body = self._block(statement.body)
         loop = m.While(condition, body, place=place)
@@ -163,7 +163,7 @@ class MethodTranslation(CallTranslation):
         finally:
             self.names.locals.pop()
         target = m.Name(variable.label)
-        return (m.For(target, m.Range(first, None, last), body, place=position(statement.place)),)
+        return (m.For(target, m.Range(first, None, last), body, place=statement.place),)
 
     def _bounds(self, values: e.Expression) -> tuple[m.Expression, m.Expression, NumberType]:
         """Return the first and the last value of a loop, and the type of its variable."""
@@ -172,7 +172,7 @@ class MethodTranslation(CallTranslation):
                 raise UnsupportedEsdlError("the range of a loop is open", place=values.place)
             first, last = self.operand(values.first), self.operand(values.last)
             return first.tree, last.tree, INTEGER
-        if isinstance(values, e.Call) and isinstance(values.of, e.Member) and values.of.name == "indexRange":
+        if isinstance(values, e.Call) and isinstance(values.of, e.Field) and values.of.name == "indexRange":
             of = self.named(values.of.of)
             if not isinstance(of, Place) or not isinstance(of.type, ArrayType):
                 raise UnsupportedEsdlError("indexRange of something that is not an array", place=values.place)
@@ -185,7 +185,7 @@ class MethodTranslation(CallTranslation):
         raise UnsupportedEsdlError("the values of a loop must be a range or a type", place=values.place)
 
     def _switch(self, statement: e.Switch) -> m.Statements:
-        place = position(statement.place)
+        place = statement.place
         subject = self.operand(statement.subject)
         if statement.cases and not isinstance(subject.tree, m.Number):
             name = self._free("%switch")
@@ -209,7 +209,7 @@ class MethodTranslation(CallTranslation):
             target = Place(RESULT, self._result, is_local=True)
             result += self.assign(target, translated, value)
         if not is_last:
-            result.append(m.Jump("return", place=position(statement.place)))
+            result.append(m.Jump("return", place=statement.place))
         return tuple(result)
 
     # variables
@@ -238,7 +238,7 @@ class MethodTranslation(CallTranslation):
                 raise UnsupportedEsdlError(f"the variable {element.name} holds a table, which is not supported")
             sizes = [float(_size(dimension, element)) for dimension in dimensions]
             start = call_of("fill", m.Number(leaf.default), *map(m.Number, sizes)) if sizes else m.Number(leaf.default)
-            shapes.append(m.Assign((m.Name(place.leaf(path)),), start, place=position(element.place)))
+            shapes.append(m.Assign((m.Name(place.leaf(path)),), start, place=element.place))
         if value is None or element.value is None:
             return tuple(shapes)
         if isinstance(kind, NumberType):
@@ -273,7 +273,7 @@ class MethodTranslation(CallTranslation):
         self.note_assigned(target)
         if isinstance(value, e.Braces):
             return self._assign_braces(target, value)
-        place = position(tree.place)
+        place = tree.place
         if isinstance(target.type, NumberType):
             operand = value if isinstance(value, Operand) else self.read(value, tree)
             converted = self.converted(operand, target.type)
@@ -296,7 +296,7 @@ class MethodTranslation(CallTranslation):
                     f"{describe_type(source.type)} is assigned to {describe_type(target.type)} of another form",
                     place=tree.place,
                 )
-            place = position(tree.place)
+            place = tree.place
             if not target.indices and not source.indices:
                 value = self.leaf_tree(source, path)
                 result.append(m.Assign((self._target(target, path),), value, place=place))

@@ -22,7 +22,6 @@ from kennfeld.importers.ascet.program_code import RESULT, MethodCode, ProgramCod
 from kennfeld.importers.ascet.program_parameters import ProgramParameters
 from kennfeld.importers.ascet.resolved_types import Dimension, NumberType, leaves_of
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
-from kennfeld.matlab import syntax as m
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
@@ -33,6 +32,7 @@ from kennfeld.models.import_report import StateSummary
 from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
 from kennfeld.models.sample_times import sample_hit
+from kennfeld.program import tree as m
 
 _TYPES_NOTE: Final = (
     "real numbers are calculated in double precision: representations, and ranges of reals, are ignored"

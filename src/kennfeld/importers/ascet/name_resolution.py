@@ -112,7 +112,7 @@ class NameResolver:
             raise UnsupportedEsdlError(f"{declared.label} is not a value")
         return EnumerationName(kind)
 
-    def member(self, of: Named, tree: e.Member) -> Named:
+    def member(self, of: Named, tree: e.Field) -> Named:
         """Return a member of what a name refers to."""
         name = tree.name
         match of:
@@ -140,7 +140,7 @@ class NameResolver:
                 return place_of(of[name])
         raise UnsupportedEsdlError(f"{dotted(tree.of)} has no member {name}", place=tree.place)
 
-    def _in_package(self, package: str, tree: e.Member) -> Named:
+    def _in_package(self, package: str, tree: e.Field) -> Named:
         tree_of_sources = self.instance.scope.tree
         qualified = f"{package}.{tree.name}"
         declared = tree_of_sources.find(qualified)
@@ -150,7 +150,7 @@ class NameResolver:
             return PackageName(qualified)
         raise UnsupportedEsdlError(f"unknown name {qualified}", place=tree.place)
 
-    def _field(self, of: Place, tree: e.Member) -> Place:
+    def _field(self, of: Place, tree: e.Field) -> Place:
         if isinstance(of.type, StructType):
             kind = dict(of.type.elements).get(tree.name)
             if kind is not None:

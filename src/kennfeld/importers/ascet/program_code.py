@@ -11,7 +11,7 @@ from kennfeld.importers.ascet.declarations import FileScope
 from kennfeld.importers.ascet.instances import ClassInstance, Program
 from kennfeld.importers.ascet.resolved_types import Fields, NumberType, Type, describe_type, leaves_of
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _MAX_METHODS: Final = 20_000  # of all instances
 RESULT: Final = "return"

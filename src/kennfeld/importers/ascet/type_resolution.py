@@ -164,7 +164,7 @@ class TypeResolver:
             if size.first is None or size.last is None:
                 raise UnsupportedEsdlError("the dimension of an array is open")
             return _checked(self.constant(size.first, scope), self.constant(size.last, scope))
-        if isinstance(size, e.Name | e.Member) and (kind := self._index_type(dotted(size), scope)) is not None:
+        if isinstance(size, e.Name | e.Field) and (kind := self._index_type(dotted(size), scope)) is not None:
             return _checked(kind.low, kind.high, kind if kind.labels else None)
         return _checked(0, self.constant(size, scope) - 1)
 
@@ -200,7 +200,7 @@ class TypeResolver:
                 return -value if operator == "-" else float(not value) if operator == "!" else value
             case e.Binary(operator, left, right) if operator in ("+", "-", "*", "/"):
                 return _arithmetic(operator, self.constant(left, scope), self.constant(right, scope))
-            case e.Name() | e.Member() if name := dotted(tree):
+            case e.Name() | e.Field() if name := dotted(tree):
                 return self._named_constant(name, scope)
             case e.Unsupported():
                 raise unsupported_error(tree)
@@ -227,7 +227,7 @@ class TypeResolver:
 def dotted(tree: e.Expression) -> str:
     """Return `a.b.c` as a text; empty if the expression is not a chain of names."""
     names: list[str] = []
-    while isinstance(tree, e.Member):
+    while isinstance(tree, e.Field):
         names.append(tree.name)
         tree = tree.of
     return ".".join([tree.name, *reversed(names)]) if isinstance(tree, e.Name) else ""

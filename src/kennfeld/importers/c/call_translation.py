@@ -17,7 +17,7 @@ from kennfeld.importers.c.functions import MATHEMATICS, TESTS
 from kennfeld.importers.c.number_types import DOUBLE, INT, LONG, CType, UnsupportedCError
 from kennfeld.importers.c.places import CPlace, single_numbers
 from kennfeld.importers.c.struct_types import CStructType
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 # functions that Simulink writes to a file of its own
 _ALIASES: Final = {"rtIsNaN": "isnan", "rtIsNaNF": "isnan", "rtIsInf": "isinf", "rtIsInfF": "isinf"}
@@ -91,7 +91,7 @@ class CCallTranslation(CExpressionTranslation):
 
     def _add_call(self, passed: "_PassedArguments", results: Sequence[m.Expression], line: int) -> None:
         """Add the statements of a call with its results, and with what it writes through addresses."""
-        place = m.SourcePosition(line)
+        place = m.TextPosition(line)
         targets = (*results, *passed.targets)
         call = m.Assign(targets, passed.call, place=place) if targets else m.Evaluate(passed.call, place=place)
         self.pending += [call, *passed.copies]
@@ -131,13 +131,13 @@ class CCallTranslation(CExpressionTranslation):
             return place
         numbers = [self.value_of(number) for number in single_numbers(place)]
         sizes = [m.Number(float(size)) for size in (len(place.sizes), *place.sizes)]
-        name, position = self.temporary(), m.SourcePosition(line)
+        name, position = self.temporary(), m.TextPosition(line)
         self.pending.append(m.Assign((m.Name(name),), call_of("array", *sizes, *numbers), place=position))
         return CPlace(CVariable(name, place.type, place.sizes), "", place.type, place.sizes)
 
     def _copied_back(self, part: CPlace, place: CPlace, line: int) -> list[m.Statement]:
         pairs = zip(single_numbers(place), single_numbers(part), strict=True)
-        return [m.Assign((self.used(to),), of.tree, place=m.SourcePosition(line)) for to, of in pairs]
+        return [m.Assign((self.used(to),), of.tree, place=m.TextPosition(line)) for to, of in pairs]
 
     def _passed(self, name: str, argument: CArgument, tree: c_ast.Node) -> list[CPlace]:
         """Return the places of the numbers whose addresses, or whose struct, an argument passes."""

@@ -6,10 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from kennfeld.importers.c.macros import tokens_of
+from kennfeld.program.operator_parser import OperatorParser, operator_levels
+from kennfeld.program.tokens import ScannedToken
 
 _MAX_DEPTH: Final = 50
 _MAX_BITS: Final = 4096  # of results in between, which C would cut off
-_LEVELS: Final[tuple[tuple[str, ...], ...]] = (
+_LEVELS: Final = operator_levels(
     ("||",), ("&&",), ("|",), ("^",), ("&",), ("==", "!="), ("<", "<=", ">", ">="), ("<<", ">>"), ("+", "-"),
     ("*", "/", "%"),
 )  # fmt: skip
@@ -20,6 +22,9 @@ _RULES: Final[dict[str, Callable[[int, int], int]]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul,
     "/": lambda a, b: abs(a) // abs(b) * (1 if a * b >= 0 else -1) if b else 0,
     "%": lambda a, b: abs(a) % abs(b) * (1 if a >= 0 else -1) if b else 0,
+}  # fmt: skip
+_SIGNS: Final[dict[str, Callable[[int], int]]] = {
+    "!": lambda a: int(not a), "-": operator.neg, "+": operator.pos, "~": operator.invert,
 }  # fmt: skip
 _DOUBLE: Final = frozenset({"||", "&&", "==", "!=", "<=", ">=", "<<", ">>"})
 
@@ -37,10 +42,11 @@ def condition_value(text: str) -> int:
     Raises:
         ConditionError: it is not an expression of integers.
     """
-    parser = _Parser(_joined([token for token in tokens_of(text) if not token.isspace()]))
-    value = parser.conditional(0)
-    if parser.tokens:
-        raise ConditionError(f"unexpected {parser.tokens[0][:20]}")
+    words = _joined([token for token in tokens_of(text) if not token.isspace()])
+    parser = _ConditionParser([*(ScannedToken("word", word) for word in words), ScannedToken("end", "")])
+    value = parser.conditional()
+    if parser.token.kind != "end":
+        raise ConditionError(f"unexpected {parser.token.text[:20]}")
     return value
 
 
@@ -55,58 +61,51 @@ def _joined(tokens: Sequence[str]) -> list[str]:
     return result
 
 
-class _Parser:
-    def __init__(self, tokens: list[str]) -> None:
-        self.tokens = tokens
+class _ConditionParser(OperatorParser[ScannedToken, int]):
+    """Computes the value while it reads the operators."""
 
-    def _next(self) -> str:
-        if not self.tokens:
+    levels = _LEVELS
+    word_kinds = ("word",)
+    max_depth = _MAX_DEPTH
+
+    def take(self) -> ScannedToken:
+        token = self.tokens[self.at]
+        if token.kind == "end":
             raise ConditionError("the condition ends too early")
-        return self.tokens.pop(0)
+        self.at += 1
+        return token
 
-    def conditional(self, depth: int) -> int:
-        if depth > _MAX_DEPTH:
-            raise ConditionError("too many brackets")
-        value = self._binary(0, depth)
-        if self.tokens[:1] != ["?"]:
+    def too_deep(self) -> ConditionError:
+        is_in_brackets = self.tokens[self.at - 1].text in ("(", "?", ":")
+        return ConditionError("too many brackets" if is_in_brackets else "too many operators")
+
+    def conditional(self) -> int:
+        value = self.operations()
+        if not self.accept("?"):
             return value
-        self._next()
-        yes = self.conditional(depth + 1)
-        if self._next() != ":":
+        yes = self.nested(self.conditional)
+        if self.take().text != ":":
             raise ConditionError("? without :")
-        no = self.conditional(depth + 1)
+        no = self.nested(self.conditional)
         return yes if value else no
 
-    def _binary(self, level: int, depth: int) -> int:
-        if level == len(_LEVELS):
-            return self._unary(depth)
-        value = self._binary(level + 1, depth)
-        while self.tokens and self.tokens[0] in _LEVELS[level]:
-            rule = _RULES[self._next()]
-            value = int(rule(value, self._binary(level + 1, depth)))
-            if value.bit_length() > _MAX_BITS:
-                raise ConditionError("a number is too large")
+    def joined(self, left: int, level: int) -> int:
+        rule = _RULES[self.take().text]
+        value = int(rule(left, self.operations(level + 1)))
+        if value.bit_length() > _MAX_BITS:
+            raise ConditionError("a number is too large")
         return value
 
-    def _unary(self, depth: int) -> int:
-        if depth > _MAX_DEPTH:
-            raise ConditionError("too many operators")
-        token = self._next()
-        match token:
-            case "!":
-                return int(not self._unary(depth + 1))
-            case "-":
-                return -self._unary(depth + 1)
-            case "+":
-                return self._unary(depth + 1)
-            case "~":
-                return ~self._unary(depth + 1)
-            case "(":
-                value = self.conditional(depth + 1)
-                if self._next() != ")":
-                    raise ConditionError("a closing bracket is missing")
-                return value
-        return _number(token)
+    def operand(self, lowest: int = 0) -> int:
+        word = self.take().text
+        if word in _SIGNS:
+            return _SIGNS[word](self.nested(self.operand))
+        if word != "(":
+            return _number(word)
+        value = self.nested(self.conditional)
+        if self.take().text != ")":
+            raise ConditionError("a closing bracket is missing")
+        return value
 
 
 def _number(token: str) -> int:

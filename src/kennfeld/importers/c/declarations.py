@@ -22,7 +22,7 @@ from kennfeld.importers.c.struct_types import (
     integer_literal,
     leaves_of,
 )
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _MAX_DIMENSIONS: Final = 4
 RESULT: Final = "return"  # name of the returned value, which precedes the paths of its members

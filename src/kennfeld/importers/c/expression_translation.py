@@ -25,7 +25,7 @@ from kennfeld.importers.c.number_types import (
 )
 from kennfeld.importers.c.places import CPlace, PlaceTranslation, kind_of, parts_of
 from kennfeld.importers.c.struct_types import TAG, CStructType, DeclaredType, integer_literal
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor"}
@@ -178,7 +178,7 @@ class CExpressionTranslation(PlaceTranslation):
         are those that it covers if it `keeps` its numbers.
         """
         result: list[m.Statement] = []
-        position = m.SourcePosition(line)
+        position = m.TextPosition(line)
         for part in place.unions:
             tag, number = self.used(part.tag(place.indices)), m.Number(float(part.number))
             member = replace(part.member, indices=place.indices[: len(part.member.indices)])
@@ -197,7 +197,7 @@ class CExpressionTranslation(PlaceTranslation):
         assert isinstance(place.type, CType)
         if place.type is FLOAT:
             self.remarks["float is computed in double precision"] = None
-        value, position = converted(operand, place.type), m.SourcePosition(line)
+        value, position = converted(operand, place.type), m.TextPosition(line)
         if place.unions:  # the value may be of the member that it replaces
             name = m.Name(self.temporary())
             self.pending += [m.Assign((name,), value, place=position), *self.marked(place, line)]
@@ -229,7 +229,7 @@ class CExpressionTranslation(PlaceTranslation):
         before = self.read(place)
         name = self.temporary()
         if op.startswith("p"):
-            self.pending.append(m.Assign((m.Name(name),), before.tree, place=m.SourcePosition(line_of(tree))))
+            self.pending.append(m.Assign((m.Name(name),), before.tree, place=m.TextPosition(line_of(tree))))
         self.pending.append(self._stepped(op, place, line_of(tree)))
         return COperand(m.Name(name), before.type) if op.startswith("p") else before
 
@@ -249,12 +249,12 @@ class CExpressionTranslation(PlaceTranslation):
                 indices.append(index)
                 continue
             name = self.temporary()
-            self.pending.append(m.Assign((m.Name(name),), index, place=m.SourcePosition(line)))
+            self.pending.append(m.Assign((m.Name(name),), index, place=m.TextPosition(line)))
             indices.append(m.Name(name))
         offset = place.offset
         if offset is not None and not isinstance(offset, m.Number):
             offset = m.Name(self.temporary())
-            self.pending.append(m.Assign((offset,), place.offset or offset, place=m.SourcePosition(line)))
+            self.pending.append(m.Assign((offset,), place.offset or offset, place=m.TextPosition(line)))
         return replace(place, indices=tuple(indices), offset=offset)
 
     def temporary(self) -> str:
@@ -297,7 +297,7 @@ class CExpressionTranslation(PlaceTranslation):
         right, statements = self.apart(lambda: self.operand(tree.right))
         if not statements:
             return COperand(m.Binary(tree.op, left.tree, right.tree), INT)
-        result, place = m.Name(self.temporary()), m.SourcePosition(line_of(tree))
+        result, place = m.Name(self.temporary()), m.TextPosition(line_of(tree))
         decides = left.tree if tree.op == "&&" else m.Unary("~", left.tree)
         body = (*statements, m.Assign((result,), m.Binary("~=", right.tree, m.Number(0.0)), place=place))
         self.pending += [
@@ -344,7 +344,7 @@ class CExpressionTranslation(PlaceTranslation):
         values = [converted(side, kind) for side, _ in sides]
         if not any(statements for _, statements in sides):
             return COperand(m.Conditional(first.tree, *values), kind)
-        result, place = m.Name(self.temporary()), m.SourcePosition(line_of(condition))
+        result, place = m.Name(self.temporary()), m.TextPosition(line_of(condition))
         bodies = [
             (*statements, m.Assign((result,), value, place=place))
             for (_, statements), value in zip(sides, values, strict=True)

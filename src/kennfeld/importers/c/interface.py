@@ -10,7 +10,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.c.declarations import CFile, CFunctionDeclaration, CVariable, StaticVariable
 from kennfeld.importers.c.struct_types import CStructType, Leaf
 from kennfeld.importers.c.usage import Usage
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 # structs of generated code, by the names of their variables and types
 _NAMES: Final = {

@@ -12,7 +12,7 @@ from kennfeld.importers.c.initial_values import count_elements, initial_trees
 from kennfeld.importers.c.number_types import FLOAT, UnsupportedCError
 from kennfeld.importers.c.places import CPlace, assigned_leaves
 from kennfeld.importers.c.struct_types import CStructType, Leaf
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _VALUES = c_ast.ID | c_ast.StructRef | c_ast.ArrayRef | c_ast.UnaryOp
 _OBJECTS = c_ast.FuncCall | c_ast.CompoundLiteral | c_ast.TernaryOp | c_ast.Assignment
@@ -55,7 +55,7 @@ class ObjectTranslation(CCallTranslation):
         sides = [[*before, *self.copied(result, source, line)]]
         source, before = self.apart(lambda: self.place(no))
         sides.append([*before, *self.copied(result, source, line)])
-        place = m.SourcePosition(line)
+        place = m.TextPosition(line)
         self.pending.append(m.If((m.Branch(tested, tuple(sides[0]), place=place),), tuple(sides[1]), place=place))
         return result
 
@@ -83,7 +83,7 @@ class ObjectTranslation(CCallTranslation):
         self, parts: Sequence[CPlace], values: Sequence[m.Expression], target: CPlace, line: int
     ) -> list[m.Statement]:
         """Return the statements that assign the parts of an object, which may be a member of a union."""
-        place = m.SourcePosition(line)
+        place = m.TextPosition(line)
         before: list[m.Statement] = []
         if target.unions:  # a value may be of the member that the assignment replaces
             names = [m.Name(self.temporary()) for _ in values]
@@ -100,7 +100,7 @@ class ObjectTranslation(CCallTranslation):
 
     def first_assignments(self, tree: c_ast.Decl, variable: CVariable) -> list[m.Statement]:
         """Return the statements that give a variable the first values of a list."""
-        place = m.SourcePosition(line_of(tree))
+        place = m.TextPosition(line_of(tree))
         values = self.first_values(tree, variable)
         if variable.type is FLOAT:
             self.remarks["float is computed in double precision"] = None

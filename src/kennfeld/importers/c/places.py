@@ -20,7 +20,7 @@ from kennfeld.importers.c.struct_types import (
     member_path,
     number_count,
 )
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _MOST_COPIED: Final = 1000  # numbers of a part of an array, which are copied one by one
 

@@ -21,7 +21,7 @@ from kennfeld.importers.c.number_types import FLOAT, CType, UnsupportedCError
 from kennfeld.importers.c.object_translation import ObjectTranslation
 from kennfeld.importers.c.places import CPlace, Scope, parts_of
 from kennfeld.importers.c.struct_types import CStructType, enumeration_constants, enumerations
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _YES: Final = m.Number(1.0)
 _NO: Final = m.Number(0.0)
@@ -89,7 +89,7 @@ class FunctionTranslation(ObjectTranslation):
         return self._block(tree.block_items or () if isinstance(tree, c_ast.Compound) else (tree,))
 
     def _statement(self, tree: c_ast.Node) -> list[m.Statement]:
-        place = m.SourcePosition(line_of(tree))
+        place = m.TextPosition(line_of(tree))
         match tree:
             case c_ast.EmptyStatement() | c_ast.Pragma():
                 return []
@@ -147,7 +147,7 @@ class FunctionTranslation(ObjectTranslation):
         calls = [] if operand is None or isinstance(operand.tree, m.Name) else [m.Evaluate(operand.tree)]
         return [*pending, *calls]
 
-    def _return(self, value: c_ast.Node | None, place: m.SourcePosition) -> list[m.Statement]:
+    def _return(self, value: c_ast.Node | None, place: m.TextPosition) -> list[m.Statement]:
         jump = m.Jump("return", place=place)
         if self.function.result is None:
             return [jump]
@@ -255,7 +255,7 @@ class FunctionTranslation(ObjectTranslation):
 
     def _loop_end(self, tree: c_ast.Node) -> list[m.Statement]:
         """Return the statements that leave a loop if its condition does not hold."""
-        place = m.SourcePosition(line_of(tree))
+        place = m.TextPosition(line_of(tree))
 
         def translate() -> list[m.Statement]:
             holds = _YES if tree.cond is None else self.operand(tree.cond).tree
@@ -274,7 +274,7 @@ class FunctionTranslation(ObjectTranslation):
         tests_first: bool = False,
     ) -> list[m.Statement]:
         """Return a loop whose end is tested within it; all passes but the first one begin with `step`."""
-        place, first = m.SourcePosition(line_of(tree)), m.Name(self.temporary())
+        place, first = m.TextPosition(line_of(tree)), m.Name(self.temporary())
         before = (*step, *(() if tests_first else end))
         again = m.If((m.Branch(m.Unary("~", first), before, place=place),), place=place)
         entered = m.Assign((first,), _NO, place=place)
@@ -287,7 +287,7 @@ class FunctionTranslation(ObjectTranslation):
     # switch
 
     def _switch(self, tree: c_ast.Switch) -> list[m.Statement]:
-        place = m.SourcePosition(line_of(tree))
+        place = m.TextPosition(line_of(tree))
         subject = self.operand(tree.cond)
         name = self.temporary()
         pending, self.pending = self.pending, []
@@ -314,7 +314,7 @@ class FunctionTranslation(ObjectTranslation):
         whole: list[m.Statement] = [m.If(tuple(branches), otherwise, place=place)] if branches else list(otherwise)
         return [*head, *whole]
 
-    def _case(self, statements: Sequence[c_ast.Node], place: m.SourcePosition) -> tuple[m.Statement, ...]:
+    def _case(self, statements: Sequence[c_ast.Node], place: m.TextPosition) -> tuple[m.Statement, ...]:
         """Translate the statements of a case; with a break under a condition, as a loop of one pass."""
         body = self._block(statements)
         if not any(_has_jump(statement, c_ast.Break) for statement in statements):

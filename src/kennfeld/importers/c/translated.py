@@ -27,12 +27,12 @@ from kennfeld.importers.c.number_types import DOUBLE, UnsupportedCError
 from kennfeld.importers.c.statement_translation import FunctionTranslation, translate_shared
 from kennfeld.importers.c.struct_types import TAG
 from kennfeld.importers.c.usage import Usage, usage_of
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
+from kennfeld.program import tree as m
 
 _NUMBER: Final = "number"
 _UNKNOWN: Final = "unknown name "

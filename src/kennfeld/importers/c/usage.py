@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import assigned_name, children
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import assigned_name, children
 
 
 class Usage(NamedTuple):

@@ -160,13 +160,9 @@ class FmuDescription:
         return tuple(v for v in self.variables if v.causality == "parameter" and v.is_real and v.start)
 
     @property
-    def real_outputs(self) -> tuple[FmuVariable, ...]:
-        """The outputs that are doubles."""
-        return tuple(output.variable for output in self.outputs if output.variable.is_real)
-
-    @property
     def computed_outputs(self) -> tuple[FmuVariable, ...]:
         """The outputs that are numbers and no states, sorted by type; doubles come first."""
+        # an output that is a state is read from the node of the state, without a call
         states = {state.reference for state in self.states}
         return self.sorted_by_type([v for v in self.number_outputs if not (v.is_real and v.reference in states)])
 
@@ -176,7 +172,7 @@ class FmuDescription:
         return tuple(v for v in self.variables if v.causality in ("input", "output") and not self._is_number(v))
 
     def sorted_by_type(self, variables: Sequence[FmuVariable]) -> tuple[FmuVariable, ...]:
-        """Return variables so that those of one type follow each other, doubles first."""
+        """Sort variables so that those of one type follow each other, doubles first."""
         return tuple(sorted(variables, key=lambda v: type_order(self.version, v.type)))
 
     def _is_number(self, variable: FmuVariable) -> bool:

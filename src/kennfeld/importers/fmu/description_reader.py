@@ -27,7 +27,7 @@ LIMITS = XmlLimits(
 
 
 def read_description(raw: bytes, file: str, platforms: Sequence[str]) -> FmuDescription:
-    """Return what a model description states.
+    """Read what a model description states.
 
     Args:
         raw: the contents of `modelDescription.xml`.
@@ -109,6 +109,7 @@ class _Reader:
 
     def _declared_types(self) -> Iterator[tuple[str, Mapping[str, str]]]:
         for element in (child for types in self.root.all("TypeDefinitions") for child in types.children):
+            # FMI 2.0: <SimpleType name=...><Real unit=.../></SimpleType>; FMI 3.0: <Float64Type name=... unit=.../>
             parts = element.children if self.version == "2.0" else [element]
             for part in parts[:1]:
                 yield element.attributes.get("name", ""), part.attributes
@@ -117,6 +118,7 @@ class _Reader:
         elements = [element for part in self.root.all("ModelVariables") for element in part.children]
         if self.version == "2.0":
             return self._variables_2(elements)
+        # a dimension may refer to a structural parameter, whose start is the number of elements
         sizes = {e.attributes.get("valueReference"): e.attributes.get("start", "") for e in elements}
         return tuple(self._variable(e, e.tag, e.attributes, sizes) for e in elements)
 
@@ -124,11 +126,13 @@ class _Reader:
         variables = []
         for element in elements:
             tag, attributes = "", element.attributes
+            # FMI 2.0: <ScalarVariable name="..."><Real start="..."/></ScalarVariable>; in FMI 3.0, the tag is the type
             for child in element.children:
                 if child.tag in _TYPES_2:
                     tag, attributes = child.tag, {**child.attributes, **attributes}
                     break
             variables.append(self._variable(element, tag, attributes, {}))
+        # an index may point to a variable that follows, so that all are read before
         references = [variable.reference for variable in variables]
         return tuple(
             v if v.derivative is None else v._replace(derivative=self._referenced(v, references)) for v in variables
@@ -146,6 +150,7 @@ class _Reader:
         self, element: XmlElement, tag: str, attributes: Mapping[str, str], sizes: Mapping[str | None, str]
     ) -> FmuVariable:
         declared, get = self.types.get(attributes.get("declaredType", "")), attributes.get
+        # what a variable states itself takes precedence over its declared type
         whole = attributes if declared is None else {**declared, **attributes}
         line, name, number = element.line, get("name", ""), self._attribute
         real, numeric = tag in REAL_TYPES, number_type(self.version, tag) is not None
@@ -164,6 +169,7 @@ class _Reader:
             minimum=number(whole, line, "min", -math.inf) if numeric and "min" in whole else -math.inf,
             maximum=number(whole, line, "max", math.inf) if numeric and "max" in whole else math.inf,
             nominal=abs(number(whole, line, "nominal", 0.0)) if real and "nominal" in whole else 0.0,
+            # an index in FMI 2.0, see `_referenced`; a value reference in FMI 3.0
             derivative=int(number(whole, line, "derivative", 0.0)) if real and "derivative" in attributes else None,
             initial=get("initial", ""),
             line=line,
@@ -174,6 +180,7 @@ class _Reader:
         for dimension in element.all("Dimension"):
             reference = dimension.attributes.get("valueReference")
             text = dimension.attributes.get("start") or sizes.get(reference, "")
+            # `isdigit` alone accepts superscripts, and Python refuses to convert thousands of digits
             shape.append(int(text) if text.isascii() and text.isdigit() and len(text) < 9 else 0)
         if math.prod(shape) > MOST_VALUES or (shape and min(shape) == 0):
             text = " x ".join(map(str, shape))
@@ -191,6 +198,7 @@ class _Reader:
             message = f"start={attributes['start'][:60]!r} must be a number"
             self.findings.error(Location(self.file, line), message, _EXPORT)
             return ()
+        # one number is the start of all elements; too few numbers are none
         return values * size if len(values) == 1 else values[:size] if len(values) >= size else ()
 
     def _dependencies(self, unknowns: Iterator[XmlElement], variables: Sequence[FmuVariable]) -> tuple[Dependency, ...]:
@@ -207,6 +215,7 @@ class _Reader:
                 continue
             stated = unknown.attributes.get("dependencies")
             words = [] if stated is None else [word for word in stated.split() if word.isdigit()]
+            # an empty list states that there are no dependencies, a missing one nothing at all
             used = frozenset(numbered[int(word)].reference for word in words if int(word) in numbered)
             result.append(Dependency(variable, None if stated is None else used))
         return tuple(result)

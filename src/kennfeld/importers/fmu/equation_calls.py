@@ -45,7 +45,12 @@ class EquationCalls:
         self.events = ExternalFunction(f"{name} events", taken, layout.states, loader, arguments[:2])
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
-        """Add the nodes of one step, and return those of the outputs."""
+        """Add the nodes of one step, and return those of the outputs.
+
+        Args:
+            builder: builder of the graph.
+            arguments: nodes of the elements of the inputs, in the order of the description.
+        """
         time = builder.time() if self.timed else builder.const(0.0)
         inputs = [arguments[number] for number in self.order]
         parameters, starts = (_look_up(builder, values) for values in (self.values, self.start_values))
@@ -55,6 +60,7 @@ class EquationCalls:
             x = builder.external(self.events, time, *states, *inputs, *parameters)
         results = builder.external(self.equations, time, *x, *inputs, *parameters)
         limits = builder.const(-_UNLIMITED), builder.const(_UNLIMITED)
+        # the FMU itself computes the states at the start, by its initial equations
         first = builder.external(self.start, time, *inputs, *parameters, *starts) if states else ()
         for state, start, now, derivative in zip(states, first, x, results, strict=False):
             builder.close(state, start, builder.node("advance", (now, derivative, *limits)))
@@ -62,6 +68,7 @@ class EquationCalls:
 
     def _outputs(self, states: Sequence[int], computed: Sequence[int]) -> Sequence[int]:
         """Return the nodes of the outputs, of which some are states."""
+        # an output that is a state is its node, of which the derivative along the state is exact
         nodes, remaining = iter(states), iter(computed)
         own = {state.reference: list(islice(nodes, state.size)) for state in self.description.states}
         others = {output.name: list(islice(remaining, output.size)) for output in self.description.computed_outputs}

@@ -81,21 +81,21 @@ class CallLayout(NamedTuple):
 
 
 def write_equations(layout: CallLayout) -> list[FunctionWriter]:
-    """Return the functions for the equations of an FMU; the last one is to be called."""
+    """Write the functions for the equations of an FMU; the last one is to be called."""
     shape = _FunctionShape("equations", layout.arguments, layout.results)
     parts = [_iterate(layout), _reset(layout), _equations_point(layout), _choose_instance(layout)]
     return [*parts, _evaluate(layout, shape)]
 
 
 def write_events(layout: CallLayout) -> list[FunctionWriter]:
-    """Return the functions for the states after events; the last one is to be called."""
+    """Write the functions for the states after events; the last one is to be called."""
     shape = _FunctionShape("events", layout.arguments, layout.states)
     parts = [_iterate(layout), _reset(layout), _events_point(layout), _choose_instance(layout)]
     return [*parts, _evaluate(layout, shape)]
 
 
 def write_start(layout: CallLayout) -> list[FunctionWriter]:
-    """Return the functions for the states at the start; the last one is to be called."""
+    """Write the functions for the states at the start; the last one is to be called."""
     shape = _FunctionShape("start", layout.start_arguments, layout.states)
     return [_iterate(layout), _reset(layout), _start_point(layout), _evaluate(layout, shape)]
 
@@ -119,7 +119,7 @@ class _InstanceCalls:
         return c_pointer(self.f, f"{self.layout.prefix}_{name}")
 
     def address(self, name: str) -> str:
-        """Return the address of a function that is about to be called, which is recorded."""
+        """Record the call of a function that follows, and return the address of the function."""
         write_begin(self.f, self.record, recorded_functions(self.layout).index(name) + 1)
         return self.memory(name)
 
@@ -134,6 +134,7 @@ class _InstanceCalls:
     def numbers(self, access: str, group: str, references: int, values: str, count: int) -> None:
         """Get or set the values of a group of variables."""
         if count:
+            # FMI 3.0 passes the number of values as well, which arrays make larger than that of references
             lengths = () if self.second else (f"i64 {count}",)
             name = f"{access}{'Real' if self.second else 'Float64'}"
             self(name, f"ptr {self.memory(group)}", f"i64 {references}", f"ptr {values}", *lengths)
@@ -157,7 +158,9 @@ class _InstanceCalls:
     def initialize(self, parameters: str, inputs: str | None, starts: str | None = None) -> None:
         """Initialize the instance anew with parameters, inputs and start values; enter continuous-time mode."""
         layout, experiment = self.layout, (f"double {ZERO}", f"double {ZERO}", "{0}", f"double {ZERO}")
+        # fmi2Boolean is an int, fmi3Boolean the bool of C
         false = "i32 0" if self.second else "i1 zeroext false"
+        # (tolerance defined, tolerance, start time, stop time defined, stop time)
         times = [false, *(text.format(false) for text in experiment)]
         self("Reset")
         if self.second:
@@ -190,12 +193,14 @@ def _iterate(layout: CallLayout) -> FunctionWriter:
             calls("NewDiscreteStates", f"ptr {flags}")
         else:
             calls("UpdateDiscreteStates", *(f"ptr {f.at(flags, k, kind)}" for k in range(5)), f"ptr {at}")
+        # needed again, terminate, nominals changed, values of states changed, next event time defined
         needed, terminate, _, changed, timed = (_is_set(f, f.at(flags, k, kind), kind) for k in range(5))
         _mark(f, change, "%number", changed, _MOVED)
         _mark(f, change, "%number", terminate, _ENDED)
         _mark(f, control, TIMED, timed)
         with f.when(timed):
             f.store(f.load(flags, 3) if calls.second else f.load(at), calls.memory("next_event"))
+        # the walk ends when states are stable, the simulation ended, or after `_MOST_UPDATES`
         needed = f.new(f"and i1 {needed}, {f.new(f'xor i1 {terminate}, true')}")
         position.set(f.new(f"select i1 {needed}, i64 {f.add(index, 1)}, i64 {_MOST_UPDATES}"))
     return f
@@ -279,11 +284,13 @@ def _set_parameters(calls: _InstanceCalls, parameters: str) -> None:
     needed = f.variable("i32", f.load(calls.memory("stale"), calls.number, "i32"))
     cache, levels = _cache(calls), calls.memory("levels")
     with f.loop(0, layout.parameters) as j:
+        # une: true for NaN as well
         differs = f.new(f"fcmp une double {f.load(parameters, j)}, {f.load(cache, j)}")
         level = f.load(levels, j, "i32")
         higher = f.new(f"icmp sgt i32 {level}, {needed.get()}")
         with f.when(f.new(f"and i1 {differs}, {higher}")):
             needed.set(level)
+    # a reset sets the tunable parameters as well, so that the highest level decides
     with f.when(f.new(f"icmp eq i32 {needed.get()}, {TUNED}")):
         calls("EnterEventMode")
         calls.numbers("Set", "parameters", layout.parameter_references, parameters, layout.parameters)
@@ -313,6 +320,7 @@ def _finish_point(calls: _InstanceCalls, results: int) -> None:
     failed = f.new(f"icmp sgt i32 {status}, {_WARNING}")
     change = f.load(calls.memory("changed"), calls.number, "i32")
     changed = f.new(f"icmp ne i32 {change}, 0")
+    # without a function for events, a state that one of them changes would be lost
     ended = f.new(f"icmp eq i32 {change}, {_ENDED}") if calls.layout.jumps else changed
     unusable = f.new(f"or i1 {failed}, {ended}")
     with f.when(unusable), f.loop(0, results) as i:
@@ -329,8 +337,10 @@ def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
     calls = _InstanceCalls(f, layout, worst, "0")
     lock = calls.memory("control")
     write_acquire(f, lock, "i32")
+    # the first instance alone has the values of x; the others differ from it in one parameter each
     f.call("point", [("ptr", "%x"), ("ptr", "%y"), ("i64", "0")])
     with f.when(f.new("icmp ne ptr %slopes, null")):
+        # before differences, which leave the instance at another point
         if shape.name == "equations" and layout.directional:
             _directional_slopes(calls, shape)
         if shape.name == "events":
@@ -353,6 +363,7 @@ def _directional_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
     known, positions, sizes = (calls.memory(name) for name in ("known", "positions", "sizes"))
     with _columns(calls, shape, DIRECTIONAL) as j:
         size, place = f.load(sizes, j, "i64"), f.load(positions, j, "i64")
+        # the derivative along one element of an array: the seed is a unit vector
         f.store(literal(1.0), seed, place)
         f.store("0", calls.worst, kind="i32")
         lengths = ("", "") if second else (f", i64 {size}", f", i64 {calls.layout.real_results}")
@@ -378,6 +389,7 @@ def _slopes_of_events(calls: _InstanceCalls, shape: _FunctionShape) -> None:
         with f.loop(0, shape.results * shape.arguments) as i:
             f.store(ZERO, "%slopes", i)
         with f.loop(0, shape.results) as i:
+            # slopes[i, 1 + i] = 1: argument 0 is the time, state i follows at 1 + i
             f.store(literal(1.0), "%slopes", f.add(f.mul(i, shape.arguments + 1), 1))
 
 
@@ -398,11 +410,13 @@ def _difference_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
         step, least, lower, upper = (f.load(table, j) for table in tables)
         x = f.load("%x", j)
         size = f.new(f"call double @llvm.fabs.f64(double {x})")
+        # step * max(|x|, least): at 0, a relative step alone would vanish
         distance = f.fmul(step, f.select(f.new(f"fcmp ogt double {size}, {least}"), size, least))
         offsets = []
         sides = ((1.0, upper, "ogt", results[0]), (-1.0, lower, "olt", results[1]))
         for number, (side, limit, beyond, values) in enumerate(sides):
             end = f.new(f"fadd double {x}, {f.fmul(literal(side), distance)}")
+            # beyond the upper limit, x - 2 d instead of x + d; beyond the lower one, x + 2 d instead of x - d
             other = f.new(f"fadd double {x}, {f.fmul(literal(-2 * side), distance)}")
             end = f.select(f.new(f"fcmp {beyond} double {end}, {limit}"), other, end)
             f.store(end, near, j)
@@ -410,6 +424,7 @@ def _difference_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
             offsets.append(f.new(f"fsub double {end}, {x}"))
         f.store(x, near, j)
         a, b = offsets
+        # a difference in the exact distances end - x, not d, which x + d rounds
         ratio, width = f.new(f"fdiv double {b}, {a}"), f.new(f"fsub double {b}, {a}")
         with f.loop(0, shape.results) as i:
             start = f.load("%y", i)
@@ -427,6 +442,7 @@ def _instance_for(calls: _InstanceCalls, shape: _FunctionShape, argument: str, s
     if shape.name == "start":
         return "0"
     number = f.variable("i64", "0")
+    # parameters are the last arguments of equations and events
     index = f.add(argument, calls.layout.parameters - shape.arguments)
     with f.when(f.new(f"icmp sge i64 {index}, 0")):
         f.call("choose", [("i64", f.add(f.mul(index, 2), side)), ("ptr", number.pointer)])
@@ -438,6 +454,7 @@ def _choose_instance(layout: CallLayout) -> FunctionWriter:
     f = FunctionWriter("choose", [("i64", "index"), ("ptr", "number")], "noinline")
     calls = _InstanceCalls(f, layout, f.slot("i32"), "0")
     slots, control, instances = (calls.memory(name) for name in ("slots", "control", "instances"))
+    # 0 is the first instance, which no slot has: it stands for none, and for the instance to use if there is no room
     known = f.load(slots, "%index", "i64")
     f.store(known, "%number", kind="i64")
     used = f.load_index(control, USED)
@@ -450,6 +467,7 @@ def _choose_instance(layout: CallLayout) -> FunctionWriter:
             f.store(instance, instances, following, "ptr")
             f.store(following, slots, "%index", "i64")
             f.store(following, "%number", kind="i64")
+        # a library that refuses once is not asked again: all instances count as used
         last = f.new(f"select i1 {usable}, i64 {following}, i64 {layout.instances - 1}")
         f.store(f.new(f"trunc i64 {last} to i32"), control, USED, "i32")
     return f
@@ -478,6 +496,7 @@ def _columns(calls: _InstanceCalls, shape: _FunctionShape, kind: int) -> Iterato
     f = calls.f
     kinds = calls.memory(f"{shape.name}_kinds")
     with f.loop(0, shape.arguments) as j:
+        # the first row says which columns the caller needs, see `ExternalFunction`
         needed = f.new(f"fcmp one double {f.load('%slopes', j)}, {ZERO}")
         same = f.new(f"icmp eq i32 {f.load(kinds, j, 'i32')}, {kind}")
         with f.when(f.new(f"and i1 {needed}, {same}")):
@@ -485,12 +504,12 @@ def _columns(calls: _InstanceCalls, shape: _FunctionShape, kind: int) -> Iterato
 
 
 def recorded_functions(layout: CallLayout) -> Sequence[str]:
-    """Return the names of functions in the order of their numbers in records of calls."""
+    """List the functions in the order of their numbers in records of calls."""
     return equation_functions(layout._replace(directional=True))
 
 
 def equation_functions(layout: CallLayout) -> Sequence[str]:
-    """Return the names of the functions of the library that the code calls."""
+    """List the functions of the library that the code calls, by name."""
     second, number = layout.version == "2.0", layout.version[0]
     names = ["Reset", "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "EnterContinuousTimeMode"]
     names += ["SetTime", "SetContinuousStates", "GetContinuousStates"]

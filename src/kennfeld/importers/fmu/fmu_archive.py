@@ -38,17 +38,19 @@ def read_archive(path: Path) -> FmuDescription:
                         Location.of_file(path), f"has no {_DESCRIPTION}", "Use an FMU of FMI 2.0 or 3.0."
                     )
                 with archive.open(_DESCRIPTION) as stream:
+                    # one byte more than the limit, so that the reader of XML refuses what was cut off here
                     raw = stream.read(LIMITS.size + 1)
         except ZIP_ERRORS as error:
             message = f"is not a readable ZIP archive: {reason_of(error)}"
             raise InputError.of(Location.of_file(path), message, "Use a complete copy.") from None
     parts = [PurePosixPath(name).parts for name in names]
+    # binaries/PLATFORM/NAME
     platforms = sorted({part[1] for part in parts if len(part) == 3 and part[0] == "binaries"})
     return read_description(raw, path.name, platforms)
 
 
 def digest_of(path: Path) -> str:
-    """Return a digest of the contents of a file."""
+    """Compute a digest of the contents of a file."""
     with convert_errors(path, "cannot be read"):
         return blake2b(path.read_bytes(), digest_size=16).hexdigest()
 
@@ -61,9 +63,10 @@ def read_unchanged(path: Path, digest: str) -> FmuDescription:
 
 
 def platform_folder(version: str) -> str:
-    """Return the name of the folder of libraries for this machine."""
+    """Name the folder of libraries for this machine."""
     machine = platform.machine().lower()
     if version == "3.0":
+        # FMI 3.0 names x86_64-linux or aarch64-darwin; FMI 2.0 linux64, win64 or darwin64
         architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
         return f"{architecture}-{ {'win32': 'windows', 'darwin': 'darwin'}.get(sys.platform, 'linux') }"
     name = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")

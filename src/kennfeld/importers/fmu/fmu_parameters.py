@@ -48,7 +48,7 @@ class FmuParameters(NamedTuple):
 
 
 def parameters_of(variables: Sequence[FmuVariable], prefix: str = "") -> FmuParameters:
-    """Return the parameters of variables; `prefix` precedes their names.
+    """Group variables to parameters; `prefix` precedes their names.
 
     >>> first, second = (FmuVariable(f"k[{i}]", i, "Real", "parameter", "fixed", (3.0 + i,)) for i in (1, 2))
     >>> parameters_of([second, first]).parameters["k"].values, parameters_of([second, first]).values[0].coordinates
@@ -84,6 +84,7 @@ def parameter_groups(variables: Sequence[FmuVariable]) -> Iterator[ParameterGrou
     for variable, (name, index) in named:
         limits = variable.unit, variable.minimum, variable.maximum
         if index:
+            # the table takes the place of its first member; the others find nothing left
             if family := members.pop(name, None):
                 yield _family(name, family)
         elif len(variable.shape) > _MOST_AXES:
@@ -96,7 +97,7 @@ def parameter_groups(variables: Sequence[FmuVariable]) -> Iterator[ParameterGrou
 
 
 def start_values_of(states: Sequence[FmuVariable], prefix: str = "") -> FmuParameters:
-    """Return the start values of states as parameters `NAME.start`, which are locked.
+    """Group the start values of states to parameters `NAME.start`, which are locked.
 
     >>> states = [FmuVariable("x[1]", 1, "Real", "local", "continuous", (3.0,))]
     >>> (value,) = start_values_of(states).parameters.parameters
@@ -109,11 +110,12 @@ def start_values_of(states: Sequence[FmuVariable], prefix: str = "") -> FmuParam
 
 
 def start_groups(states: Sequence[FmuVariable]) -> list[ParameterGroup]:
-    """Return the groups of the start values of states."""
+    """Group the start values of states."""
     return list(parameter_groups(_renamed(states)))
 
 
 def _renamed(states: Sequence[FmuVariable]) -> list[FmuVariable]:
+    # `x[1]` becomes `x.start[1]`, so that the start values of a family are a family as well
     return [state._replace(name=_START.sub(r"\1.start\2", state.name)) for state in states]
 
 
@@ -134,6 +136,7 @@ def _families(variables: Sequence[FmuVariable]) -> Mapping[str, tuple[str, tuple
     return {
         variable.name: (family, index)
         for family, numbered in members.items()
+        # a number `k` beside `k[1]` already has the name that the table would have
         if family not in names and _is_complete(list(numbered))
         for index, variable in numbered.items()
     }
@@ -141,6 +144,7 @@ def _families(variables: Sequence[FmuVariable]) -> Mapping[str, tuple[str, tuple
 
 def _is_complete(indices: Sequence[tuple[int, ...]]) -> bool:
     lengths = {len(index) for index in indices}
+    # the indices differ, so that as many as their largest numbers span leave no gap
     return len(lengths) == 1 and min(map(min, indices)) == 1 and len(indices) == math.prod(map(max, zip(*indices)))  # noqa: B905
 
 

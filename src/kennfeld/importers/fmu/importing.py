@@ -66,7 +66,13 @@ def fmu(
 
 
 def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelFunction:
-    """Read an FMU as a function, as `function_files.read_function_file` calls it; `function` may name the interface.
+    """Read an FMU as a function, as `function_files.read_function_file` calls it.
+
+    Args:
+        path: the `.fmu` file.
+        function: the interface; empty for the first one that can be used.
+        name: name for calls in formula text, which precedes those of parameters; empty for a model of its own.
+        step: the step in s; None for that of the default experiment.
 
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
@@ -76,6 +82,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
     Findings(find_obstacles(description, path, interface)).finish()
     prefix = f"{name}." if name else ""
     parameters = parameters_of(description.parameters, prefix)
+    # the digest makes a file that is replaced later an error, see `read_unchanged`
     known = (str(path.resolve()), digest_of(path))
     starts = start_values_of(description.started_states, prefix)
     write: Write
@@ -87,6 +94,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         timed = int(takes_time(description, step))
         write = EquationCalls(description, parameters.values, starts.values, (*known, timed)).write
         memory = bool(description.states)
+    # formula text cannot write brackets and parentheses; a model of its own keeps the names
     spell = call_name if name else str
     inputs = [FunctionInput(spell(x), v.unit, later=together) for v in description.number_inputs for x in v.elements]
     outputs = [FunctionOutput(spell(element), v.unit) for v in description.number_outputs for element in v.elements]
@@ -104,7 +112,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
 
 
 def call_name(element: str) -> str:
-    """Return the name of an input or output as formula text can write it.
+    """Spell the name of an input or output as formula text can write it.
 
     >>> call_name("y[1,2]"), call_name("pipe[1].p"), call_name("der(x)")
     ('y.1.2', 'pipe.1.p', 'der_x_')
@@ -126,7 +134,7 @@ def takes_time(description: FmuDescription, step: float | None) -> bool:
 
 
 def usable_interface(description: FmuDescription, path: Path) -> str:
-    """Return the interface by which an FMU is used: model exchange, unless only co-simulation is possible."""
+    """Choose the interface by which an FMU is used: model exchange, unless only co-simulation is possible."""
     interfaces = (MODEL_EXCHANGE, CO_SIMULATION)
     usable = [each for each in interfaces if not find_obstacles(description, path, each)]
     offered = [each for each in interfaces if interface_of(description, each) is not None]
@@ -139,10 +147,11 @@ def interface_of(description: FmuDescription, interface: str) -> FmuInterface | 
 
 
 def find_obstacles(description: FmuDescription, path: Path, interface: str) -> tuple[Finding, ...]:
-    """Return why an FMU cannot be used here by an interface; empty if it can."""
+    """Find why an FMU cannot be used here by an interface; empty if it can."""
     findings, location = Findings(), Location(path.name)
     own, folder = interface_of(description, interface), platform_folder(description.version)
     if own is None:
+        # an FMU of FMI 3.0 may offer neither of them
         both = (description.model_exchange, description.co_simulation)
         offered = [text for text, each in zip(INTERFACES.values(), both, strict=True) if each is not None]
         message = (
@@ -174,7 +183,7 @@ def _find_discrete(description: FmuDescription, interface: str, location: Locati
 
 
 def find_remarks(description: FmuDescription, path: Path, interface: str) -> list[Finding]:
-    """Return what runs differently from the source."""
+    """Find what runs differently from the source."""
     differing = _trajectory_remarks if interface == CO_SIMULATION else _equation_remarks
     sentences = [*differing(description)]
     if description.unused:

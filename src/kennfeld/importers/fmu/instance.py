@@ -80,7 +80,7 @@ class _Argument(NamedTuple):
 
 
 def load_equations(path: str, digest: str, timed: int = 1) -> FmuFunction:
-    """Return (t, states, inputs, parameters) -> (derivatives, outputs) of an FMU; its code runs from now on.
+    """Load (t, states, inputs, parameters) -> (derivatives, outputs) of an FMU; its code runs from now on.
 
     Args:
         path: the `.fmu` file.
@@ -97,18 +97,18 @@ def load_equations(path: str, digest: str, timed: int = 1) -> FmuFunction:
 
 
 def load_start(path: str, digest: str) -> FmuFunction:
-    """Return (t, inputs, parameters, start values) -> states at the start of an FMU; its code runs from now on."""
+    """Load (t, inputs, parameters, start values) -> states at the start of an FMU; its code runs from now on."""
     return load_instance(path, digest).start
 
 
 def load_events(path: str, digest: str) -> FmuFunction:
-    """Return (t, states, inputs, parameters) -> states after events of an FMU; its code runs from now on."""
+    """Load (t, states, inputs, parameters) -> states after events of an FMU; its code runs from now on."""
     return load_instance(path, digest).events
 
 
 @computed_once
 def load_instance(path: str, digest: str) -> "FmuInstance":
-    """Return the instance of an FMU in this process."""
+    """Load an FMU into this process."""
     source = Path(path)
     return FmuInstance(source, read_unchanged(source, digest), digest)
 
@@ -124,6 +124,7 @@ class FmuInstance:
         self.arguments = _arguments(description)
         states = set(description.states)
         start = [a for a in self.arguments if a.variable is None or a.variable not in states]
+        # the arguments of the start: (t, inputs, parameters, start values of states)
         start += _elements(description.started_states)
         self.library = self._load()
         self._provide_variables()
@@ -179,6 +180,7 @@ class FmuInstance:
         library = FmuLibrary(self.source, self.description, interface, self.record)
         prefix = self.layout.prefix
         if not library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative"):
+            # a description may promise a function that the library does not have
             self.layout = self.layout._replace(directional=False)
         provide(f"{prefix}_record", self.record.address())
         library.provide(equation_functions(self.layout), prefix)  # before its code runs
@@ -195,13 +197,16 @@ class FmuInstance:
     def _provide_variables(self) -> None:
         description = self.description
         parameters = description.parameters
+        # a fixed parameter takes effect at initialization only
         levels = [TUNED if v.variability == "tunable" else RESET for v in parameters for _ in range(v.size)]
         unknowns = [d.variable for d in description.derivatives]
         unknowns += [output for output in description.computed_outputs if output.is_real]
         self._provide("control", [0, 0, 0], np.int32)
         self._provide("stale", [RESET] * self.layout.instances, np.int32)
         self._provide("changed", [0] * self.layout.instances, np.int32)
+        # [parameters, 2]: the instance of each side of a difference; 0 for none
         self._provide("slots", [0] * (2 * len(levels)), np.int64)
+        # [instances, parameters]; NaN differs from every value, so that the first call sets all of them
         self._provide("cache", np.full(len(levels) * self.layout.instances, np.nan), np.float64)
         self._provide("levels", levels, np.int32)
         self._provide("next_event", [np.nan], np.float64)
@@ -222,6 +227,7 @@ class FmuInstance:
 
     def _provide_tables(self, name: str, arguments: Sequence[_Argument]) -> None:
         limited = [a.variable if a.variable is not None else None for a in arguments]
+        # integers and booleans are piecewise constant in the doubles that are rounded to them
         kinds = [DIFFERENCES if v is not None and v.is_real else SKIPPED for v in limited]
         self._provide(f"{name}_kinds", kinds, np.int32)
         self._provide(f"{name}_steps", [difference_step(0.0)] * len(arguments), np.float64)
@@ -235,6 +241,7 @@ class FmuInstance:
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         x = np.clip(x, self._memory["equations_lower"], self._memory["equations_upper"])
+        # the ones ask for the slopes along all arguments
         results, slopes = np.empty(self.layout.results), np.ones((self.layout.results, len(x)))
         self.equations.call(x.ctypes.data, results.ctypes.data, slopes.ctypes.data)
         return results, slopes
@@ -245,15 +252,17 @@ class FmuInstance:
         states = slice(1, 1 + self.layout.states)
         if self.layout.states:
             values = np.empty(self.layout.states)
+            # initial equations may give other states than the start attributes
             self.start.call(start.ctypes.data, values.ctypes.data, None)
             point[states] = values
         results = self._evaluate(point)[0]
         if not np.all(np.isfinite(results)):
-            said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
-            message = f"its code cannot be evaluated with its start values{said}"
+            reasons = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
+            message = f"its code cannot be evaluated with its start values{reasons}"
             raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         magnitudes = np.array([argument.magnitude for argument in self.arguments])
         if self._memory["control"][TIMED]:
+            # events at times show at run time only: a description counts those of states alone
             results = self._include_time_events(point)
         noise = noise_near(lambda x: self._evaluate(x)[0], point, magnitudes)
         self._check_memory(point, magnitudes, results)
@@ -268,6 +277,7 @@ class FmuInstance:
         self.layout = self.layout._replace(events=True)
         self.equations = self._compile(write_equations(self.layout), "equations")
         results, later = self._evaluate(point)[0], point.copy()
+        # each event announces the next one; returning to the start must give the results of the start again
         for _ in range(_TIME_EVENTS):
             following = float(self._memory["next_event"][0])
             if not later[0] < following < np.inf:
@@ -283,6 +293,7 @@ class FmuInstance:
     def _check_memory(self, point: Float, magnitudes: Float, results: Float) -> None:
         """Check that results do not depend on earlier evaluations, which would make slopes and sums wrong."""
         for side in (1.0, -1.0):
+            # far enough to pass thresholds such as those of a hysteresis; the time stays
             self._evaluate(point + side * magnitudes * (np.arange(len(point)) > 0))
         if not self._is_repeated(self._evaluate(point)[0], results):
             message = "its equations depend on earlier evaluations, such as a hysteresis does"
@@ -301,7 +312,7 @@ class FmuInstance:
 
 
 def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
-    """Return the numbers of values that the code of an FMU takes and returns."""
+    """Count the values that the code of an FMU takes and returns."""
     inputs, parameters = description.sorted_by_type(description.number_inputs), description.parameters
     outputs, starts = description.computed_outputs, description.started_states
     events = description.indicators > 0 or any(v.variability == "discrete" for v in inputs)

@@ -98,7 +98,7 @@ class FmuLibrary:
             provide(f"{prefix}_{name}", address)
 
     def instantiate(self) -> int:
-        """Return the address of a new instance for model exchange.
+        """Create an instance for model exchange, and return its address.
 
         Raises:
             InputError: the library refuses.
@@ -115,14 +115,15 @@ class FmuLibrary:
                 create = self._function(function, *kinds)
                 instance = create(name, token, where, False, False, None, log)
         if not instance:
-            said = f": {'; '.join(self.messages)}" if self.messages else ""
-            message = f"its code does not create an instance{said}"
+            reasons = f": {'; '.join(self.messages)}" if self.messages else ""
+            message = f"its code does not create an instance{reasons}"
             raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         return instance
 
     def prepare(self) -> tuple[bytes, bytes, bytes, int]:
-        """Return name, token, place of resources, and the address of the callbacks or of the logger; see `creation`."""
+        """Prepare name, token, place of resources and callbacks or logger, whose address it returns; see `creation`."""
         second = self.description.version == "2.0"
+        # FMI 2.0 takes a URI; FMI 3.0 a path that ends in a separator
         where = self._resources.as_uri() if second else f"{self._resources}{os.sep}"
         texts = [text.encode() for text in (self.source.stem, self.description.token, where)]
         log = self._callbacks_2() if second else self._logger_3()
@@ -135,6 +136,7 @@ class FmuLibrary:
 
     def _callbacks_2(self) -> int:
         allocate, free = c_function("calloc"), c_function("free")
+        # the standard demands memory that is set to 0, hence calloc
         callbacks = _Callbacks2(self._logger_2(), allocate, free, None, None)
         self._kept.append(callbacks)
         return ctypes.addressof(callbacks)
@@ -142,12 +144,14 @@ class FmuLibrary:
     def _logger_2(self) -> int:
         """Return the address of a logger that formats messages, if that is possible."""
         pointer, text = ctypes.c_void_p, ctypes.c_char_p
+        # without vsnprintf, a message is its format, with the % signs
         if not can_format():
             plain = ctypes.CFUNCTYPE(None, pointer, text, ctypes.c_int, text, text)(
                 lambda _env, _name, _status, _category, message: self._log(message)
             )
             self._kept.append(plain)
             return ctypes.cast(plain, pointer).value or 0
+        # ctypes cannot take variable arguments: machine code formats them and calls this with the text
         sink = ctypes.CFUNCTYPE(None, ctypes.c_int64, text)(lambda _status, message: self._log(message))
         name, place = f"fmu_log_{next(_numbers)}", ctypes.c_void_p()
         provide(name, ctypes.cast(sink, pointer).value or 0)
@@ -168,6 +172,7 @@ class FmuLibrary:
         address = self.address(name)
         if not address:
             raise InputError.of(Location.of_file(self.source), f"its library has no function {name}")
+        # read as a pointer: `fmi2Instantiate` returns one, which an int of C would cut to 32 bits
         result: Callable[..., int | None] = ctypes.CFUNCTYPE(ctypes.c_void_p, *kinds)(address)
         return result
 

@@ -12,12 +12,15 @@ from typing import NamedTuple
 
 _ELF_PROCESSORS = {"x86_64": 62, "amd64": 62, "i386": 3, "i686": 3, "aarch64": 183, "arm64": 183, "riscv64": 243}
 _PE_PROCESSORS = {"amd64": 0x8664, "x86_64": 0x8664, "x86": 0x14C, "arm64": 0xAA64}
+# 64 bits, 32 bits (little-endian), and universal files, which hold several processors (big-endian)
 _MACH_O_KINDS = (b"\xcf\xfa\xed\xfe", b"\xce\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 _LOADED = 1  # segments that are mapped into memory
 _HEAD = 4096
 _MOST_SEGMENTS = 1000
 
 
+# ELF header: class (32 or 64 bits) at byte 4, order of bytes at 5, e_machine at 18, e_phoff at 28 or 32, e_phentsize
+# and e_phnum at 42 or 54. A segment begins with p_type; p_offset is at 4 or 8, p_filesz at 16 or 32.
 class _ElfLayout(NamedTuple):
     """Formats and offsets of ELF with 32 or 64 bits."""
 
@@ -31,7 +34,7 @@ _ELF_LAYOUTS = {1: _ElfLayout(("I", 28), 42, ("I", 4), ("I", 16)), 2: _ElfLayout
 
 
 def find_library_problem(path: Path) -> str:
-    """Return why this machine cannot load a library; empty if nothing speaks against it."""
+    """Find why this machine cannot load a library; empty if nothing speaks against it."""
     raw = path.read_bytes()[:_HEAD]
     if sys.platform == "win32":
         return _pe_problem(raw)
@@ -41,7 +44,7 @@ def find_library_problem(path: Path) -> str:
 
 
 def elf_problem(raw: bytes, size: int, machine: str) -> str:
-    """Return why a machine cannot load an ELF file; empty if nothing speaks against it.
+    """Find why a machine cannot load an ELF file; empty if nothing speaks against it.
 
     Args:
         raw: the beginning of the file.
@@ -61,6 +64,7 @@ def elf_problem(raw: bytes, size: int, machine: str) -> str:
         return f"it is for {names[0] if names else f'processor {processor}'} with {32 * raw[4]} bits, not for {machine}"
     table = struct.unpack_from(order + layout.table[0], raw, layout.table[1])[0]
     entry, count = struct.unpack_from(f"{order}HH", raw, layout.size)
+    # a table beyond the bytes read here cannot be judged unless the file ends before it
     if table + entry * count > len(raw) or count > _MOST_SEGMENTS:
         return "it is truncated" if size <= len(raw) else ""
     for start in range(table, table + entry * count, entry):
@@ -75,6 +79,7 @@ def elf_problem(raw: bytes, size: int, machine: str) -> str:
 def _pe_problem(raw: bytes) -> str:
     if raw[:2] != b"MZ" or len(raw) < 64:
         return "it is not a library of Windows"
+    # e_lfanew: where "PE\0\0" and the COFF header with the processor begin
     start = struct.unpack_from("<I", raw, 60)[0]
     if raw[start : start + 4] != b"PE\0\0" or start + 6 > len(raw):
         return "it is not a library of Windows"

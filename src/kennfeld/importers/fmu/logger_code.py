@@ -7,6 +7,7 @@ from kennfeld.base.machine_code.external import c_pointer
 from kennfeld.base.machine_code.ir import FunctionWriter
 
 MOST_BYTES = 1024  # of a message
+# 64 bytes hold the va_list of all platforms: 24 on x86-64, 32 on arm64, a pointer of 8 on macOS with arm64
 _VARIADIC = """
 declare void @llvm.va_start(ptr)
 declare void @llvm.va_end(ptr)
@@ -27,7 +28,7 @@ def can_format() -> bool:
 
 
 def write_logger(sink: str) -> list[FunctionWriter]:
-    """Return functions of which `logger(place)` writes the address of a logger to a place.
+    """Write functions of which `logger(place)` writes the address of a logger to a place.
 
     Args:
         sink: name by which `void sink(int64_t status, const char *message)` was provided.

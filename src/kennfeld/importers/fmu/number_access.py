@@ -28,7 +28,7 @@ class NumberGroup(NamedTuple):
 
 
 def group_numbers(name: str, version: str, variables: Sequence[FmuVariable]) -> tuple[NumberGroup, ...]:
-    """Return groups of variables, which are sorted by type."""
+    """Group variables, which are sorted by type."""
     groups: list[NumberGroup] = []
     start = 0
     for kind, members in groupby(variables, key=lambda v: number_type(version, v.type)):
@@ -40,7 +40,7 @@ def group_numbers(name: str, version: str, variables: Sequence[FmuVariable]) -> 
 
 
 def real_count(groups: Sequence[NumberGroup]) -> int:
-    """Return the number of values that are doubles, which come first."""
+    """Count the values that are doubles, which come first."""
     return sum(group.size for group in groups if group.type.is_real)
 
 
@@ -52,7 +52,7 @@ def set_numbers(
     Args:
         f: the function under construction.
         groups: the variables.
-        values: address of the doubles.
+        values: address of the doubles, one per value of the variables.
         access: writes the call for a group, given the address of its values.
 
     Returns:
@@ -72,6 +72,7 @@ def set_numbers(
                 missing.set("1")
             f.store(_from_double(f, group.type, x), buffer, k, group.type.kind)
         access(group, buffer)
+        # single precision has a NaN of its own
         if group.type.kind != "float":
             undefined = f.new(f"or i1 {undefined}, {f.new(f'icmp ne i32 {missing.get()}, 0')}")
     return undefined
@@ -95,10 +96,12 @@ def get_numbers(
 def _from_double(f: FunctionWriter, kind: FmuType, x: str) -> str:
     if kind.kind == "float":
         return f.new(f"fptrunc double {x} to float")
+    # nearest integer, halves away from zero: trunc(x + copysign(0.5, x))
     half = f.new(f"call double @llvm.copysign.f64(double {HALF}, double {x})")
     x = f.new(f"call double @llvm.trunc.f64(double {f.new(f'fadd double {x}, {half}')})")
     if kind.is_boolean:
         return f.new(f"zext i1 {f.new(f'fcmp une double {x}, {ZERO}')} to {kind.kind}")
+    # a conversion beyond the range of the integer would be undefined in LLVM
     least, most = literal(kind.least), literal(kind.most)
     x = f.select(f.new(f"fcmp ogt double {x}, {least}"), x, least)  # NaN becomes the least value
     x = f.select(f.new(f"fcmp olt double {x}, {most}"), x, most)

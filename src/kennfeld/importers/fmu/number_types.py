@@ -32,6 +32,7 @@ class FmuType(NamedTuple):
 
 def _integer(bits: int, signed: bool) -> FmuType:
     end = 2.0 ** (bits - signed)
+    # 2^63 - 1 and 2^64 - 1 are not doubles: they round to 2^63 and 2^64, which would overflow
     most = end - 1.0 if bits < 64 else math.nextafter(end, 0.0)
     return FmuType(f"{'' if signed else 'U'}Int{bits}", f"i{bits}", -end if signed else 0.0, most)
 
@@ -43,6 +44,7 @@ _TYPES = {
     "2.0": {
         "Real": FmuType("Real", "double"),
         "Integer": _INTEGER_2,
+        # FMI 2.0 accesses enumerations and booleans as int; FMI 3.0 enumerations as int64, booleans as bool of one byte
         "Enumeration": _INTEGER_2,
         "Boolean": FmuType("Boolean", "i32", 0.0, 1.0),
     },
@@ -57,7 +59,7 @@ _TYPES = {
 
 
 def number_type(version: str, name: str) -> FmuType | None:
-    """Return a type by its name in FMI 2.0 or 3.0; None if it holds no numbers.
+    """Look up a type by its name in FMI 2.0 or 3.0; None if it holds no numbers.
 
     >>> number_type("2.0", "Enumeration").access, number_type("3.0", "UInt16").most, number_type("3.0", "String")
     ('Integer', 65535.0, None)

@@ -18,7 +18,13 @@ _TOLERANCE = 1e-4  # of directional derivatives
 
 
 def noise_near(evaluate: Callable[[Float], Float], point: Float, magnitudes: Float) -> float:
-    """Return the noise of a function relative to its results, from points on a line."""
+    """Estimate the noise of a function relative to its results, from points on a line.
+
+    Args:
+        evaluate: Float[arguments] -> Float[results].
+        point: the start, Float[arguments]; the first one is the time.
+        magnitudes: orders of magnitude of the arguments, Float[arguments].
+    """
     direction = NOISE_SPACING * magnitudes
     direction[0] = 0.0  # time
     table = np.array([evaluate(point + number * direction) for number in range(NOISE_POINTS)])
@@ -28,13 +34,13 @@ def noise_near(evaluate: Callable[[Float], Float], point: Float, magnitudes: Flo
 def agreeing_columns(
     evaluate: Callable[[Float], tuple[Float, Float]], kinds: Float, point: Float, magnitudes: Float
 ) -> Sequence[int]:
-    """Return the arguments whose directional derivatives agree with differences at all points that can be evaluated.
+    """Find the arguments whose directional derivatives agree with differences at all points that can be evaluated.
 
     Args:
-        evaluate: returns results and slopes, which are computed as `kinds` says.
-        kinds: how the slopes along each argument are computed; restored afterwards.
-        point: the start.
-        magnitudes: orders of magnitude of the arguments.
+        evaluate: returns results, Float[results], and slopes, Float[results, arguments], computed as `kinds` says.
+        kinds: how the slopes along each argument are computed, [arguments]; restored afterwards.
+        point: the start, Float[arguments].
+        magnitudes: orders of magnitude of the arguments, Float[arguments].
     """
     own = kinds.copy()
     agree, compared = own != SKIPPED, np.zeros(len(own), dtype=bool)
@@ -49,9 +55,12 @@ def agreeing_columns(
         kinds[:] = own
         if not np.all(np.isfinite(differences)):
             continue  # outside of the range of the model
+        # slopes times magnitudes are changes of the results, which columns with different units share as a scale
         scale = np.max(np.abs(differences) * magnitudes, axis=1, keepdims=True)
         distance = np.abs(directional - differences) * magnitudes
+        # a slope below 1e-3 of its row is compared with that, because its difference is mostly rounding error
         close = distance <= _TOLERANCE * np.maximum(np.abs(differences) * magnitudes, 1e-3 * scale)
         agree &= close.all(axis=0)
+        # a column that is 0 at all points shows nothing, so that differences stay
         compared |= np.any(differences != 0, axis=0)
     return [int(column) for column in np.flatnonzero(agree & compared)]

@@ -14,6 +14,7 @@ def write_acquire(f: FunctionWriter, lock: str, kind: str) -> None:
         lock: its address; it is 0 while it is free.
         kind: its type, `i32` or `i64`.
     """
+    # one pass from 0 to 1, in which the position advances only once the lock was free
     with f.walk(1) as (_, position):
         busy = f.new(f"icmp ne {kind} {f.new(f'atomicrmw xchg ptr {lock}, {kind} 1 acquire')}, 0")
         with f.when(busy):

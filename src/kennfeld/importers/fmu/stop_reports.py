@@ -53,6 +53,7 @@ class StopReports:
         self._source, self._library = source, library
         self._said: set[int] = set()
         self._library.listener = self._hear
+        # trajectories in several threads of machine code report at once
         self._lock = threading.Lock()
         self._callback = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_double)(self._report)
 

@@ -53,7 +53,7 @@ class TrajectoryFunction:
 
 
 def load_start(path: str, digest: str) -> TrajectoryFunction:
-    """Return (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
+    """Load (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
 
     Raises:
         InputError: the file has changed, or its code cannot be used.
@@ -62,13 +62,13 @@ def load_start(path: str, digest: str) -> TrajectoryFunction:
 
 
 def load_step(path: str, digest: str) -> TrajectoryFunction:
-    """Return (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
+    """Load (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
     return load_trajectories(path, digest).step
 
 
 @computed_once
 def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
-    """Return the trajectories of an FMU in this process."""
+    """Load an FMU for trajectories in this process."""
     source = Path(path)
     return FmuTrajectories(source, read_unchanged(source, digest), digest)
 
@@ -101,8 +101,10 @@ class FmuTrajectories:
     def _provide_memory(self) -> None:
         layout = self.layout
         control = np.zeros(16, dtype=np.int64)
+        # on trial, see `_check_reset`
         control[REUSED] = 1
         self._keep("control", control)
+        # words of 8 bytes, in which the code keeps integers, doubles and addresses
         slots = np.zeros((layout.slots, layout.words), dtype=np.int64)
         slots[:, RECORD] = [self.record.address(slot) for slot in range(layout.slots)]
         self._keep("slots", slots)
@@ -138,10 +140,11 @@ class FmuTrajectories:
         starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         with self.reports.muted():
+            # the third trial leaves other inputs and states behind, which the reset before the fourth one has to remove
             first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
             if NO_INSTANCE in self.reports.reasons:
-                said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
-                message = f"its code does not create an instance{said}"
+                reasons = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
+                message = f"its code does not create an instance{reasons}"
                 raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         scale = np.max(np.abs(first), axis=0, initial=0.0)
         same = [np.all(np.abs(again - first) <= _REPEATED * scale) for again in (second, last)]
@@ -154,6 +157,7 @@ class FmuTrajectories:
         ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
         start = np.array([0.0, 0.0, *inputs, *parameters])
         self.start.call(start.ctypes.data, ticket.ctypes.data, None)
+        # sample 0 is at the start time, which returns the outputs that the initialization left
         for number, result in enumerate(outputs):
             point = np.array([ticket[0], number * (description.step or _TRIAL_STEP), *inputs])
             self.step.call(point.ctypes.data, result.ctypes.data, None)
@@ -177,7 +181,7 @@ def _other_start_of(variable: FmuVariable, position: int) -> float:
 
 
 def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:
-    """Return the numbers of values that the code of an FMU takes and returns."""
+    """Count the values that the code of an FMU takes and returns."""
     interface, version = description.co_simulation, description.version
     assert interface is not None
     return TrajectoryLayout(
@@ -192,15 +196,15 @@ def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLay
 
 
 def set_at_start(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the parameters, and the states whose values at the start can be set; all of them are doubles."""
+    """List the parameters, and the states whose values at the start can be set; all of them are doubles."""
     return (*description.parameters, *description.started_states)
 
 
 def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the inputs in the order in which the code takes them."""
+    """Sort the inputs as the code takes them."""
     return description.sorted_by_type(description.number_inputs)
 
 
 def outputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the outputs in the order in which the code returns them."""
+    """Sort the outputs as the code returns them."""
     return description.sorted_by_type(description.number_outputs)

@@ -75,11 +75,12 @@ class TrajectoryLayout(NamedTuple):
     @property
     def words(self) -> int:
         """Number of words of a slot."""
+        # rounded up, so that threads do not write to one cache line
         return -(-(_OUTPUTS + self.results) // _LINE) * _LINE
 
 
 def write_start(layout: TrajectoryLayout) -> list[FunctionWriter]:
-    """Return the functions for the start of a trajectory; the last one is to be called."""
+    """Write the functions for the start of a trajectory; the last one is to be called."""
     return [
         _read_outputs(layout),
         _write_inputs(layout),
@@ -91,12 +92,12 @@ def write_start(layout: TrajectoryLayout) -> list[FunctionWriter]:
 
 
 def write_step(layout: TrajectoryLayout) -> list[FunctionWriter]:
-    """Return the functions for a step of a trajectory; the last one is to be called."""
+    """Write the functions for a step of a trajectory; the last one is to be called."""
     return [_read_outputs(layout), _write_inputs(layout), _move(layout), _advance(layout), _step(layout)]
 
 
 def trajectory_functions(layout: TrajectoryLayout) -> Sequence[str]:
-    """Return the names of the functions of the library that the code calls."""
+    """List the functions of the library that the code calls, by name."""
     second = layout.version == "2.0"
     names = ["Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
     names += ["Instantiate", "SetupExperiment", "GetBooleanStatus", "GetRealStatus"] if second else []
@@ -118,7 +119,7 @@ class _SlotCalls:
         return c_pointer(self.f, f"{self.layout.prefix}_{name}")
 
     def function(self, name: str) -> str:
-        """Return the address of a function of the library that is about to be called, which is recorded."""
+        """Record the call of a function of the library that follows, and return its address."""
         write_begin(self.f, _record(self.f, self.slot), trajectory_functions(self.layout).index(name) + 1)
         return self.memory(name)
 
@@ -190,6 +191,7 @@ def _write_inputs(layout: TrajectoryLayout) -> FunctionWriter:
     calls = _SlotCalls(f, layout, "%slot", "%worst")
     with f.loop(2, 2 + layout.arguments) as i:
         value = f.load("%x", i)
+        # the first one that is NaN is reported, not each
         with f.when(f.new(f"fcmp uno double {value}, {value}")), calls.running():
             calls.stop(NOT_A_NUMBER, f.load("%slot", _TIME))
     with calls.running():
@@ -207,6 +209,7 @@ def _start(layout: TrajectoryLayout) -> FunctionWriter:
     number = f.variable("i64", "-1")
     control = c_pointer(f, f"{layout.prefix}_control")
     write_acquire(f, control, "i64")
+    # after a fatal error of any instance, the standard forbids further calls
     with f.when(f.new(f"icmp eq i64 {f.load(control, DEAD, 'i64')}, 0")):
         f.call("choose", [("ptr", "%x"), ("ptr", number.pointer)])
     write_release(f, control, "i64")
@@ -227,6 +230,7 @@ def _choose(layout: TrajectoryLayout) -> FunctionWriter:
     control = c_pointer(f, f"{layout.prefix}_control")
     thread = f.new(f"call i64 {c_pointer(f, THREAD)}()")
     used, place = f.load(control, USED, "i64"), f.load("%x")
+    # 2^62 is above every serial number
     oldest, latest = f.variable("i64", "-1"), f.variable("i64", str(2**62))
     with f.loop(0, used) as i:
         slot = _slot(f, layout, i)
@@ -242,12 +246,14 @@ def _choose(layout: TrajectoryLayout) -> FunctionWriter:
     with f.when(f.new(f"and i1 {new}, {room}")):
         f.store(used, "%number", kind="i64")
         f.store(f.add(used, 1), control, USED, "i64")
+    # all slots are used: the trajectory whose last step is the oldest loses its instance
     with f.when(f.new(f"icmp slt i64 {f.load('%number', kind='i64')}, 0")):
         f.store(oldest.get(), "%number", kind="i64")
     number = f.load("%number", kind="i64")
     slot = _slot(f, layout, number)
     write_acquire(f, slot, "i64")
     serial = f.add(f.load(control, SERIAL, "i64"), 1)
+    # ticket = serial * SLOTS + number of the slot, exact as a double up to 2^53
     ticket = f.new(f"sitofp i64 {f.add(f.mul(serial, SLOTS), number)} to double")
     f.store(serial, control, SERIAL, "i64")
     f.store(serial, slot, _LATEST, "i64")
@@ -275,6 +281,7 @@ def _begin(layout: TrajectoryLayout) -> FunctionWriter:
         times = [calls.false, f"double {ZERO}", f"double {time}", calls.false, f"double {ZERO}"]
         if calls.second:
             calls("SetupExperiment", *times)
+        # before initialization, where both standards allow `fixed` and `tunable` parameters
         set_numbers(f, layout.parameters, f.at("%x", 2 + layout.arguments), calls.set)
         calls("EnterInitializationMode", *(() if calls.second else times))
         f.call("give", [("ptr", "%slot"), ("ptr", "%x"), ("ptr", worst)])
@@ -312,8 +319,10 @@ def _instantiate(calls: _SlotCalls) -> str:
     name, token, resources, callbacks = (f"ptr {calls.memory(part)}" for part in ("name", "token", "resources", "log"))
     false, variables = calls.false, ("ptr null", "i64 0")
     if calls.second:
+        # 1 is fmi2CoSimulation
         function, arguments = "fmi2Instantiate", [name, "i32 1", token, resources, callbacks, false, false]
     else:
+        # not visible, no log, no event mode, no early return, no intermediate variables
         function = "fmi3InstantiateCoSimulation"
         arguments = [name, token, resources, *[false] * 4, *variables, "ptr null", callbacks, "ptr null"]
     return calls.f.new(f"call ptr {calls.function(function)}({', '.join(arguments)})")
@@ -324,6 +333,7 @@ def _step(layout: TrajectoryLayout) -> FunctionWriter:
     ticket = f.load("%x")
     with f.loop(0, layout.results) as i:
         f.store(_NAN, "%y", i)
+    # false for NaN, the ticket of a trajectory that could not start
     with f.when(f.new(f"fcmp oge double {ticket}, {ZERO}")):
         slot = _slot(f, layout, f.new(f"and i64 {f.new(f'fptosi double {ticket} to i64')}, {SLOTS - 1}"))
         write_acquire(f, slot, "i64")
@@ -342,6 +352,7 @@ def _step(layout: TrajectoryLayout) -> FunctionWriter:
 
 
 def _no_slopes(f: FunctionWriter, results: int, arguments: int) -> None:
+    # a step depends on all before it, so that slopes come from differences of whole simulations
     with f.when(f.new("icmp ne ptr %slopes, null")), f.loop(0, results * arguments) as i:
         f.store(_NAN, "%slopes", i)
 
@@ -350,6 +361,7 @@ def _advance(layout: TrajectoryLayout) -> FunctionWriter:
     """Write `advance(slot, x)`: the slot gets the outputs at a new time, NaN once the trajectory has stopped."""
     f = FunctionWriter("advance", [("ptr", "slot"), ("ptr", "x")], "noinline")
     calls = _SlotCalls(f, layout, "%slot", "null")
+    # the state before the step: the outputs of the step in which an FMU ends still count
     before = f.load("%slot", _STATE, "i64")
     f.store(f.load(calls.memory("control"), SERIAL, "i64"), "%slot", _LATEST, "i64")
     with calls.running():
@@ -369,6 +381,7 @@ def _move(layout: TrajectoryLayout) -> FunctionWriter:
     f.store("0", worst, kind="i32")
     write_place(f, _record(f, "%slot"), time)
     calls = _SlotCalls(f, layout, "%slot", worst)
+    # unless, not ule: a time of NaN stops as well
     with f.unless(f.new(f"fcmp ogt double {time}, {last}")):
         calls.stop(ORDER, time)
     distance = f.new(f"fsub double {time}, {last}")
@@ -391,6 +404,7 @@ def _move(layout: TrajectoryLayout) -> FunctionWriter:
 def _do_step(calls: _SlotCalls, point: str, length: str, time: str) -> None:
     f = calls.f
     if calls.second:
+        # true: no earlier state will be restored
         calls("DoStep", f"double {point}", f"double {length}", "i32 1")
         _find_end(calls, length, time)
         calls.check(time)
@@ -401,6 +415,7 @@ def _do_step(calls: _SlotCalls, point: str, length: str, time: str) -> None:
     pointers = [f"ptr {f.at(flags, number, 'i8')}" for number in range(3)]
     calls("DoStep", f"double {point}", f"double {length}", "i1 zeroext true", *pointers, f"ptr {reached}")
     calls.check(time)
+    # event handling needed, terminate, early return
     _, ended, early = (f.new(f"icmp ne i8 {_load(f, flags, str(number), 'i8')}, 0") for number in range(3))
     with calls.running(), f.when(early):
         calls.stop(EARLY, time)
@@ -420,9 +435,11 @@ def _find_end(calls: _SlotCalls, length: str, time: str) -> None:
         f.new(f"call i32 {calls.function('fmi2GetBooleanStatus')}({instance}, i32 {_TERMINATED}, ptr {ended})")
         f.new(f"call i32 {calls.function('fmi2GetRealStatus')}({instance}, i32 {_LAST_TIME}, ptr {reached})")
         with f.when(f.new(f"icmp ne i32 {f.load(ended, kind='i32')}, 0")):
+            # it may end within the step; the outputs count only if it reached the end
             least = f.new(f"fsub double {time}, {f.fmul(literal(UNEVEN_SHARE), length)}")
             complete = f.new(f"fcmp oge double {f.load(reached)}, {least}")
             f.store(f.new(f"select i1 {complete}, i64 {_ENDED}, i64 {_FAILED}"), calls.slot, _STATE, "i64")
+            # no error: the caller must not report the discarded step once more
             f.store("0", calls.worst, kind="i32")
             calls.report(TERMINATED, time)
 
@@ -438,5 +455,6 @@ def _even_step(calls: _SlotCalls, time: str, distance: str) -> tuple[str, str]:
     with f.unless(f.new(f"fcmp ole double {difference}, {f.fmul(literal(UNEVEN_SHARE), length)}")):
         calls.stop(UNEVEN, time)
     f.store(f.add(count, 1), "%slot", _COUNT, "i64")
+    # begin + count * length instead of the time stamps, whose rounding makes steps differ in the last digits
     covered = f.fmul(f.new(f"sitofp i64 {count} to double"), length)
     return f.new(f"fadd double {f.load('%slot', _BEGAN)}, {covered}"), length

@@ -31,8 +31,9 @@ class _Windows(NamedTuple):
     ends: Sequence[int]
 
     def places(self, sizes: Sequence[int]) -> Array:
-        """Return which elements of the padded signal each window has; [dimensions, windows..., elements...]."""
+        """Find the elements of the padded signal that each window has; [dimensions, windows..., elements...]."""
         starts = [
+            # a window covers dilation * (kernel - 1) + 1 elements, all of which the padded signal must have
             np.arange(0, size + begin + end - dilation * (kernel - 1), stride)
             for size, kernel, stride, dilation, begin, end in zip(sizes, *self, strict=True)
         ]
@@ -40,10 +41,11 @@ class _Windows(NamedTuple):
         corners = np.array(np.meshgrid(*starts, indexing="ij"))
         inner = np.array(np.meshgrid(*offsets, indexing="ij")).reshape(len(sizes), -1)
         check_size([*corners.shape[1:], inner.shape[1]])
+        # element = corner of the window + offset within it, for each dimension
         return np.asarray(corners[..., None] + inner.reshape(len(sizes), *[1] * (corners.ndim - 1), -1))
 
     def of(self, array: Array, fill: float) -> Array:
-        """Return the windows of an array [batch, channels, sizes...]: [batch, channels, windows..., elements]."""
+        """Cut an array [batch, channels, sizes...] into windows: [batch, channels, windows..., elements]."""
         places = self.places(array.shape[2:])
         edges = [(0, 0), (0, 0), *zip(self.begins, self.ends, strict=True)]
         padded = np.pad(array, edges, constant_values=fill)
@@ -59,11 +61,13 @@ def _windows(op: Operator, sizes: Sequence[int], kernel: Sequence[int]) -> _Wind
     extents = [dilation * (size - 1) + 1 for dilation, size in zip(dilations, kernel, strict=True)]
     mode = op.get("auto_pad", "NOTSET")
     if mode in ("SAME_UPPER", "SAME_LOWER"):
+        # ceil(size / stride) windows; the last one begins at (ceil(size / stride) - 1) * stride
         missing = [
             max((-(-size // stride) - 1) * stride + extent - size, 0)
             for size, stride, extent in zip(sizes, strides, extents, strict=True)
         ]
         smaller, larger = [each // 2 for each in missing], [each - each // 2 for each in missing]
+        # an odd element is appended at the end (UPPER) or at the begin (LOWER)
         pads = [*smaller, *larger] if mode == "SAME_UPPER" else [*larger, *smaller]
     elif mode == "VALID":
         pads = [0] * 2 * count
@@ -81,6 +85,7 @@ def _windows(op: Operator, sizes: Sequence[int], kernel: Sequence[int]) -> _Wind
 def _rest(whole: int, limit: int, extent: int, stride: int) -> int:
     """Return how many elements the last window lacks if it begins within the signal."""
     rest = (extent - whole) % stride
+    # a window that would begin in the padding at the end does not count
     start = whole + rest - extent
     return rest if start < limit else 0
 
@@ -99,6 +104,7 @@ def convolution(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     places = patches.shape[2:-1]
     each = outputs // groups
     results = []
+    # as a matrix product (im2col): a row per window of [depth * elements], a column per filter
     for group in range(groups):
         own = patches[:, group * depth : (group + 1) * depth]
         rows = np.moveaxis(own, 1, -2).reshape(-1, depth * patches.shape[-1])
@@ -118,6 +124,7 @@ def pooling(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     windows = _windows(op, shape_of(x)[2:], op.get("kernel_shape"))
     nodes = c.nodes(x)
     if op.kind == "MaxPool":
+        # -inf is below every element, so that padding is never the maximum
         return _squeezed(reduce_along(c, "Max", _filled(c, windows, nodes, -np.inf), [nodes.ndim]))
     total = _squeezed(reduce_along(c, "Sum", _filled(c, windows, nodes, 0.0), [nodes.ndim]))
     return c.apply("div", total, _counts(op, windows, nodes.shape))
@@ -140,6 +147,7 @@ def _counts(op: Operator, windows: _Windows, shape: Sequence[int]) -> Array:
     if op.get("auto_pad", "NOTSET") != "NOTSET":
         pads = [*windows.begins, *windows.ends]
     half = len(windows.kernel)
+    # padding that the file states counts; what `ceil_mode` appended beyond it does not
     stated = np.pad(ones, [(0, 0), (0, 0), *zip(pads[:half], pads[half:], strict=True)], constant_values=1.0)
     beyond = [end - pad for end, pad in zip(windows.ends, pads[half:], strict=True)]
     rest = windows._replace(begins=[0] * half, ends=beyond)

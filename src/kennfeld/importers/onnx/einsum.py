@@ -19,9 +19,11 @@ def einsum(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     names = [_expanded(term, shape_of(tensor)) for term, tensor in zip(terms.split(","), tensors, strict=True)]
     letters = [letter for name in names for letter in name]
     if arrow:
+        # dimensions of an ellipsis are broadcast: the term with most of them has those of the result
         widest = max((name for name in names), key=lambda name: sum(letter.isdigit() for letter in name))
         kept = list(result.replace("...", "".join(letter for letter in widest if letter.isdigit())))
     else:
+        # without an arrow, letters that occur once remain in alphabetical order, after the digits of an ellipsis
         kept = sorted({letter for letter in letters if letters.count(letter) == 1 or letter.isdigit()})
     if not set(kept) <= set(letters):
         raise UnsupportedOperatorError(f"its equation {equation} is invalid")
@@ -38,6 +40,7 @@ def einsum(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def _expanded(term: str, shape: Sequence[int]) -> str:
     """Return a letter for each dimension; those of an ellipsis are digits, which end at the same one."""
     extra = len(shape) - len(term.replace("...", ""))
+    # aligned at the last dimension, as broadcasting does
     digits = "0123456789"[10 - extra :] if extra else ""
     return term.replace("...", digits)
 
@@ -48,8 +51,10 @@ def _aligned(array: Array, name: str, order: Sequence[str]) -> Array:
     for letter in set(letters):
         while letters.count(letter) > 1:
             first, second = (place for place, each in enumerate(letters) if each == letter)
+            # numpy appends the diagonal as the last dimension
             array = np.moveaxis(np.diagonal(array, axis1=first, axis2=second), -1, first)
             del letters[second]
     present = [letter for letter in order if letter in letters]
     array = array.transpose([letters.index(letter) for letter in present])
+    # missing letters are dimensions of 1, along which the product is broadcast
     return array.reshape([array.shape[present.index(letter)] if letter in present else 1 for letter in order])

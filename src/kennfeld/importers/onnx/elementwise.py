@@ -27,6 +27,7 @@ _VARIADIC = {"Min": "min", "Max": "max", "Sum": "add"}
 _COMPARISONS = {
     "Less": "lt", "LessOrEqual": "le", "Greater": "gt", "GreaterOrEqual": "ge", "Equal": "eq", "And": "and", "Or": "or",
 }  # fmt: skip
+# alpha and gamma of Klambauer et al., Self-Normalizing Neural Networks (2017)
 SELU = (1.6732632423543772848170429916717, 1.0507009873554804934193349852946)
 
 
@@ -35,7 +36,7 @@ def _arguments(arguments: Arguments) -> list[Tensor]:
 
 
 def typed(result: Tensor, *sources: Tensor) -> Tensor:
-    """Return a result as an integer if all of its sources are integers."""
+    """Mark a result as an integer if all of its sources are integers."""
     if any(kind_of(source) == "float" for source in sources):
         return result
     return NodeTensor(result.nodes, "int") if isinstance(result, NodeTensor) else result.astype(np.int64)
@@ -70,10 +71,12 @@ def div(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     quotient = c.apply("div", *_aligned(op, a, b))
     if "float" in (kind_of(a), kind_of(b)):
         return quotient
-    return typed(_truncated(c, quotient), a, b)
+    # integers are divided as in C: the quotient is cut towards 0
+    return typed(truncated(c, quotient), a, b)
 
 
-def _truncated(c: Context, x: Tensor) -> Tensor:
+def truncated(c: Context, x: Tensor) -> Tensor:
+    """Return the integers of numbers, without what follows the point."""
     return (
         NodeTensor(truncate(c.builder, x.nodes), "int") if isinstance(x, NodeTensor) else np.trunc(x).astype(np.int64)
     )
@@ -83,7 +86,9 @@ def _truncated(c: Context, x: Tensor) -> Tensor:
 def mod(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     a, b = _arguments(arguments)
     if op.get("fmod", 0):
-        return c.apply("sub", a, c.apply("mul", b, _truncated(c, c.apply("div", a, b))))
+        # a - b trunc(a / b), which has the sign of a; without `fmod`, the remainder has that of b
+        return c.apply("sub", a, c.apply("mul", b, truncated(c, c.apply("div", a, b))))
+    # `mod` of a graph returns a for b = 0
     return typed(c.where(c.truth("eq", b, 0.0), math.nan, c.apply("mod", a, b)), a, b)
 
 
@@ -99,6 +104,7 @@ def variadic(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def comparison(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     a, b = _arguments(arguments)
     if op.kind == "Xor":
+        # as truth values, because any number but 0 is true
         return c.truth("ne", c.truth("ne", a, 0.0), c.truth("ne", b, 0.0))
     return c.truth(_COMPARISONS[op.kind], *_aligned(op, a, b))
 
@@ -111,6 +117,7 @@ def negation(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 @operator("IsNaN")
 def is_nan(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     (x,) = _arguments(arguments)
+    # NaN alone differs from itself
     return c.truth("ne", x, x)
 
 
@@ -133,6 +140,7 @@ def clip(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     assert x is not None
     result = x
     for limit, attribute, extreme in ((lower, "min", "max"), (upper, "max", "min")):
+        # limits are attributes before version 11, arguments from there on
         value = op.get(attribute) if limit is None else limit
         if value is not None:
             result = c.apply(extreme, result, value)
@@ -149,6 +157,7 @@ def round_half_even(c: Context, x: Tensor) -> Tensor:
     """Round to the nearest integer; halves to even ones."""
     if not isinstance(x, NodeTensor):
         return np.round(x)
+    # low + (rest > 1/2, or rest = 1/2 and low odd)
     low = c.apply("floor", x)
     rest = c.apply("sub", x, low)
     odd = c.apply("mod", low, 2.0)
@@ -170,7 +179,7 @@ def cast(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if target == "b":
         return c.truth("ne", x, 0.0)
     if target in "iu":
-        return _truncated(c, x) if kind_of(x) == "float" else typed(x, x)
+        return truncated(c, x) if kind_of(x) == "float" else typed(x, x)
     if target not in "fV":  # V: formats with fewer than 32 bits
         raise UnsupportedOperatorError("it casts to a type that is not a number")
     return NodeTensor(x.nodes) if isinstance(x, NodeTensor) else x.astype(np.float64)
@@ -190,6 +199,7 @@ def _leaky_relu(c: Context, op: Operator, x: Tensor) -> Tensor:
 
 def _exponential_below(c: Context, x: Tensor, alpha: float, width: float = 1.0) -> Tensor:
     """Compute alpha (e^(x / width) - 1) below 0, else x."""
+    # both branches are computed: without the minimum, e^x could overflow in the one that is not selected
     grown = c.apply("exp", c.apply("div", c.apply("min", x, 0.0), width))
     return c.where(c.truth("lt", x, 0.0), c.apply("mul", c.apply("sub", grown, 1.0), alpha), x)
 
@@ -215,6 +225,7 @@ def sigmoid(c: Context, x: Tensor) -> Tensor:
 
 def softplus(c: Context, x: Tensor) -> Tensor:
     """Compute log(1 + e^x) without overflow."""
+    # log(1 + e^x) below 0, x + log(1 + e^-x) above, each with an exponent that is not positive
     below = c.apply("log", c.apply("add", c.apply("exp", c.apply("min", x, 0.0)), 1.0))
     rest = c.apply("log", c.apply("add", c.apply("exp", c.apply("neg", c.apply("max", x, 0.0))), 1.0))
     return c.where(c.truth("lt", x, 0.0), below, c.apply("add", x, rest))
@@ -247,6 +258,7 @@ def _swish(c: Context, op: Operator, x: Tensor) -> Tensor:
 
 def _gelu(c: Context, op: Operator, x: Tensor) -> Tensor:
     if op.get("approximate", "none") == "tanh":
+        # x / 2 (1 + tanh(sqrt(2 / pi) (x + 0.044715 x^3))): Hendrycks and Gimpel, Gaussian Error Linear Units (2016)
         cubic = c.apply("add", x, c.apply("mul", c.apply("pow", x, 3.0), 0.044715))
         share = c.apply("tanh", c.apply("mul", cubic, math.sqrt(2 / math.pi)))
     else:
@@ -269,6 +281,7 @@ def _acosh(c: Context, op: Operator, x: Tensor) -> Tensor:
 
 
 def _atanh(c: Context, op: Operator, x: Tensor) -> Tensor:
+    # log((1 + x) / (1 - x)) / 2
     share = c.apply("div", c.apply("add", x, 1.0), c.apply("sub", 1.0, x))
     return c.apply("mul", c.apply("log", share), 0.5)
 

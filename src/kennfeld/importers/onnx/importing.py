@@ -63,7 +63,11 @@ def read_function(path: Path, function: str = "", name: str = "", step: float | 
 
 
 def network_function(network: Network, name: str = "") -> ModelFunction:
-    """Return a network as a function."""
+    """Write a network once on trial, and describe it as a function.
+
+    Raises:
+        InputError: shapes of inputs are missing, names occur twice, or operators are not supported.
+    """
     location = Location.of_file(network.file)
     unknown = [port.name for port in network.inputs if port.shape is None]
     if unknown:
@@ -74,6 +78,7 @@ def network_function(network: Network, name: str = "") -> ModelFunction:
         raise InputError.of(location, "none of its outputs holds numbers", "Export it with numbers as outputs.")
     labels = [label for port in network.inputs for label in port.labels]
     prefix = f"{name}." if name else ""
+    # shapes of outputs, layers and what is not supported show only when the network is written
     trial = GraphBuilder()
     context = write_network(network, trial, [trial.input(label) for label in labels], prefix)
     output_nodes(context)
@@ -81,6 +86,7 @@ def network_function(network: Network, name: str = "") -> ModelFunction:
     remarks = [*context.remarks, *skipped, *([_SINGLE] if network.is_single else [])]
     spell = plain if name else str
     inputs, outputs = ([spell(label) for label in each] for each in (labels, output_labels(context)))
+    # names that differ in characters which formula text does not know become equal
     if repeated := sorted({label for each in (inputs, outputs) for label in each if each.count(label) > 1}):
         raise InputError.of(location, f"several elements are named {', '.join(repeated)}", "Rename the inputs.")
     return ModelFunction(
@@ -99,7 +105,7 @@ def _write(network: Network, prefix: str, builder: GraphBuilder, arguments: Sequ
 
 
 def plain(label: str) -> str:
-    """Return the name of an element as formula text can call it.
+    """Spell the name of an element as formula text can call it.
 
     >>> plain("y[0,1]"), plain("onnx::Gemm_0"), plain("7")
     ('y.0.1', 'onnx_Gemm_0', '_7')

@@ -26,7 +26,7 @@ class ExpandedSize(NamedTuple):
 
 
 def expanded_size(model: Any) -> ExpandedSize:
-    """Return the size that a model has without functions of its own.
+    """Compute the size that a model has without functions of its own.
 
     A small file can hold functions that call each other so often that they would not fit into memory.
 
@@ -44,7 +44,7 @@ class _Sizes:
         self._sizes: dict[_Key, ExpandedSize] = {}
 
     def total(self, nodes: Sequence[Any], level: int) -> ExpandedSize:
-        """Return the size of nodes, which themselves are within so many calls and graphs."""
+        """Add up the size of nodes, which themselves are within so many calls and graphs."""
         operators = size = depth = 0
         for node in nodes:
             for part in self._parts(node, level):
@@ -62,11 +62,13 @@ class _Sizes:
         if key not in self._functions:
             yield ExpandedSize(1, node.ByteSize(), 0)
             return
+        # measured once: n functions that each call the one before twice stand for 2^n operators
         if key not in self._sizes:
             self._sizes[key] = self._inner(self._functions[key].node, level)
         yield self._sizes[key]
 
     def _inner(self, nodes: Sequence[Any], level: int) -> ExpandedSize:
+        # one level more than the limit, so that `total` of the caller raises
         if level >= MAX_DEPTH:
             return ExpandedSize(0, 0, 1)
         inner = self.total(nodes, level + 1)
@@ -78,7 +80,7 @@ def _key(item: Any, name: str) -> _Key:
 
 
 def inlined(model: Any) -> Any:
-    """Return a model without functions of its own, and without operators that only the standard defines by others.
+    """Inline the functions of a model, and operators that only the standard defines by others.
 
     Raises:
         Exception: of several kinds, from the package onnx, if the model is invalid.
@@ -96,6 +98,7 @@ def _defined_by_others(model: Any) -> Any:
         if not missing or len(model.graph.node) > MAX_OPERATORS:
             break
         replaced = _replaced(model, missing)
+        # the rest has no function in the standard, or the package is too old
         if len(replaced.graph.node) == len(model.graph.node):
             break
         model = replaced
@@ -106,6 +109,7 @@ def _replaced(model: Any, kinds: Sequence[tuple[str, str]]) -> Any:
     """Return a network without operators of some kinds, or the same if the package onnx cannot replace them."""
     from onnx import helper, inliner, shape_inference
 
+    # a copy, since what the inliner needs must not stay in the model if it fails
     typed = type(model).FromString(model.SerializeToString())
     inputs = {port.name for port in typed.graph.input}
     for tensor in typed.graph.initializer:  # the inliner needs the types of constants as well

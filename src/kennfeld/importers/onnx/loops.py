@@ -34,6 +34,7 @@ def _passes(c: Context, body: Network, states: Sequence[Tensor], sequences: Sequ
     for number in range(length):
         rows = [rearrange(lambda array, i=number: array[i], sequence) for sequence in sequences]  # type: ignore[misc]
         results = c.run(body, [*current, *rows])
+        # the graph returns the states first, then a row of each stacked tensor
         current, row = results[: len(states)], results[len(states) :]
         stacks.append([rearrange(lambda array: array[None], each) for each in row])
         if len(c.builder.nodes) > MAX_NODES:

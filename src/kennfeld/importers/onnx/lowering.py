@@ -39,7 +39,7 @@ def is_supported(domain: str, kind: str) -> bool:
 
 
 def unsupported(network: Network) -> list[Finding]:
-    """Return an error for each kind of operator that is not supported."""
+    """List an error for each kind of operator that is not supported."""
     counts = Counter(op.label for op in network.used_operators if (op.domain, op.kind) not in RULES)
     location = Location.of_file(network.file)
     return [
@@ -68,6 +68,7 @@ def write_network(network: Network, builder: GraphBuilder, arguments: Sequence[i
         kind = "bool" if port.kind == "bool" else "float" if "float" in port.kind else "int"
         context.tensors[port.name] = NodeTensor(np.array(own, dtype=np.int64).reshape(port.shape or ()), kind)
     for op in network.used_operators:
+        # a layer has already computed the bias or activation that it absorbed
         if (op.domain, op.kind) in RULES and op.outputs[0] not in context.absorbed:
             findings += _apply(context, op)
     if findings:
@@ -86,6 +87,7 @@ def _apply(context: Context, op: Operator) -> list[Finding]:
         context.compute(op, arguments)
     except (UnsupportedOperatorError, EvaluationError) as error:
         return [Finding(_location(context, op), str(error), _REMEDY)]
+    # rules trust shapes and attributes; in a damaged file, those that do not fit show in numpy or in the rule itself
     except (ValueError, IndexError, TypeError, KeyError, AttributeError, AssertionError, OverflowError, MemoryError):
         message = "its arguments or attributes do not fit together"
         return [Finding(_location(context, op), message, "Export the network again.")]
@@ -97,7 +99,7 @@ def _location(context: Context, op: Operator) -> Location:
 
 
 def output_nodes(context: Context) -> list[int]:
-    """Return the nodes of the elements of the outputs that are numbers, one output after the other.
+    """Collect the nodes of the elements of the outputs that are numbers, one output after the other.
 
     Raises:
         InputError: an output is not computed.
@@ -113,6 +115,6 @@ def output_nodes(context: Context) -> list[int]:
 
 
 def output_labels(context: Context) -> list[str]:
-    """Return the names of the elements of the outputs, by the shapes that they have after the computation."""
+    """Name the elements of the outputs, by the shapes that they have after the computation."""
     ports = [replace(port, shape=shape_of(context.tensors[port.name])) for port in context.network.number_outputs]
     return [label for port in ports for label in port.labels]

@@ -38,6 +38,7 @@ class NetworkPort:
             return (self.name,)
         labels = []
         for number in range(prod(shape)):
+            # place i = number / (elements behind dimension i), modulo its size
             places = [number // prod(shape[i + 1 :]) % size for i, size in enumerate(shape)]
             labels.append(f"{self.name}[{','.join(map(str, places))}]")
         return tuple(labels)
@@ -88,6 +89,7 @@ class Network:
         """The operators that these outputs depend on."""
         needed = {port.name for port in self.number_outputs}
         used = []
+        # backwards, so that the users of a tensor come before the operator that computes it
         for operator in self.operators[::-1]:
             if needed.intersection(operator.outputs):
                 needed.update(operator.inputs)

@@ -16,18 +16,20 @@ def batch_normalization(c: Context, op: Operator, arguments: Arguments) -> Tenso
     x = first(arguments)
     if op.get("training_mode", 0) or len([name for name in op.outputs if name]) > 1:
         raise UnsupportedOperatorError("it is in training mode; export the network for inference")
+    # one value per channel, which is dimension 1
     sizes = [1, -1, *[1] * (len(shape_of(x)) - 2)]
     scale, bias, mean, variance = (
         rearrange(lambda array: array.reshape(sizes), argument) for argument in arguments[1:5] if argument is not None
     )
     deviation = c.apply("sqrt", c.apply("add", variance, op.get("epsilon", 1e-5)))
     shifted = c.apply("sub", x, mean)
+    # in this order, scale / deviation folds to one constant
     return c.apply("add", c.apply("mul", shifted, c.apply("div", scale, deviation)), bias)
 
 
 @operator("LayerNormalization")
 def layer_normalization(c: Context, op: Operator, arguments: Arguments) -> list[Tensor]:
-    """Return the normalised elements, their mean, and the inverse of their standard deviation."""
+    """Compute the normalised elements, their mean, and the inverse of their standard deviation."""
     x, scale, bias = (*arguments, None)[:3]
     assert x is not None
     assert scale is not None
@@ -90,6 +92,7 @@ def imputer(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if values is None:
         raise UnsupportedOperatorError("it has no values")
     replaced = op.get("replaced_value_float", op.get("replaced_value_int64", 0))
+    # NaN is not equal to itself
     missing = c.truth("ne", x, x) if np.isnan(replaced) else c.truth("eq", x, float(replaced))
     return c.where(missing, np.asarray(values, dtype=np.float64), x)
 

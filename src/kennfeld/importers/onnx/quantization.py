@@ -35,6 +35,7 @@ def quantized(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     kind = "uint8" if zero is None else constant(zero, "y_zero_point").dtype.name
     if kind not in _RANGES or op.get("output_dtype", 0):
         raise UnsupportedOperatorError(f"quantisation to {kind} is not supported")
+    # limit(round(x / scale) + zero point)
     number = round_half_even(c, c.apply("div", x, _along(op, scale, x)))
     if zero is not None:
         number = c.apply("add", number, _along(op, zero, x))
@@ -47,6 +48,7 @@ def _along(op: Operator, tensor: Tensor, x: Tensor) -> Tensor:
     """Align a scale or zero point with the axis that it belongs to."""
     if op.get("block_size", 0) or len(shape_of(tensor)) > 1:
         raise UnsupportedOperatorError("quantisation in blocks is not supported")
+    # one scale for all elements; otherwise one along `axis`
     if not shape_of(tensor) or shape_of(tensor) == (1,):
         return rearrange(lambda array: array.reshape(()), tensor)
     count = len(shape_of(x))

@@ -57,8 +57,10 @@ def read_network(path: Path) -> Network:
         model = onnx.ModelProto.FromString(content)
     except (DecodeError, RecursionError):
         raise InputError.of(location, "not an ONNX file, or damaged", _REMEDY) from None
+    # protobuf reads an empty file as a model without content
     if not model.graph.node and not model.graph.output:
         raise InputError.of(location, "the file holds no network", _REMEDY)
+    # before functions are inlined, which could fill the memory
     _check_size(model, location)
     _load_external_data(model, path)
     try:
@@ -119,6 +121,7 @@ def _external_bytes(path: Path, tensor: str, entries: Mapping[str, str]) -> byte
     name, location = entries.get("location", ""), Location.of_file(path).within(tensor)
     folder = path.parent.resolve()
     try:
+        # resolved, so that neither `..` nor a link leads out of the folder
         file = (folder / name).resolve()
         offset, length = int(entries.get("offset", 0)), int(entries.get("length", -1))
     except (ValueError, OSError, RuntimeError):
@@ -133,6 +136,7 @@ def _external_bytes(path: Path, tensor: str, entries: Mapping[str, str]) -> byte
             raise InputError.of(location, f"the file {one_line(name)} with its data does not exist", "Copy it as well.")
         with file.open("rb") as stream:
             stream.seek(offset)
+            # one byte more than the limit shows that the file is too long
             data = stream.read(length if length >= 0 else MAX_FILE + 1)
     if 0 <= length != len(data):
         raise InputError.of(location, f"{one_line(name)} ends within the data", _REMEDY)
@@ -140,6 +144,7 @@ def _external_bytes(path: Path, tensor: str, entries: Mapping[str, str]) -> byte
 
 
 def _network(model: Any, path: Path) -> Network:
+    # the size is checked again, because functions of the standard have been replaced by their operators
     graph, location = model.graph, Location.of_file(path)
     _check_size(model, location)
     if graph.sparse_initializer:
@@ -186,6 +191,7 @@ def _port(value: Any, location: Location) -> NetworkPort:
         raise InputError.of(place, f"elements of type {kind} are not supported", "Export it with float or double.")
     if not tensor.HasField("shape"):
         return NetworkPort(value.name, None, kind)
+    # 0 for a size that is a name or missing, which only the first dimension, the batch, may have
     dimensions = [int(d.dim_value) if d.HasField("dim_value") else 0 for d in tensor.shape.dim]
     if any(size <= 0 for size in dimensions[1:]):
         return NetworkPort(value.name, None, kind)

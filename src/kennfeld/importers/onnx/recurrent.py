@@ -23,9 +23,11 @@ from kennfeld.importers.onnx.tensors import (
     shape_of,
 )
 
+# order of their blocks of rows: GRU update, reset, candidate; LSTM input, output, forget, candidate
 _GATES = {"RNN": 1, "GRU": 3, "LSTM": 4}
 _DEFAULTS = {"RNN": ["Tanh"], "GRU": ["Sigmoid", "Tanh"], "LSTM": ["Sigmoid", "Tanh", "Tanh"]}
 _FUSED = {"Tanh": "tanh", "Sigmoid": "sigmoid"}
+# defaults of alpha
 _SLOPES = {"LeakyRelu": 0.01, "Elu": 1.0, "ThresholdedRelu": 1.0, "HardSigmoid": 0.2}
 
 
@@ -70,16 +72,17 @@ class _RecurrentCell(NamedTuple):
     late_reset: bool = False
 
     def gates(self, c: Context, x: Tensor, h: Tensor, numbers: Sequence[int], activation: _Activation) -> list[Tensor]:
-        """Return the outputs of gates with the same activation, each [batch, hidden]."""
+        """Compute the outputs of gates with the same activation, each [batch, hidden]."""
         fused = not activation.clip and activation.kind in _FUSED
         total = self.sums(c, x, h, numbers, _FUSED[activation.kind] if fused else "identity")
         result = total if fused else activation(c, total)
         return [_take(result, slice(self.hidden * i, self.hidden * (i + 1)), 1) for i in range(len(numbers))]
 
     def sums(self, c: Context, x: Tensor, h: Tensor, numbers: Sequence[int], activation: str = "identity") -> Tensor:
-        """Return products of inputs and state with weights, [batch, gates * hidden]."""
+        """Multiply inputs, [batch, inputs], and state, [batch, hidden], by weights: [batch, gates * hidden]."""
         places = np.concatenate([np.arange(self.hidden * i, self.hidden * (i + 1)) for i in numbers])
         own = [_take(each, places, 0) for each in (self.weights, self.recurrence)]
+        # [W R]', [inputs + hidden, gates * hidden]; the file has a bias for W and one for R
         matrix = rearrange(np.transpose, join(c, own, 1))
         biases = _take(self.biases, places, 1)
         offsets = c.apply("add", _take(biases, 0, 0), _take(biases, 1, 0))
@@ -130,8 +133,10 @@ def recurrent(c: Context, op: Operator, arguments: Arguments) -> list[Tensor]:
             for start in (hidden_start, cell_start)
         ]
         results: list[Tensor] = []
+        # a reverse direction begins at the last sample, but its results have the order of the samples
         for step in range(steps)[::direction]:
             state = _STEPS[op.kind](c, cell, _take(x, step, 0), state)
+            # [1 step, 1 direction, batch, hidden]
             results.append(rearrange(lambda array: array[None, None], state[0]))
         outputs.append(join(c, results[::direction], 0))
         ends.append([rearrange(lambda array: array[None], each) for each in state])
@@ -155,6 +160,7 @@ def _activations(op: Operator, number: int, directions: int) -> list[_Activation
     for kind in kinds:
         has_alpha = kind in ("Affine", "ScaledTanh", *_SLOPES)
         has_beta = kind in ("Affine", "ScaledTanh", "HardSigmoid")
+        # the lists run through the activations of all directions
         alpha = float(alphas.pop(0)) if has_alpha and alphas else _SLOPES.get(kind)
         beta = float(betas.pop(0)) if has_beta and betas else None
         result.append(_Activation(kind, alpha, beta, op.get("clip", 0.0)))
@@ -167,7 +173,9 @@ def _rnn_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tenso
 
 def _gru_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
     h, (gate, candidate) = state[0], cell.activations
+    # h' = (1 - update) * proposal + update * h
     update, reset = cell.gates(c, x, h, [0, 1], gate)
+    # proposal = g(W x + b_w + reset * (R h + b_r)), else g(W x + R (reset * h) + b_w + b_r)
     if cell.late_reset:
         places = np.arange(2 * cell.hidden, 3 * cell.hidden)
         biases = _take(cell.biases, places, 1)
@@ -182,6 +190,7 @@ def _gru_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tenso
 
 
 def _lstm_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
+    # memory' = keep * memory + admit * proposal; h' = emit * output(memory')
     h, memory = state
     gate, candidate, output = cell.activations
     (proposal,) = cell.gates(c, x, h, [3], candidate)
@@ -189,6 +198,7 @@ def _lstm_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tens
         admit, emit, keep = cell.gates(c, x, h, [0, 1, 2], gate)
         memory = c.apply("add", c.apply("mul", keep, memory), c.apply("mul", admit, proposal))
     else:
+        # the output gate sees the new memory, the other two the old one, so that they are activated apart
         sums = cell.sums(c, x, h, [0, 1, 2])
         admitted, emitted, kept = (_take(sums, slice(cell.hidden * i, cell.hidden * (i + 1)), 1) for i in range(3))
         admit, keep = (

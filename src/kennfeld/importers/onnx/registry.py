@@ -9,6 +9,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.domain.parameters import Block
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
+from kennfeld.importers.onnx.element_types import with_declared_kinds
 from kennfeld.importers.onnx.network import Network, Operator
 from kennfeld.importers.onnx.tensors import Arithmetic, NodeTensor, Tensor, UnsupportedOperatorError, nodes_of
 from kennfeld.models.imperative.node_arrays import Nodes
@@ -65,11 +66,13 @@ class Context:
         if outputs is not None:
             results = [outputs] if isinstance(outputs, NodeTensor | np.ndarray | np.generic) else outputs
             tensors = [result if isinstance(result, NodeTensor) else np.asarray(result) for result in results]
-            self.tensors.update(zip(op.outputs, tensors, strict=False))
+            # an operator may leave out its last outputs
+            self.tensors.update(zip(op.outputs, with_declared_kinds(op, tensors, arguments), strict=False))
 
     def run(self, body: Network, arguments: Sequence[Tensor]) -> list[Tensor]:
-        """Return the outputs of a graph within an operator."""
+        """Compute the outputs of a graph within an operator."""
         inner = Context(body, self.builder, self._prefix)
+        # shared, so that names of layers are counted through and passes of a loop share their weights
         inner.layers, inner.remarks, inner._names = self.layers, self.remarks, self._names
         inner._products, inner.apply = self._products, self.apply
         inner.tensors.update(zip((port.name for port in body.inputs), arguments, strict=True))
@@ -96,6 +99,7 @@ class Context:
 
         `weights` have a row per input, then the biases; [inputs + 1, outputs].
         """
+        # equal weights are one parameter: the passes of a loop or steps of a sequence share theirs
         content = np.array(weights.shape).tobytes() + weights.tobytes()
         name = self._names.setdefault(content, f"{self._prefix}layer{len(self._names) + 1}")
         inputs, outputs = weights.shape[0] - 1, weights.shape[1]
@@ -125,6 +129,7 @@ class Context:
 
 def _consumers(network: Network) -> Mapping[str, Operator]:
     counts = Counter(name for operator in network.used_operators for name in operator.inputs)
+    # an output of the network has a user more, so that no layer absorbs what follows it
     counts.update(port.name for port in network.outputs)
     users = {name: operator for operator in network.used_operators for name in operator.inputs}
     return {name: user for name, user in users.items() if counts[name] == 1}

@@ -14,7 +14,7 @@ from kennfeld.importers.onnx.tensors import NodeTensor, Tensor, UnsupportedOpera
 
 
 def rows_of(c: Context, arguments: Arguments) -> Tensor:
-    """Return the first argument as rows of features, [rows, features]."""
+    """Take the first argument as rows of features, [rows, features]."""
     return NodeTensor(np.atleast_2d(c.nodes(first(arguments))))
 
 
@@ -32,7 +32,7 @@ def transformed(c: Context, scores: Tensor, kind: str) -> Tensor:
 
 
 def labels_of(op: Operator) -> list[int]:
-    """Return the labels of the classes; texts are numbered from 0."""
+    """Read the labels of the classes; texts are numbered from 0."""
     names = ("classlabels_int64s", "classlabels_ints", "classlabels_strings")
     labels = next((op.get(name) for name in names if op.get(name)), None)
     if labels is None:
@@ -41,7 +41,8 @@ def labels_of(op: Operator) -> list[int]:
 
 
 def labelled(c: Context, scores: Tensor, labels: Sequence[int]) -> list[Tensor]:
-    """Return the outputs of a classifier: labels, [rows], and scores, [rows, classes]."""
+    """Compute the outputs of a classifier: labels, [rows], and scores, [rows, classes]."""
+    # label = labels[index] as a chain of selections, because the index depends on the inputs
     index = rearrange(lambda array: array[:, 0], index_of_extreme(c, scores, 1))
     result: Tensor = np.full(shape_of(index), float(labels[0]))
     for place, label in enumerate(labels[1 : shape_of(scores)[1]], start=1):
@@ -50,7 +51,10 @@ def labelled(c: Context, scores: Tensor, labels: Sequence[int]) -> list[Tensor]:
 
 
 def mirrored(c: Context, scores: Tensor, *, complement: bool) -> Tensor:
-    """Return the scores of two classes for that of the second: the first is its complement to 1, or its negative."""
+    """Join the scores of two classes, [rows, 2], from that of the second, [rows, 1].
+
+    The first is its complement to 1, or its negative.
+    """
     first = c.apply("sub", 1.0, scores) if complement else c.apply("neg", scores)
     return join(c, [first, scores], 1)
 

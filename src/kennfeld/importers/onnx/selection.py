@@ -55,12 +55,15 @@ def _choose(c: Context, x: Tensor, indices: NodeTensor, axis: int) -> Tensor:
         raise UnsupportedOperatorError(f"an index that depends on the inputs selects from {count} elements")
     rest = (*shape[:axis], *shape[axis + 1 :])
     places: Tensor = NodeTensor(indices.nodes.reshape(*indices.nodes.shape, *[1] * len(rest)), "int")
+    # a negative index counts from the end
     places = c.where(c.truth("lt", places, 0.0), c.apply("add", places, float(count)), places)
     result: Tensor = np.full((*indices.nodes.shape, *rest), np.nan)
+    # result = x[0] if index = 0, x[1] if index = 1, ..., written as nested selections
     for place in range(count):
         part = rearrange(lambda array, place=place: np.take(array, place, axis), x)  # type: ignore[misc]
         result = c.where(c.truth("eq", places, float(place)), part, result)
     dimensions = indices.nodes.ndim
+    # the dimensions of the indices take the place of the axis
     targets = range(axis, axis + dimensions)
     return as_kind(rearrange(lambda array: np.moveaxis(array, range(dimensions), targets), result), kind_of(x))
 
@@ -105,7 +108,7 @@ def compress(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 
 
 def elements_along(tensor: Tensor, axis: int) -> Sequence[Tensor]:
-    """Return the elements along an axis, which becomes 1 long."""
+    """Cut a tensor into the elements along an axis, which becomes 1 long in each."""
     return [
         rearrange(lambda array, i=i: np.take(array, [i], axis), tensor)  # type: ignore[misc]
         for i in range(shape_of(tensor)[axis])
@@ -113,7 +116,7 @@ def elements_along(tensor: Tensor, axis: int) -> Sequence[Tensor]:
 
 
 def index_of_extreme(c: Context, tensor: Tensor, axis: int, better: str = "gt") -> Tensor:
-    """Return the place of the first largest element along an axis.
+    """Find the place of the first largest element along an axis, which becomes 1 long.
 
     `better` is "lt" for the smallest, "ge" for the last largest, "le" for the last smallest element.
     """
@@ -123,6 +126,7 @@ def index_of_extreme(c: Context, tensor: Tensor, axis: int, better: str = "gt") 
     best: Tensor = parts[0]
     index: Tensor = np.zeros(shape_of(best))
     for place, part in enumerate(parts[1:], start=1):
+        # "gt" keeps the first of equal elements, "ge" takes the last
         exceeds = c.truth(better, part, best)
         best, index = c.where(exceeds, part, best), c.where(exceeds, float(place), index)
     return NodeTensor(index.nodes, "int") if isinstance(index, NodeTensor) else index.astype(np.int64)
@@ -141,10 +145,11 @@ def arg_extreme(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 
 @operator("Hardmax")
 def hardmax(c: Context, op: Operator, arguments: Arguments) -> Tensor:
-    """Return 1 for the first largest element along an axis, before version 13 along all that follow, else 0."""
+    """Mark the first largest element along an axis by 1, before version 13 along all that follow, the others by 0."""
     x = first(arguments)
     shape = shape_of(x)
     axis = op.get("axis", -1 if op.version >= 13 else 1) % len(shape)
+    # before version 13, rows and columns: the dimensions before the axis, and all from it on
     if op.version < 13:
         x, axis = rearrange(lambda array: array.reshape(int(np.prod(shape[:axis])), -1), x), 1
     sizes = [1] * len(shape_of(x))
@@ -165,6 +170,7 @@ def top_k(c: Context, op: Operator, arguments: Arguments) -> Sequence[Tensor]:
         raise UnsupportedOperatorError(f"it selects {count} of {len(parts)} elements; the maximum is {MAX_CHOICES}")
     ranks = [_rank(c, parts, number, better) for number in range(len(parts))]
     values, places = [], []
+    # each rank belongs to exactly one element, because equal ones are ordered by place
     for rank in range(count):
         value: Tensor = parts[0]
         place: Tensor = np.zeros(shape_of(value))
@@ -224,6 +230,7 @@ def cumulative(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     parts = list(elements_along(x, axis))
     parts = parts[::-1] if op.get("reverse", 0) else parts
     start, step = {"CumSum": (0.0, "add"), "CumProd": (1.0, "mul")}[op.kind]
+    # totals[i + 1] = totals[i] + parts[i]; an exclusive sum is the one before its own element
     totals: list[Tensor] = [np.full(shape_of(parts[0]), start)]
     for part in parts:
         totals.append(c.apply(step, totals[-1], part))

@@ -26,7 +26,7 @@ def first(arguments: Arguments) -> Tensor:
 
 
 def integers(op: Operator, arguments: Arguments, place: int, name: str) -> list[int] | None:
-    """Return whole numbers that newer versions take as an argument and older ones as an attribute; None without."""
+    """Read whole numbers that newer versions take as an argument and older ones as an attribute; None without."""
     if len(arguments) > place and arguments[place] is not None:
         return [int(number) for number in constant(arguments[place], name).ravel()]
     value = op.get(name)
@@ -38,6 +38,7 @@ def identity(c: Context, op: Operator, arguments: Arguments) -> Tensor | Sequenc
     x = first(arguments)
     if len(arguments) > 2 and arguments[2] is not None and constant(arguments[2], "training_mode").any():
         raise UnsupportedOperatorError("it is in training mode; export the network for inference")
+    # the second output of Dropout is its mask
     return [x, np.ones(shape_of(x), dtype=bool)][: len(op.outputs)]
 
 
@@ -73,6 +74,7 @@ def size(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def reshape(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     x, sizes = first(arguments), integers(op, arguments, 1, "shape") or []
     if not op.get("allowzero", 0):
+        # 0 keeps the dimension of the input
         sizes = [shape_of(x)[i] if size == 0 else size for i, size in enumerate(sizes)]
     return rearrange(lambda array: array.reshape(sizes), x)
 
@@ -83,6 +85,7 @@ def flatten(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     sizes = shape_of(x)
     axis = op.get("axis", 1)
     rows = int(np.prod(sizes[: axis + len(sizes) if axis < 0 else axis]))
+    # numpy cannot infer -1 from an array without elements
     return rearrange(lambda array: array.reshape(rows, -1 if array.size else 0), x)
 
 
@@ -159,6 +162,7 @@ def _part(start: int, end: int, step: int, size: int) -> slice:
     start, end = (at + size if at < 0 else at for at in (start, end))
     if step > 0:
         return slice(min(max(start, 0), size), min(max(end, 0), size), step)
+    # backwards, -1 is before the first element, where a slice of Python would count from the end
     end = min(max(end, -1), size - 1)
     return slice(min(max(start, 0), size - 1), None if end < 0 else end, step)
 
@@ -169,6 +173,7 @@ def split(c: Context, op: Operator, arguments: Arguments) -> Sequence[Tensor]:
     whole = shape_of(x)[axis]
     sizes = integers(op, arguments, 1, "split")
     if sizes is None:
+        # equal parts, of which the last one may be shorter
         size = -(-whole // count)
         sizes = [min(size, whole - size * i) for i in range(count)]
     ends = np.cumsum(sizes)
@@ -188,8 +193,10 @@ def pad(c: Context, op: Operator, arguments: Arguments) -> Tensor:
         raise UnsupportedOperatorError(f"mode {mode} is not supported")
     ends = [(0, 0)] * count
     for place, axis in enumerate(axes):
+        # the file lists all begins, then all ends
         ends[axis] = sizes[place], sizes[place + len(axes)]
     check_size([size + sum(each) for size, each in zip(shape_of(x), ends, strict=True)])
+    # first what negative numbers remove, then what positive ones append
     kept = [slice(max(-begin, 0), size - max(-end, 0)) for size, (begin, end) in zip(shape_of(x), ends, strict=True)]
     added = [(max(begin, 0), max(end, 0)) for begin, end in ends]
     nodes = c.nodes(x)[tuple(kept)]
@@ -221,6 +228,7 @@ def move_blocks(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if op.kind == "SpaceToDepth":
         split = (batch, channels, rows // block, block, columns // block, block)
         joined = (batch, channels * block**2, rows // block, columns // block)
+        # CRD numbers the new channels by (channel, row, column) of the block, DCR by (row, column, channel)
         order = (0, 1, 3, 5, 2, 4) if by_channel else (0, 3, 5, 1, 2, 4)
         return rearrange(lambda array: array.reshape(split).transpose(order).reshape(joined), x)
     inner = channels // block**2

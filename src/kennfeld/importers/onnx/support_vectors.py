@@ -40,10 +40,12 @@ def support_vector_regressor(c: Context, op: Operator, arguments: Arguments) -> 
 
 def _kernels(c: Context, op: Operator, rows: Tensor, vectors: Float) -> Tensor:
     """Return the kernels of each row at each support vector, [rows, vectors]."""
+    # u'v, (gamma u'v + constant)^degree, e^(-gamma |u - v|^2) or tanh(gamma u'v + constant) of a row u and a vector v
     gamma, constant, degree = (*np.ravel(op.get("kernel_params", [])), 0.0, 0.0, 0.0)[:3]
     kind = op.get("kernel_type", "LINEAR")
     if kind == "RBF":
         shape = shape_of(rows)
+        # [rows, 1, features] - [1, vectors, features]
         points = NodeTensor(c.nodes(rows).reshape(shape[0], 1, shape[1]))
         difference = c.apply("sub", points, vectors[None])
         squares = reduce_along(c, "SumSquare", difference, [2])
@@ -81,6 +83,8 @@ def support_vector_classifier(c: Context, op: Operator, arguments: Arguments) ->
 
 def _pair_weights(op: Operator, counts: Sequence[int], pairs: Sequence[_Pair]) -> Float:
     """Return the weights of the kernels of all support vectors for each pair of classes, [vectors, pairs]."""
+    # LIBSVM's [classes - 1, vectors]: a vector of class i has its weight against class j in row j - 1
+    # if i < j, else in row j
     coefficients = np.asarray(op.get("coefficients")).reshape(len(counts) - 1, -1)
     ends = np.cumsum([0, *counts])
     weights = np.zeros((sum(counts), len(pairs)))
@@ -110,6 +114,7 @@ def _votes(c: Context, decisions: Tensor, pairs: Sequence[_Pair], classes: int) 
 def _probabilities(c: Context, op: Operator, decisions: Tensor, pairs: Sequence[_Pair], classes: int) -> Tensor:
     """Return the probabilities of classes, [rows, classes]."""
     slopes, offsets = (np.asarray(op.get(name), dtype=np.float64) for name in ("prob_a", "prob_b"))
+    # 1 / (1 + e^(a d + b)) of a decision d: Platt, Probabilistic Outputs for Support Vector Machines (1999)
     exponents = c.apply("neg", c.apply("add", c.apply("mul", decisions, slopes), offsets))
     limited = c.apply("min", c.apply("max", sigmoid(c, exponents), _SMALLEST), 1 - _SMALLEST)
     against: dict[_Pair, Tensor] = {}
@@ -125,6 +130,7 @@ def _coupled(c: Context, against: Mapping[_Pair, Tensor], classes: int) -> Tenso
     are those of an iteration that ends early.
     """
     rest = {i: [j for j in range(classes) if j != i] for i in range(classes)}
+    # minimise p'Qp for sum(p) = 1, with Q_ii = sum_j r_ji^2 and Q_ij = -r_ji r_ij; at its end, all (Qp)_i equal p'Qp
     q = {(i, j): c.apply("neg", c.apply("mul", against[j, i], against[i, j])) for i in rest for j in rest[i]}
     for i in rest:
         q[i, i] = c.apply.fold("add", [c.apply("mul", against[j, i], against[j, i]) for j in rest[i]])
@@ -136,6 +142,7 @@ def _coupled(c: Context, against: Mapping[_Pair, Tensor], classes: int) -> Tenso
         errors = [c.apply("abs", c.apply("sub", product, total)) for product in products]
         ended = c.truth("or", ended, c.truth("lt", c.apply.fold("max", errors), _TOLERANCE / classes))
         swept = _sweep(c, q, list(p), products, total)
+        # every row of data may end at another pass: those that ended keep their probabilities
         p = [c.where(ended, before, after) for before, after in zip(p, swept, strict=True)]
     return join(c, p, 1)
 
@@ -145,6 +152,7 @@ def _sweep(
 ) -> Sequence[Tensor]:
     """Change one probability after the other, and scale all to the sum 1."""
     for i in range(len(p)):
+        # p_i += d = (p'Qp - (Qp)_i) / Q_ii, then p /= 1 + d; Qp and p'Qp follow without new products
         change = c.apply("div", c.apply("sub", total, products[i]), q[i, i])
         grown = c.apply("add", change, 1.0)
         p[i] = c.apply("add", p[i], change)

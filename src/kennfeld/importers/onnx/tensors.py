@@ -56,10 +56,11 @@ def check_size(shape: Sequence[int]) -> None:
 
 
 def nodes_of(builder: GraphBuilder, tensor: Tensor) -> Nodes:
-    """Return the nodes of a tensor."""
+    """Return the nodes of a tensor, in its shape; constants become nodes."""
     if isinstance(tensor, NodeTensor):
         return tensor.nodes
     numbers = np.asarray(tensor, dtype=np.float64)
+    # equal numbers share a node, which is looked up once
     values, places = np.unique(numbers, return_inverse=True)
     nodes = np.array([builder.const(float(value)) for value in values], dtype=np.int64)
     return nodes[places].reshape(numbers.shape) if nodes.size else np.zeros(numbers.shape, dtype=np.int64)
@@ -86,6 +87,7 @@ class Arithmetic:
         depends = any(isinstance(tensor, NodeTensor) for tensor in tensors)
         self._count(int(np.prod(shape)), depends)
         spread = [np.broadcast_to(nodes_of(self.builder, tensor), shape) for tensor in tensors]
+        # the builder computes operations of constants at once, so that their nodes hold the results
         nodes = elementwise(self.builder, op, *spread) if np.prod(shape) else np.zeros(shape, dtype=np.int64)
         self._check_nodes()
         if depends:

@@ -51,6 +51,7 @@ def tree_classifier(c: Context, op: Operator, arguments: Arguments) -> list[Tens
     leaves = {key: {0: leaf.get(single, 0.0)} for key, leaf in trees.leaves.items()}
     bases = _bases(op, len(np.ravel(_column(op, "base_values"))) or 1)[-1:]
     score = write_trees(c, trees._replace(leaves=leaves), _rows(c, arguments), "SUM", bases)
+    # weights that are not negative are probabilities, others margins of which the sign decides
     complement = transform == "LOGISTIC" or min(weights) >= 0
     return labelled(c, mirrored(c, transformed(c, score, transform), complement=complement), labels)
 
@@ -97,6 +98,7 @@ def _trees(op: Operator, prefix: str, count: int) -> Trees:
     nodes: dict[Key, TreeNode] = {}
     leaves: dict[Key, Weights] = {}
     for (tree, node, feature, mode, value, yes, no), track in zip(zip(*columns, strict=True), missing, strict=True):
+        # its weights are in the lists of targets
         if mode == "LEAF":
             leaves[tree, node] = {}
         elif mode in COMPARISONS:
@@ -127,6 +129,7 @@ def _numbered_trees(op: Operator, count: int) -> Trees:
     modes = [_MODES[int(mode)] for mode in _column(op, "nodes_modes")]
     splits, features = _column(op, "nodes_splits"), _column(op, "nodes_featureids")
     missing = _column(op, "nodes_missing_value_tracks_true") or [0] * len(modes)
+    # [true side, false side] of (0, number of a node) or (1, number of a leaf)
     branches = [
         [(int(bool(leaf)), int(number)) for number, leaf in zip(*columns, strict=True)]
         for columns in (
@@ -146,6 +149,7 @@ def _numbered_trees(op: Operator, count: int) -> Trees:
     pairs = enumerate(zip(targets, weights, strict=True))
     leaves = {(1, number): {target: float(weight)} for number, (target, weight) in pairs}
     roots = _column(op, "tree_roots")
+    # a tree that is one leaf has a root with two equal branches to it
     single = [(1, branches[0][root][1]) if branches[0][root] == branches[1][root] else (0, root) for root in roots]
     return Trees(single, nodes, leaves)
 

@@ -43,7 +43,7 @@ class Trees(NamedTuple):
 
 
 def roots_of(nodes: Mapping[Key, TreeNode], leaves: Mapping[Key, Weights]) -> list[Key]:
-    """Return the node of each tree that is not a branch of another.
+    """Find the node of each tree that is not a branch of another.
 
     Raises:
         UnsupportedOperatorError: a tree has none, or several.
@@ -59,14 +59,14 @@ def roots_of(nodes: Mapping[Key, TreeNode], leaves: Mapping[Key, Weights]) -> li
 def write_trees(
     c: Context, trees: Trees, rows: Sequence[Sequence[int]], aggregate: str, bases: Sequence[float]
 ) -> Tensor:
-    """Return the sums of the weights of leaves that rows of features reach, [rows, targets].
+    """Aggregate the weights of the leaves that rows of features reach, [rows, targets].
 
     Args:
         c: context.
         trees: the trees.
-        rows: nodes of the features.
+        rows: nodes of the features, [rows, features].
         aggregate: one of `AGGREGATES`.
-        bases: added to each target.
+        bases: added to each target, [targets].
     """
     c.remark(_REMARK)
     order = [list(_order(c, trees, root)) for root in trees.roots]
@@ -98,6 +98,7 @@ def _total(
 def _order(c: Context, trees: Trees, root: Key) -> Sequence[Key]:
     """Return the nodes of a tree, each after its branches."""
     order: list[Key] = []
+    # a stack, because trees may be deeper than Python recurses
     seen, stack = {root}, [root]
     while stack:
         key = stack.pop()
@@ -107,6 +108,7 @@ def _order(c: Context, trees: Trees, root: Key) -> Sequence[Key]:
         node = trees.nodes.get(key)
         if node is None or len(order) > MAX_NODES:
             raise UnsupportedOperatorError("it has a branch to a missing node, or too many nodes")
+        # a node that two branches lead to would be written twice, or endlessly in a circle
         if seen.intersection(node.branches) or node.branches[0] == node.branches[1]:
             raise UnsupportedOperatorError("its nodes do not form trees")
         seen.update(node.branches)
@@ -124,6 +126,7 @@ def _tree(c: Context, trees: Trees, order: Sequence[Key], row: Sequence[int], ta
             results[key] = c.builder.call("select", _condition(c, node, row), *(results[b] for b in node.branches))
     if len(c.builder.nodes) > MAX_NODES:
         raise UnsupportedOperatorError(f"the trees require more than {MAX_NODES} operations per step")
+    # the root, which comes after all of its branches
     return results[order[-1]]
 
 
@@ -133,6 +136,7 @@ def _condition(c: Context, node: TreeNode, row: Sequence[int]) -> int:
     b, x = c.builder, int(row[node.feature])
     if node.mode == MEMBER:
         conditions = [b.call("eq", x, b.const(member)) for member in node.members] or [b.const(0.0)]
+        # NaN equals no member, so that it would take the false branch
         conditions += [b.call("ne", x, x)] if node.missing else []
         result = conditions[0]
         for condition in conditions[1:]:

@@ -12,11 +12,11 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphBuilder, GraphTooLargeError
 from kennfeld.importers.c.functions import LIBRARY, MATHEMATICS
 from kennfeld.importers.python.reading import PythonFunction, number_of
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
+from kennfeld.program import tree as m
 
 _BINARY: Final[dict[type[ast.operator], str]] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: ".*", ast.Div: "./", ast.Pow: ".^",
@@ -74,7 +74,7 @@ class PythonTranslation:
         return tuple(statement for item in body for statement in self._statement(item, results))
 
     def _statement(self, tree: ast.stmt, results: tuple[str, ...]) -> list[m.Statement]:
-        place = m.SourcePosition(tree.lineno)
+        place = m.TextPosition(tree.lineno)
         match tree:
             case ast.Pass() | ast.Expr(value=ast.Constant()):
                 return []

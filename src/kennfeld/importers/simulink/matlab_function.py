@@ -11,15 +11,13 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.expressions.code_parameters import resolve_parameter
 from kennfeld.importers.simulink.expressions.parameter_expressions import parameter_value_at
-from kennfeld.importers.simulink.flattening.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.parameter_fields import variable_field
 from kennfeld.importers.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus, as_vector, period_of
 from kennfeld.importers.simulink.variables.mask_scope import names_assigned_by_functions
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
-from kennfeld.matlab.traversal import declares_persistent
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, AbortedPathError, ProgramError
 from kennfeld.models.imperative.library.function_registry import matlab_word
@@ -34,6 +32,8 @@ from kennfeld.models.imperative.persistent_variables import (
 )
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
 from kennfeld.models.imperative.symbolic_values import InvalidValue, SymbolicStruct, SymbolicValue, field_of, integers
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import declares_persistent
 
 _DEFINE_REMEDY: Final = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
 _BLOCK: Final = "the function of the block"

@@ -15,7 +15,6 @@ from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
 from kennfeld.graph.integration import apply_solver, is_continuous, without_idle_holds
 from kennfeld.importers.simulink.constant_outputs import find_constant_outputs
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, FlatModel
-from kennfeld.importers.simulink.flattening.integer_signals import find_integer_conversions
 from kennfeld.importers.simulink.import_report import (
     TYPES_IGNORED,
     SimulinkReport,
@@ -24,6 +23,7 @@ from kennfeld.importers.simulink.import_report import (
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, placeholder_signal, unsupported_reason
+from kennfeld.importers.simulink.lowering.integer_signals import find_integer_conversions
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs

@@ -8,11 +8,8 @@ from kennfeld.graph.integration import SOLVERS
 from kennfeld.importers.simulink import blocks
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
-from kennfeld.importers.simulink.lowering.scheduling import (
-    CONTINUOUS_BLOCK_TYPES,
-    ModelClock,
-    explicit_sample_time,
-)
+from kennfeld.importers.simulink.lowering.registry import has_continuous_states
+from kennfeld.importers.simulink.lowering.scheduling import ModelClock, explicit_sample_time
 from kennfeld.importers.simulink.reader.model_tree import StoredSolver
 from kennfeld.importers.simulink.signals import CONSTANT
 from kennfeld.importers.simulink.variables.mask_scope import Scope
@@ -100,7 +97,7 @@ class SolverSelection:
 
 def _is_continuous(flat: FlatBlock) -> bool:
     """Return True if a block has continuous states; PID controllers specify it in a field."""
-    known = flat.type in CONTINUOUS_BLOCK_TYPES or flat.type in _CONTROLLERS
+    known = has_continuous_states(flat) or flat.type in _CONTROLLERS
     return known and flat.block.value("TimeDomain") != "Discrete-time"
 
 

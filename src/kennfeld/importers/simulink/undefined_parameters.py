@@ -8,9 +8,9 @@ from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering.registry import field_text
 from kennfeld.importers.simulink.variables.mask_scope import MaskVariable, Scope
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import dotted_name
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.quantities import UndefinedParameter
+from kennfeld.program.traversal import dotted_name
 
 # breakpoint fields of the tables in a block, by the field of the table
 _AXES: Mapping[tuple[str, str], tuple[str, ...]] = {

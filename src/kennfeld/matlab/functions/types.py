@@ -134,7 +134,7 @@ def _str2func(call: NumericArguments) -> v.Value:
     word = call.text(0)
     if word.startswith("@"):
         from kennfeld.matlab.parser import parse_expression
-        from kennfeld.matlab.syntax import AnonymousFunction
+        from kennfeld.program.tree import AnonymousFunction
 
         tree = parse_expression(word, "str2func")
         if isinstance(tree, AnonymousFunction):

@@ -43,7 +43,7 @@ class InvalidArgumentError(Exception):
         self.argument, self.message = argument, message
 
 
-class Argument(NamedTuple):
+class FunctionArgument(NamedTuple):
     """An argument; `default` is a number, the name of another argument, or `ITSELF`; "" if it is required."""
 
     name: str
@@ -59,7 +59,7 @@ class BuiltinFunction(NamedTuple):
 
     name: str
     signature: str
-    arguments: tuple[Argument, ...]
+    arguments: tuple[FunctionArgument, ...]
     rule: Callable[..., int]
     memory: bool
     ordered: tuple[str, ...] = ()
@@ -78,7 +78,7 @@ class BuiltinFunction(NamedTuple):
         """Return the position of an argument."""
         return [argument.name for argument in self.arguments].index(name)
 
-    def argument(self, index: int) -> Argument:
+    def argument(self, index: int) -> FunctionArgument:
         """Return the argument at a position of a call."""
         return self.arguments[min(index, len(self.arguments) - 1)]
 
@@ -90,7 +90,7 @@ def _function(
     arguments = []
     for part in inside.removesuffix(", ...").split(", "):
         argument, _, default = part.partition("=")
-        arguments.append(Argument(argument, default, argument in later.split()))
+        arguments.append(FunctionArgument(argument, default, argument in later.split()))
     return BuiltinFunction(name, signature, tuple(arguments), rule, memory, tuple(ordered.split()))
 
 
@@ -273,7 +273,9 @@ def functions_of_files(functions: Iterable["ModelFunction"]) -> Mapping[str, Bui
 
 
 def _output_of(function: "ModelFunction", call: str, number: int) -> BuiltinFunction:
-    arguments = [Argument(x.name, "" if x.default is None else repr(x.default), x.later) for x in function.inputs]
+    arguments = [
+        FunctionArgument(x.name, "" if x.default is None else repr(x.default), x.later) for x in function.inputs
+    ]
 
     def rule(builder: GraphBuilder, *inputs: int | Deferred) -> int:
         return function.write(builder, inputs)[number]
@@ -291,7 +293,7 @@ def _function_of(surrogate: "Surrogate") -> BuiltinFunction:
 
 
 def _static(surrogate: "StaticSurrogate") -> BuiltinFunction:
-    arguments = [Argument(name, "", False) for name in surrogate.inputs]
+    arguments = [FunctionArgument(name, "", False) for name in surrogate.inputs]
     return _called(surrogate.name, arguments, partial(_look_up, surrogate.name), memory=False)
 
 
@@ -300,12 +302,14 @@ def _look_up(name: str, builder: GraphBuilder, *inputs: int) -> int:
 
 
 def _dynamic(surrogate: "DynamicSurrogate") -> BuiltinFunction:
-    arguments = [Argument(name, "", 0 not in lags) for name, lags in zip(surrogate.inputs, surrogate.lags, strict=True)]
-    arguments.append(Argument("init", repr(surrogate.start), False))
+    arguments = [
+        FunctionArgument(name, "", 0 not in lags) for name, lags in zip(surrogate.inputs, surrogate.lags, strict=True)
+    ]
+    arguments.append(FunctionArgument("init", repr(surrogate.start), False))
     return _called(surrogate.name, arguments, partial(_recursion, surrogate), memory=True)
 
 
-def _called(name: str, arguments: list[Argument], rule: Callable[..., int], *, memory: bool) -> BuiltinFunction:
+def _called(name: str, arguments: list[FunctionArgument], rule: Callable[..., int], *, memory: bool) -> BuiltinFunction:
     shown = [argument.name + f"={argument.default}" * bool(argument.default) for argument in arguments]
     return BuiltinFunction(name, f"{name}({', '.join(shown)})", tuple(arguments), rule, memory)
 
@@ -325,7 +329,7 @@ def _limited(builder: GraphBuilder, y: int, limits: tuple[float, float]) -> int:
 
 
 def _filtered(surrogate: "FilteredSurrogate") -> BuiltinFunction:
-    arguments = [Argument(name, "", surrogate.delay > 0) for name in surrogate.inputs]
+    arguments = [FunctionArgument(name, "", surrogate.delay > 0) for name in surrogate.inputs]
     return _called(surrogate.name, arguments, partial(_filter_inputs, surrogate), memory=True)
 
 

@@ -14,7 +14,7 @@ from kennfeld.models.formula.functions import (
     CONTINUOUS_FUNCTIONS,
     ITSELF,
     OPERATORS,
-    Argument,
+    FunctionArgument,
     InvalidArgumentError,
 )
 from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
@@ -327,7 +327,7 @@ class GraphLowering:
         is_state = self.builder.nodes[node].op == "state"
         return CONTINUOUS_FUNCTIONS["sampled"].rule(self.builder, node) if self.names.solver and not is_state else node
 
-    def _default(self, argument: Argument, args: list[Any], function: BuiltIn) -> Any:
+    def _default(self, argument: FunctionArgument, args: list[Any], function: BuiltIn) -> Any:
         if argument.default == ITSELF:
             return None
         earlier = [other.name for other in function.arguments]

@@ -6,7 +6,7 @@ Precedence, from lowest to highest:
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 from kennfeld.graph.integration import SOLVERS
 from kennfeld.models.formula.lexer import DECLARATIONS, FOREIGN, RESERVED, Source, statements, tokens
@@ -25,6 +25,7 @@ from kennfeld.models.formula.syntax import (
     StepDeclaration,
     Token,
 )
+from kennfeld.program.operator_parser import OperatorParser
 
 LEVELS: Final = {
     "or": 1,
@@ -36,7 +37,6 @@ LEVELS: Final = {
     "^": 8,
 }
 _NOT, _COMPARISON, _POWER = LEVELS["not"], LEVELS["<"], LEVELS["^"]
-_LOOSEST = 1
 
 # keeps the parser far from Python's own limit of 1000 calls
 MAX_DEPTH = 100
@@ -65,25 +65,27 @@ def parse_expression(source: Source, lines: range, keys: Keys) -> Expr | None:
     return _StatementParser([*expression_tokens, end], keys, source).whole()
 
 
-class _StatementParser:
+class _StatementParser(OperatorParser[Token, Expr]):
     """Parser of the tokens of one statement."""
 
+    levels: ClassVar = {operator: level for operator, level in LEVELS.items() if operator != "not"}
+    word_kinds = ("op",)
+    max_depth = MAX_DEPTH
+
     def __init__(self, line_tokens: Sequence[Token], keys: Keys, source: Source) -> None:
-        self.tokens = line_tokens
+        super().__init__(line_tokens)
         self.keys = keys
         self.source = source
-        self.position = 0
-        self.depth = 0
 
     def statement(self) -> Statement | None:
         number, *others = self.tokens[:2]
         if number.kind == "number" and number.text.isdigit() and others[0].kind in ("name", "quoted"):
-            self.position = 1  # a line number
-        first, second = self.tokens[self.position], self.tokens[min(self.position + 1, len(self.tokens) - 1)]
+            self.at = 1  # a line number
+        first, second = self.token, self.ahead(1)
         declares = first.kind == "name" and first.text in DECLARATIONS
         if not declares or second.text == "=" or second.kind == "unit":
             return self._definition()
-        self.position += 1
+        self.at += 1
         if first.text == "def":
             return self._function()
         if first.text == "solver":
@@ -94,7 +96,7 @@ class _StatementParser:
         """Parse the expression up to the end; return None if it is wrong."""
 
         def parse_all() -> Expr:
-            result = self._expression(_LOOSEST)
+            result = self.operations()
             self._finish()
             return result
 
@@ -124,20 +126,20 @@ class _StatementParser:
         return Declaration(kind.text, name, unit)
 
     def _finish_declaration(self, kind: Token) -> None:
-        if self._peek.text == ",":
-            raise SyntaxFault(self._peek, "only one name per declaration", f"Write one {kind.text} line per name.")
+        if self.token.text == ",":
+            raise SyntaxFault(self.token, "only one name per declaration", f"Write one {kind.text} line per name.")
         self._finish()
 
     def _step(self, word: Token) -> StepDeclaration | None:
-        number = self._next()
-        if number.kind != "number" or self._peek.kind != "end" or not 0 < float(number.text) < float("inf"):
+        number = self.take()
+        if number.kind != "number" or self.token.kind != "end" or not 0 < float(number.text) < float("inf"):
             self.source.report(number, "step must be a positive number of seconds", "Write step 0.01, for example.")
             return None
         return StepDeclaration(word, float(number.text))
 
     def _solver(self, word: Token) -> SolverDeclaration | None:
-        name = self._next()
-        if name.kind != "name" or name.text not in SOLVERS or self._peek.kind != "end":
+        name = self.take()
+        if name.kind != "name" or name.text not in SOLVERS or self.token.kind != "end":
             self.source.report(name, f"solver must be one of {', '.join(SOLVERS)}", "Write solver ode4, for example.")
             return None
         return SolverDeclaration(word, name.text)
@@ -152,16 +154,14 @@ class _StatementParser:
 
     def _arguments(self, arguments: list[Token]) -> Token:
         """Append the arguments of a function; return the equals sign after them."""
-        self._expect("(")
-        if self._peek.text != ")":
+        self.expect("(")
+        while self.token.text != ")" if not arguments else self.accept(","):
             arguments.append(self._name("the name of an argument is missing"))
-            while self._take(","):
-                arguments.append(self._name("the name of an argument is missing"))
-        self._expect(")")
-        return self._expect("=")
+        self.expect(")")
+        return self.expect("=")
 
     def _name(self, message: str) -> Token:
-        token = self._next()
+        token = self.take()
         if token.kind == "bad":
             raise self._bad(token)
         if token.kind not in ("name", "quoted"):
@@ -171,10 +171,10 @@ class _StatementParser:
         return token
 
     def _unit(self) -> str:
-        return self._next().text[1:-1].strip() if self._peek.kind == "unit" else ""
+        return self.take().text[1:-1].strip() if self.token.kind == "unit" else ""
 
     def _equals(self, name: Token) -> Token:
-        token = self._next()
+        token = self.take()
         if token.text == "=":
             return token
         if token.kind == "bad" and token.text != ".":
@@ -183,7 +183,7 @@ class _StatementParser:
         raise SyntaxFault(token, f"missing = after {name.name}", remedy)
 
     def _finish(self) -> None:
-        token = self._peek
+        token = self.token
         if token.kind == "end":
             return
         if token.kind == "bad":
@@ -198,59 +198,48 @@ class _StatementParser:
             raise SyntaxFault(token, "comma outside parentheses", "Use a point as decimal separator.")
         raise SyntaxFault(token, f"missing operator before {token.text}")
 
-    def _expression(self, level: int) -> Expr:
-        """Parse an expression whose operators bind at least as tightly as `level`."""
-        left = self._operand(level)
-        while self._level >= level:
-            left = self._infix(left, self._level)
-        return left
-
-    @property
-    def _level(self) -> int:
-        token = self._peek
-        return LEVELS.get(token.text, 0) if token.kind == "op" and token.text != "not" else 0
-
-    def _infix(self, left: Expr, level: int) -> Expr:
-        at, start = self._peek, self.position
+    def joined(self, left: Expr, level: int) -> Expr:
+        """Parse all operators of a level that follow, as one chain."""
+        at, start = self.token, self.at
         rest: list[tuple[str, Expr]] = []
-        while self._level == level:
-            operator = self._next()
+        while self.level() == level:
+            operator = self.take()
             if rest and level == _COMPARISON:
                 raise self._chained(left, start)
-            rest.append((operator.text, self._nested(_POWER) if level == _POWER else self._expression(level + 1)))
+            rest.append((operator.text, self._nested(_POWER) if level == _POWER else self.operations(level + 1)))
         key = self._key("chain", left.key, *(part for op, operand in rest for part in (op, operand.key)))
         return Chain(left, tuple(rest), at, key)
 
     def _nested(self, level: int) -> Expr:
-        self._deeper()
-        operand = self._expression(level)
+        self.enter()
+        operand = self.operations(level)
         self.depth -= 1
         return operand
 
     def _chained(self, left: Expr, start: int) -> SyntaxFault:
         """Return the error of a chained comparison; `start` is the index of the first, the second was read last."""
-        first, second, third = self.tokens[start], self.tokens[self.position - 1], self._peek
-        middle = self.source.text(self.tokens[start + 1], self.tokens[self.position - 2])
-        follows = self.tokens[min(self.position + 1, len(self.tokens) - 1)]
+        first, second, third = self.tokens[start], self.tokens[self.at - 1], self.token
+        middle = self.source.text(self.tokens[start + 1], self.tokens[self.at - 2])
+        follows = self.ahead(1)
         short = isinstance(left, Name | Number) and (follows.kind == "end" or follows.text in (")", ","))
         a, b, c = (left.at.text, middle, third.text) if short and middle and third.text else ("a", "b", "c")
         remedy = f"Write {a} {first.text} {b} and {b} {second.text} {c}."
         return SyntaxFault(second, "comparisons cannot be chained", remedy)
 
-    def _operand(self, level: int) -> Expr:
-        token = self._next()
+    def operand(self, lowest: int) -> Expr:
+        """Parse an operand with its signs and brackets."""
+        token = self.take()
         match token.kind, token.text:
             case "number", _:
                 return self._number(token)
             case (("name" | "quoted"), _):
-                return self._call(token) if self._peek.text == "(" else self._bare(token)
+                return self._call(token) if self.token.text == "(" else self._bare(token)
             case "op", "(":
-                self._deeper()
-                inner = self._expression(_LOOSEST)
+                inner = self._nested(0)
                 self._close(token)
                 return inner
             case "op", ("-" | "+" | "not"):
-                return self._prefix(token, level)
+                return self._prefix(token, lowest)
         raise self._no_operand(token)
 
     def _number(self, token: Token) -> Number:
@@ -260,21 +249,18 @@ class _StatementParser:
         return Number(value, token, self._key("number", value))
 
     def _bare(self, token: Token) -> Name:
-        if self._peek.kind == "unit":
-            raise self._misplaced_unit(self._peek, token)
+        if self.token.kind == "unit":
+            raise self._misplaced_unit(self.token, token)
         return Name(token.name, token, self._key("name", token.name, token.quoted))
 
     def _call(self, name: Token) -> Call:
-        opening = self._next()
-        self._deeper()
-        args: list[Expr] = []
-        if self._peek.text != ")":
-            args.append(self._expression(_LOOSEST))
-            while self._take(","):
-                args.append(self._expression(_LOOSEST))
+        opening = self.take()
+        self.enter()
+        args = () if self.token.text == ")" else self.series(self.operations)
         self._close(opening)
+        self.depth -= 1
         key = self._key("call", name.name, name.quoted, *(arg.key for arg in args))
-        return Call(name.name, tuple(args), name, key)
+        return Call(name.name, args, name, key)
 
     def _prefix(self, token: Token, level: int) -> Expr:
         if token.text == "not" and level > _NOT:
@@ -286,39 +272,21 @@ class _StatementParser:
         return Prefix(token.text, operand, token, self._key(token.text, operand.key))
 
     def _close(self, opening: Token) -> None:
-        token = self._peek
+        token = self.token
         if token.text != ")":
             if token.kind == "end":
                 raise SyntaxFault(opening, "unclosed parenthesis")
             self._finish()
-        self.position += 1
-        self.depth -= 1
+        self.at += 1
 
-    def _deeper(self) -> None:
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            message = f"the expression is nested more than {MAX_DEPTH} levels deep"
-            raise SyntaxFault(self.tokens[self.position - 1], message, "Assign its inner parts to named nodes.")
+    def too_deep(self) -> SyntaxFault:
+        """Return the error that the expression is nested too deeply."""
+        message = f"the expression is nested more than {MAX_DEPTH} levels deep"
+        return SyntaxFault(self.tokens[self.at - 1], message, "Assign its inner parts to named nodes.")
 
-    @property
-    def _peek(self) -> Token:
-        return self.tokens[self.position]
-
-    def _next(self) -> Token:
-        token = self.tokens[self.position]
-        if token.kind != "end":
-            self.position += 1
-        return token
-
-    def _take(self, text: str) -> bool:
-        taken = self._peek.text == text and self._peek.kind == "op"
-        self.position += taken
-        return taken
-
-    def _expect(self, text: str) -> Token:
-        if not self._take(text):
-            raise SyntaxFault(self._peek, f"missing {text}", "Write def f(a, b) = expression.")
-        return self.tokens[self.position - 1]
+    def missing(self, text: str) -> SyntaxFault:
+        """Return the error that another token than `text` follows."""
+        return SyntaxFault(self.token, f"missing {text}", "Write def f(a, b) = expression.")
 
     def _key(self, *parts: Any) -> int:
         return self.keys.setdefault(parts, len(self.keys))

@@ -11,13 +11,13 @@ from typing import TypeAlias
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_context import MAX_PASSES, MAX_STATEMENTS
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.path_facts import bound_of, known_truth
 from kennfeld.models.imperative.path_state import PathState, SymbolicInterpreter, merge_states
 from kennfeld.models.imperative.ranges import constant_distance, range_length
+from kennfeld.program import tree as m
 
 # the condition under which a pass is made, and what the variable of the loop is in it, which a while has not
 Turn: TypeAlias = tuple[int, Nodes | None]

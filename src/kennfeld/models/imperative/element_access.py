@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.indexing import assign_elements
 from kennfeld.matlab.values import MatlabValueError, trim_dimensions
@@ -14,6 +13,7 @@ from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, format_sizes
 from kennfeld.models.imperative.path_facts import round_half_away
+from kennfeld.program import tree as m
 
 MASK_REMEDY = "Write it as a loop over all elements with if."
 Place = tuple[Nodes | None, list[int]]  # nodes of places that depend on signals; else fixed places, from 0

@@ -9,10 +9,10 @@ import numpy as np
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers
 from kennfeld.models.imperative.symbolic_values import FunctionHandleValue, SymbolicValue
+from kennfeld.program import tree as m
 
 MAX_STATEMENTS: Final = 20_000
 MAX_NODES: Final = 400_000

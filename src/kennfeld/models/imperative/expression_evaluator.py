@@ -11,8 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import children, dotted_name
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.element_access import MASK_REMEDY, cell_indices, fixed_element, index_value
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -30,6 +28,8 @@ from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, format_si
 from kennfeld.models.imperative.path_facts import logical_and, logical_or, truth_of
 from kennfeld.models.imperative.path_state import SymbolicInterpreter
 from kennfeld.models.imperative.ranges import constant_distance, range_length
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import children, dotted_name
 
 _OPERATORS = frozenset({"+", "-", ".*", "./", ".^", "==", "~=", "!=", "<", "<=", ">", ">=", "&", "|", "*", "/", "^"})
 

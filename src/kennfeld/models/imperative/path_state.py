@@ -11,11 +11,11 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, format_sizes
 from kennfeld.models.imperative.path_facts import assume, known_truth, logical_and, logical_not, logical_or
+from kennfeld.program import tree as m
 
 Key = TypeVar("Key")
 _SAME_TYPE_REMEDY = "Give it the same type and size on both sides of the decision."

@@ -13,13 +13,13 @@ from typing import TypeAlias
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.path_state import PathState
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
+from kennfeld.program import tree as m
 
 Key: TypeAlias = tuple[str, str]
 Remember: TypeAlias = Callable[[Nodes, Callable[[], Nodes]], Nodes]

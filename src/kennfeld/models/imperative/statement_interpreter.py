@@ -10,8 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import assigned_name, dotted_name
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.control_flow import LoopUnroller
 from kennfeld.models.imperative.element_access import assign_part
@@ -21,6 +19,8 @@ from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator,
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 from kennfeld.models.imperative.path_facts import known_truth, logical_not, logical_or
 from kennfeld.models.imperative.path_state import CallFrame, PathState, merge_states
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import assigned_name, dotted_name
 
 GLOBAL = "global"  # the function that shared variables are kept under
 _SILENT = frozenset(

@@ -10,11 +10,11 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.values import trim_dimensions
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.imperative.node_arrays import Nodes, format_sizes
+from kennfeld.program import tree as m
 
 EMPTY: Final[Nodes] = np.zeros((0, 0), dtype=np.int64)
 

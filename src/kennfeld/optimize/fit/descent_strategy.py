@@ -76,6 +76,11 @@ class DescentSetup:
     report: ProblemReport
     plan: SearchPlan = SearchPlan()
 
+    @property
+    def is_global(self) -> bool:
+        """True for a search that does not begin at the start."""
+        return self.options.method == "global"
+
 
 def minimise(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverResult:
     """Return the end of the lowest cost, with the effort of all searches; output limits apply to a global search only.

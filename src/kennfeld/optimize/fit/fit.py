@@ -12,26 +12,31 @@ from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.task_runner import RunnerLostError
 from kennfeld.base.threads import blas_threads
-from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.optimize.ends.doubtful_ends import describe_offsets, describe_outlier
 from kennfeld.optimize.ends.end_warnings import (
     EndWarnings,
     describe_close_breakpoints,
     describe_uninformed,
-    scored_nodes,
-    targeted_nodes,
 )
-from kennfeld.optimize.ends.kinks import values_at_kinks
-from kennfeld.optimize.ends.ridges import lower_values
-from kennfeld.optimize.ends.runaways import run_away
 from kennfeld.optimize.ends.wide_differences import descend_by_differences, misleading_values
 from kennfeld.optimize.ends.zero_slopes import departure
-from kennfeld.optimize.fit.descent_strategy import DescentSetup, enforce_output_limits, minimise
+from kennfeld.optimize.fit.descent_strategy import DescentSetup, enforce_output_limits
+from kennfeld.optimize.fit.end_checks import (
+    REACHED,
+    check_derivatives,
+    check_outliers,
+    check_underflow,
+    with_derivative_fault,
+    with_offsets,
+    with_rejections,
+    within_limits,
+)
+from kennfeld.optimize.fit.faint_values import FaintValues
+from kennfeld.optimize.fit.restarts import Restarts, descend, is_lower
 from kennfeld.optimize.fit.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.fit.separate_parts import SeparatePart, separate_parts
 from kennfeld.optimize.limits.linear_limits import linear_limits
-from kennfeld.optimize.limits.projection import FEASIBLE, leaves_room, missed_limits, project
+from kennfeld.optimize.limits.projection import missed_limits, project
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.validation import check_fittable
@@ -42,7 +47,6 @@ from kennfeld.optimize.solver.levenberg_marquardt import (
     SolverResult,
     SolverSettings,
     certificate_at,
-    levenberg_marquardt,
 )
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
@@ -51,19 +55,10 @@ from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.optimize.trust.assessment import TrustAssessment
 
-UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
-ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 NOISE_SHARE, MAX_TOLERANCE = 0.05, 3e-5  # see `default_tolerance`
-KINK = 1e-4  # share of the cost that is promised at kinks
-NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
-MAX_DEPARTURES = 3  # searches that may start again from a point at which values cannot move
-MAX_LISTED = 5
-UNDERFLOW = 1e-290  # a cost below has lost digits
 REJOIN = "Start the cluster, and run the command again."
 KEPT = "The result has the best values so far; their errors are unknown."
 CHOICE = "smoothness"  # begins the names of stages in which factors are chosen
-REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
-UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
 Search = Callable[[Float, LinearLimits], SolverResult]
 
@@ -175,8 +170,8 @@ class FitRun:
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         scores = scorer.scores(self.problem.parameters, parameters)
-        end = self._with_offsets(end)
-        end = self._check_outliers(self._check_underflow(end, before, scores.quality), scores.quality)
+        end = check_underflow(self.problem, with_offsets(self.exact, end), before, scores.quality)
+        end = check_outliers(self.problem, self.objective, end, scores.quality)
         certificate = self._certificate(end, limits)
         sentences = (
             end.message,
@@ -217,30 +212,25 @@ class FitRun:
         self.exact.rejected.clear()
         initial = self.objective.start
         limits = linear_limits(self.problem, self.exact.values)
+        tolerance = self.options.settings.tolerance
         start, remark = self.feasible_start(limits)
         if start is None:
             return SolverResult(initial, self.objective.cost(initial), "infeasible", remark, 0, 1), ""
         if search is not None:
-            return self._within_limits(search(start, limits), limits), remark
-        single = self.continuation is None and self.options.method != "global"
+            return within_limits(search(start, limits), limits, self.objective, tolerance), remark
+        setup, single = self._setup, self.continuation is None and self.options.method != "global"
         first = start if begin is None or not single else begin
-        end = self._finish_parts(self._search(first, start, limits), start, limits)
-        end = enforce_output_limits(self._setup, end, start, limits)
-        end = self._follow_simulations(self._restore_faint_values(end, start, limits), start, limits)
+        end = self._finish_parts(Restarts(setup, start, limits).search(first), start, limits)
+        end = enforce_output_limits(setup, end, start, limits)
+        end = self._follow_simulations(FaintValues(setup, start, limits).restored(end), start, limits)
         projected, other_remark = project(initial, limits)
         if projected is not None and not np.array_equal(projected, start):
             cost = self.objective.cost(projected)
             if not end.cost < cost:  # the departure from a saddle did not pay
                 end, remark = end.moved(projected, cost), other_remark
-        end = self._with_derivative_fault(self._check_derivatives(end, limits))
-        end = self._within_limits(self._with_rejections(end), limits)
+        end = with_derivative_fault(setup, check_derivatives(setup, end, limits))
+        end = within_limits(with_rejections(setup, end), limits, self.objective, tolerance)
         return self._confirm(end, limits), remark
-
-    def _search(self, values: Float, start: Float, limits: LinearLimits) -> SolverResult:
-        """Search for the lowest cost from some values, also beyond points at which a descent is stuck."""
-        end = self._leave_saddles(minimise(self._setup, values, limits), limits)
-        end = self._return_from_infinity(self._leave_saturation(end, start, limits), start, limits)
-        return self._leave_kinks(self._leave_ridges(end, limits), start, limits)
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
@@ -300,121 +290,6 @@ class FitRun:
             report=self.record,
         )
 
-    def _leave_saddles(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
-        """Search again from points at which values cannot move; failed if all searches lead to such points."""
-        ends = [end]
-        for _ in range(MAX_DEPARTURES):
-            if end.status != "converged" or end.cost == 0 or self.options.method == "global":
-                break
-            off = departure(self.exact, end.values, limits)
-            if off is None:
-                break
-            ends.append(minimise(self._setup, off.values, limits))
-            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
-                break
-            end = ends[-1]
-        else:
-            if end.status == "converged" and (off := departure(self.exact, end.values, limits)) is not None:
-                message = (
-                    f"The derivatives with respect to {' and '.join(off.stuck)} vanish again after each restart. "
-                    "Set another start, or bounds without 0."
-                )
-                end = replace(end, status="failed", message=message)
-        return end.with_effort_of(ends)
-
-    def _descend(self, start: Float, limits: LinearLimits, *, remembers_scale: bool = False) -> SolverResult:
-        """Descend from other values on the model as it is; see `SolverSettings.remembers_scale`."""
-        settings = replace(self.options.settings, remembers_scale=remembers_scale)
-        return levenberg_marquardt(self.objective, start, limits, settings, partial(self.record, "plain"))
-
-    def _leave_saturation(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
-        """Search again if parameters ran to where they have all but lost their effect.
-
-        A long step may lead an exponent or a rate there while the other values are far from their optimum. The first
-        search goes on with these parameters at their start, the second one begins at the start with shorter steps for
-        values whose effect shrinks.
-        """
-        if end.status != "converged" or end.cost == 0 or self.options.method == "global":
-            return end
-        ends = [end]
-        for remembers in (False, True):
-            values = self.objective.with_effect(end.values, start)
-            if np.array_equal(values, end.values):
-                break
-            values = start if remembers else values
-            if limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
-                continue
-            ends.append(self._descend(values, limits, remembers_scale=remembers))
-            if ends[-1].cost < (1 - UNCHANGED) * end.cost:
-                end = ends[-1]
-        return end.with_effort_of(ends)
-
-    def _return_from_infinity(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
-        """Search again if parameters ran towards infinity: from the best values with one of them at its start."""
-        ends = [end]
-        if end.status != "converged" or not end.cost > 0 or self.options.method == "global":
-            return end
-        for held in run_away(self.exact, self.objective, start, end.values)[:MAX_DEPARTURES]:
-            lower, upper = (np.where(held, start, side) for side in (limits.lower, limits.upper))
-            ends.append(self._descend(start, replace(limits, lower=lower, upper=upper)))
-            ends.append(self._descend(ends[-1].values, limits))
-            if ends[-1].cost < (1 - UNCHANGED) * end.cost:
-                end = ends[-1]
-                break
-        return end.with_effort_of(ends)
-
-    def _leave_ridges(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
-        """Search again from lower values along combinations that change nothing to first order."""
-        ends = [end]
-        for _ in range(MAX_DEPARTURES):
-            small = self.objective.uses_qr and self.options.method != "global"
-            if end.status != "converged" or not small or not end.cost > 0:
-                break
-            lower = lower_values(self.objective, end.values, end.cost, limits)
-            if lower is None:
-                break
-            ends.append(self._descend(lower, limits))
-            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
-                break
-            end = ends[-1]
-        return end.with_effort_of(ends)
-
-    def _leave_kinks(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
-        """Search again with the values held that are at a kink, then with all of them, as long as that lowers the cost.
-
-        Once the others have moved, the cost may fall to one side: away from the edge of what a root is defined for.
-        """
-        ends = [end]
-        for _ in range(MAX_DEPARTURES):
-            beside, descents = self._descend_beside_kinks(end, start, limits)
-            ends += descents
-            if beside is end:
-                break
-            ends.append(self._descend(beside.values, limits))
-            if not ends[-1].cost < (1 - UNCHANGED) * beside.cost:
-                end = beside
-                break
-            end = ends[-1]
-        return end.with_effort_of(ends)
-
-    def _descend_beside_kinks(
-        self, end: SolverResult, start: Float, limits: LinearLimits
-    ) -> tuple[SolverResult, list[SolverResult]]:
-        """Return the end of descents that hold the values at a kink, while they lower the cost, and all of them."""
-        ends, held = [], np.zeros(start.size, dtype=bool)
-        small = self.objective.uses_qr and self.options.method != "global"
-        while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
-            more = values_at_kinks(self.objective, end.values, start, limits) & ~held
-            if not more.any():
-                break
-            held = held | more
-            lower, upper = (np.where(held, end.values, side) for side in (limits.lower, limits.upper))
-            ends.append(self._descend(end.values, replace(limits, lower=lower, upper=upper)))
-            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
-                break
-            end = ends[-1]
-        return end, ends
-
     def _finish_parts(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search again for the values of parts of the problem whose cost is too small to be seen beside the rest.
 
@@ -427,7 +302,7 @@ class FitRun:
             run, values = self._over_part(part), ends[-1].values
             rest, begin = rest & ~part.values, np.where(part.values, start, values)
             if not run._is_finished(values, begin, own := part.limits(limits, values)):
-                again = run._search(values, begin, own)
+                again = Restarts(run._setup, begin, own).search(values)
                 ends.append(again.moved(again.values, self.objective.cost(again.values)))
         if len(ends) == 1 or (end.status == "failed" and rest.any()):
             return end
@@ -464,66 +339,13 @@ class FitRun:
             self._misled = values.copy(), misleading_values(self.objective, self.exact, values, limits)
         return self._misled[1]
 
-    def _restore_faint_values(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
-        """Reset values to their start if their effect at the end is mere rounding.
-
-        They may have moved while it was larger: an initial state while a time constant was longer.
-        """
-        if not np.isfinite(end.cost):
-            return end
-        faint = self.objective.faint(end.values) & (end.values != start)
-        if not faint.any():
-            return end
-        values = self._reset_within_outputs(faint, start, end)
-        cost = self.objective.cost(values)
-        rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
-        allowed = max(limits.violation(end.values), FEASIBLE)
-        if cost <= end.cost + rounding and limits.violation(values) <= allowed:
-            lost = faint & ~self.objective.faint(values) & (self.objective.with_effect(end.values, start) == start)
-            return self._with_lost_values(end.moved(values, cost), lost)
-        sloped = self.objective.sloped(end.values)  # smoothness may determine the others
-        faint = faint & sloped if sloped is not None else np.zeros_like(faint)
-        values = np.where(faint, start, end.values)
-        if end.status != "converged" or not faint.any() or not limits.violation(values) <= allowed:
-            return end
-        return self._descend_without(faint, end, values, limits)
-
-    def _reset_within_outputs(self, faint: Bool, start: Float, end: SolverResult) -> Float:
-        """Return the end with faint values at their start, unless limits of outputs keep a parameter from there."""
-        values = np.where(faint, start, end.values)
-        if self.outputs is None or self.outputs.is_satisfied(values) or not self.outputs.is_satisfied(end.values):
-            return values
-        values = end.values
-        for name in self.problem.free_names:
-            own = np.zeros_like(faint)
-            self._columns(own, name)[:] = True
-            reset = np.where(faint & own, start, values)
-            if self.outputs.is_satisfied(reset):
-                values = reset
-        return values
-
-    def _with_lost_values(self, end: SolverResult, lost: Bool) -> SolverResult:
-        """Mark an end as failed if values with an effect at their start have lost it, and were set back for that."""
-        if end.status != "converged" or not lost.any():
-            return end
-        names = [name for name in self.problem.free_names if self._columns(lost, name).any()]
-        message = (
-            f"The search leads {' and '.join(names)} to where {'they have' if len(names) > 1 else 'it has'} no effect. "
-            "Set bounds, or another start."
-        )
-        return replace(end, status="failed", message=message)
-
-    def _columns(self, each: Bool, name: str) -> Bool:
-        first = self.exact.values.offsets[name]
-        return each[first : first + self.problem.parameters[name].size]
-
     def _confirm(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """Go on from values that were moved after the descent that led there."""
         certified = end.certificate is not None or self.outputs is not None or self.options.method == "global"
         if end.status != "converged" or certified or end.cost == 0:
             return end
-        again = self._descend(end.values, limits)
-        kept = again.cost < (1 - UNCHANGED) * end.cost and not missed_limits(again.values, limits)
+        again = descend(self._setup, end.values, limits)
+        kept = is_lower(again, end) and not missed_limits(again.values, limits)
         return again.with_effort_of([end, again]) if kept else end
 
     def _certificate(self, end: SolverResult, limits: LinearLimits) -> Certificate | None:
@@ -539,98 +361,6 @@ class FitRun:
                 )
         excess = 0.0 if self.outputs is None else max(self.outputs.measure(end.values).largest, 0.0)
         return certificate and certificate._replace(limits=max(limits.violation(end.values), excess))
-
-    def _descend_without(self, faint: Bool, end: SolverResult, values: Float, limits: LinearLimits) -> SolverResult:
-        """Descend from `values`; return the old end if the faint values matter after all.
-
-        A faint value that had moved far follows the noise of some samples, which costs a little to undo.
-        """
-        again = self._descend(values, limits)
-        unmoved = np.array_equal(again.values[faint], values[faint])
-        if self.outputs is not None and not self.outputs.is_satisfied(again.values):
-            return end
-        return again.with_effort_of([end, again]) if unmoved and again.cost <= NOISE * end.cost else end
-
-    def _check_derivatives(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
-        """Mark the end as failed if no free value has a derivative there although errors remain.
-
-        Values that are all at bounds, or determined by the limits, may be the best ones.
-        """
-        if end.status != "converged" or end.cost == 0 or self.options.method == "global":
-            return end
-        sloped = self.objective.sloped(end.values)
-        within = (limits.lower < end.values) & (end.values < limits.upper)
-        if sloped is None or (sloped & limits.movable).any() or not leaves_room(end.values, limits, within):
-            return end
-        message = (
-            "All derivatives are zero: no free value changes the outputs here. Start from values in the range in which "
-            'they have an effect, or search with method = "global".'
-        )
-        return replace(end, status="failed", message=message)
-
-    def _check_underflow(self, end: SolverResult, before: float, quality: Sequence[Quality]) -> SolverResult:
-        """Mark the end as failed if errors remain whose squares underflow, so that the search did not see them."""
-        training = [row for row in quality if row.use == "training" and row.criterion in targeted_nodes(self.problem)]
-        hidden = REACHED * before <= end.cost < UNDERFLOW and any(row.max_abs_after > 0 for row in training)
-        if end.status != "converged" or not hidden:
-            return end
-        return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
-
-    def _with_offsets(self, end: SolverResult) -> SolverResult:
-        """Add a sentence on inputs that vary little about a large number, which makes a descent slow."""
-        if end.status != "max_iterations" or self.problem.partitions is not None:
-            return end
-        rows, parts = self.exact.kernel.layout.inputs, self.exact.samples.inputs.parts
-        inputs = {name: parts[row] for name, row in rows.items() if name in self.problem.model.graph.inputs}
-        return replace(end, message=f"{end.message} {describe_offsets(inputs)}".rstrip())
-
-    def _check_outliers(self, end: SolverResult, quality: Sequence[Quality]) -> SolverResult:
-        """Mark the end as failed if a robust loss of one sample hides those of the others."""
-        robust = {criterion.node for criterion in self.problem.criteria if criterion.loss in ROBUST_LOSSES}
-        robust &= scored_nodes(self.problem)
-        if end.status != "converged" or not robust or self.problem.partitions is not None:
-            return end
-        message = describe_outlier(np.square(self.objective.residual(end.values)), quality, robust)
-        return replace(end, status="failed", message=message) if message else end
-
-    def _with_derivative_fault(self, end: SolverResult) -> SolverResult:
-        """Add a sentence on the node and the sample whose derivative made the search fail."""
-        if end.status != "failed" or not np.isfinite(end.cost) or self.objective.sloped(end.values) is not None:
-            return end
-        from kennfeld.optimize.quality.derivative_faults import describe_derivative_fault
-
-        fault = describe_derivative_fault(self.problem, self.parameters(end.values))
-        return replace(end, message=f"{end.message} {fault}".rstrip())
-
-    def _with_rejections(self, end: SolverResult) -> SolverResult:
-        """Add a sentence on the trial values that were rejected."""
-        rejected = self.exact.rejected
-        if not rejected.count:
-            return end
-        from kennfeld.optimize.quality.rejected_steps import RejectionReasons, describe_rejections
-
-        if np.isfinite(end.cost):
-            sentence = describe_rejections(self.problem, rejected, self.parameters)
-        else:
-            sentence = f"At these values {RejectionReasons(self.problem).of(self.parameters(end.values))}."
-        return replace(end, message=f"{end.message} {sentence}")
-
-    def _within_limits(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
-        """Move the end onto the limits if it violates one; only values that keep all of them have converged."""
-        violated = missed_limits(end.values, limits)
-        if not violated or not np.isfinite(end.cost):
-            return end
-        values, _ = project(end.values, limits)
-        if values is None:
-            return replace(end, status="failed", message=f"{end.message} Violated limits: {violated}.")
-        projected = end.moved(values, self.objective.cost(values))
-        if end.status != "converged" or projected.cost <= end.cost + self.options.settings.tolerance * abs(end.cost):
-            return projected
-        message = (
-            "The search ended outside its limits; the result is the nearest values that keep them, not the best ones. "
-            f"Violated: {violated}."
-        )
-        return replace(projected, status="failed", message=message)
 
     def _warnings(
         self, end: SolverResult, limits: LinearLimits, quality: Sequence[Quality], certificate: Certificate | None

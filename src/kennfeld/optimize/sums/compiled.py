@@ -358,17 +358,6 @@ class CompiledProblem:
                 counts[i] = inputs[self.kernel.layout.inputs[name]][scored[i]].sum()
         return counts
 
-    def reweight(self, factors: Float) -> "CompiledProblem":
-        """Multiply the weight of each criterion by a factor, Float[criteria]; nothing is compiled again."""
-        other = copy(self)
-        other.samples = self.samples.reweighted(factors)
-        other.sums = self.sums_over(other.samples)
-        return other
-
-    def reread_targets(self) -> None:
-        """Read targets again that were changed in place; problems made by `reweight` share them."""
-        self.samples.wanted.reread()
-
     def thinned(self) -> "CompiledProblem":
         """Return the same over a fixed part of the samples if these are many, else itself.
 

@@ -4,13 +4,14 @@ Bases of null spaces and of repeated eigenvalues are chosen so that they do not 
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
-from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.native.selected_inverse import SparseFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, whole
 
@@ -155,8 +156,8 @@ def nullity(matrix: Matrix) -> int:
     if not isinstance(units, np.ndarray):
         from scipy.sparse import csr_array, eye_array
 
-        # by Sylvester's law of inertia, the negative pivots of L D L' count the eigenvalues below the tolerance
-        return BlockFactor(csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))).negative
+        shifted = csr_array(units - RANK_TOLERANCE * eye_array(units.shape[0]))
+        return 0 if SparseFactor(shifted).is_definite else _count_negative(shifted)
     try:
         np.linalg.cholesky(units - RANK_TOLERANCE * np.eye(len(units)))
     except np.linalg.LinAlgError:
@@ -165,6 +166,25 @@ def nullity(matrix: Matrix) -> int:
         # pivoted Cholesky factorisation, which ends at the rank; loaded only if the plain one fails
         return len(units) - int(dpstrf(units, tol=RANK_TOLERANCE, lower=1)[2])
     return 0
+
+
+def _count_negative(matrix: Sparse) -> int:
+    """Count the negative eigenvalues of a sparse symmetric matrix.
+
+    By Sylvester's law of inertia, they are as many as the negative pivots of L D L'. SuperLU computes these as those of
+    L U if it takes them from the diagonal in the order of the columns, which it leaves only where one vanishes.
+    """
+    from scipy.sparse import csc_array, eye_array
+    from scipy.sparse.linalg import splu
+
+    options = {"SymmetricMode": True}
+    for shift in (0.0, 1e-3, 3e-3):  # a pivot that vanishes does so for one shift only
+        shifted = csc_array(matrix - shift * RANK_TOLERANCE * eye_array(matrix.shape[0]))
+        with suppress(RuntimeError):  # singular
+            factor = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+            if np.array_equal(factor.perm_r, factor.perm_c):
+                return int(np.count_nonzero(factor.U.diagonal() < 0))
+    return int(np.count_nonzero(np.linalg.eigvalsh(matrix.toarray()) < 0))
 
 
 @dataclass(frozen=True)
@@ -211,7 +231,7 @@ class Spectrum:
         none = np.zeros((scale.size, 0))
         inverse = SparseInverse(matrix, pattern, scale, none, np.zeros(0, dtype=np.int64))
         # mostly nothing is undetermined, and the first factor is all that is needed
-        if inverse.factor.negative == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
+        if inverse.factor.is_definite and bool(np.all(inverse.factor.diagonal < SOUND)):
             weakness, weak = _weakest(inverse.factor.solve, scale.size)
             return cls(scale, inverse, none, weak, weakness)
         lowest = _lowest(rescale(matrix, 1 / scale))
@@ -221,7 +241,7 @@ class Spectrum:
         # with as many values fixed as there are null directions, the rest is positive definite
         loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
         inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
-        if inverse.factor.negative:
+        if not inverse.factor.is_definite:
             return None
         return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
 
@@ -323,11 +343,11 @@ def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
     from scipy.sparse import csr_array, eye_array
 
     size = matrix.shape[0]
-    shifted = BlockFactor(csr_array(matrix + SHIFT * eye_array(size)))
+    shifted = SparseFactor(csr_array(matrix + SHIFT * eye_array(size)))
     largest = float(abs(matrix).sum(axis=1).max())  # no eigenvalue is above it
     count = 2 * WEAKEST
     # the subspace doubles until all null directions and the weakest others fit in
-    while shifted.negative == 0 and count <= size // MANY:
+    while shifted.is_definite and count <= size // MANY:
         basis = _iterate_subspace(shifted.solve, size, count)
         values, turned = np.linalg.eigh(basis.T @ (matrix @ basis))
         null = int(np.sum(values <= NOTHING * largest))

@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float, Int, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.native.selected_inverse import SparseFactor
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale
 
 
@@ -72,7 +72,7 @@ class SparseInverse:
         free = np.ones(scale.size, dtype=bool)
         free[fixed] = False
         self.free = np.flatnonzero(free)
-        self.factor = BlockFactor(self._own(matrix), part(pattern, self.free))
+        self.factor = SparseFactor(self._own(matrix), part(pattern, self.free))
 
     @cached_property
     def array(self) -> Float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.optimize.trust.block_factor import BlockFactor
+from kennfeld.native.selected_inverse import SparseFactor
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.matrices import Matrix, part
 from kennfeld.optimize.trust.table_changes import EXACT, TableChange, WeakDirection
@@ -260,4 +260,4 @@ def solve_singular(matrix: Matrix, right: Float) -> Float:
         return np.asarray(np.linalg.solve(matrix + np.diag(ridge), right), dtype=np.float64)
     from scipy.sparse import csr_array, diags_array
 
-    return BlockFactor(csr_array(matrix + diags_array(ridge))).solve(right)
+    return SparseFactor(csr_array(matrix + diags_array(ridge))).solve(right)

@@ -44,27 +44,18 @@ class CorrelationSums:
 
     @property
     def time(self) -> float:
-        """The correlation time in samples, see `correlation_time`."""
+        """The correlation time: 1 + 2 sum of the autocorrelation in samples, up to the lag where it is largest.
+
+        The variance of a mean of n correlated samples is that of n / (this number) independent ones.
+
+        >>> CorrelationSums.of([np.repeat(np.random.default_rng(0).normal(size=2000), 10)]).time > 8
+        True
+        """
         if not self.sums[0] > 0:
             return 1.0
         # products at lags beyond half of a piece are few, and their sum is noise
         shares = self.sums[1 : self.longest // 2] / self.sums[0]
         return float(1 + 2 * np.max(np.cumsum(shares), initial=0.0))
-
-
-def correlation_time(pieces: Sequence[Float]) -> float:
-    """Estimate 1 + 2 sum of the autocorrelation over pieces, Float[samples] each, up to the lag where it is largest.
-
-    The result is in samples; NaN is ignored.
-
-    The variance of a mean of n correlated samples is that of n / (this number) independent ones.
-
-    >>> round(correlation_time([np.array([1.0, -1.0] * 50)]), 9)
-    1.0
-    >>> bool(correlation_time([np.repeat(np.random.default_rng(0).normal(size=2000), 10)]) > 8)
-    True
-    """
-    return CorrelationSums.of(pieces).time
 
 
 @dataclass

@@ -6,8 +6,8 @@ type of a signal stores; if the file does not specify the type, those of the val
 
 from collections.abc import Iterator
 
-from kennfeld.importers.simulink.flattening.integer_signals import integer_type_of, is_floating
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, OutputType, UnsupportedError, block
+from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of, is_floating
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, broadcast, period_of, select
 from kennfeld.models.imperative import integer_types
 from kennfeld.models.imperative.integer_types import IntegerType
@@ -18,10 +18,10 @@ _MIN_SIGN_BIT = 2**7  # sign bit of the shortest integer type
 _TYPE_REMEDY = "Specify an integer output type such as uint16 on the block that feeds this input, or bind this block."
 
 
-@block("Bitwise Operator", linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
+@block("Bitwise Operator", output=OutputType((0,)), linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
        BitMask="bin2dec('11011001')", BitMaskRealWorld="Stored Integer")  # fmt: skip
 def bitwise_operator(block: BlockContext) -> SignalOrBus:
-    """Return a bitwise operation on the inputs, on the elements of a single input, or on the input and a mask.
+    """Apply a bitwise operation to the inputs, to the elements of a single input, or to the input and a mask.
 
     The result and the mask have the type of the first input: the mask 217 as int8 is -39.
     """
@@ -44,7 +44,7 @@ def bitwise_operator(block: BlockContext) -> SignalOrBus:
 
 
 def stored_integer(block: BlockContext, index: int, otherwise: IntegerType | None = None) -> Signal:
-    """Return the integer stored for an input, rounded and wrapped or saturated by the block that specifies its type.
+    """Compute the integer stored for an input, rounded and wrapped or saturated by the block that specifies its type.
 
     If no block specifies a type, it is `otherwise`.
     """
@@ -53,7 +53,7 @@ def stored_integer(block: BlockContext, index: int, otherwise: IntegerType | Non
 
 
 def fit_to_type(block: BlockContext, x: Signal, word: IntegerType) -> Signal:
-    """Return the signal rounded and wrapped or saturated to an integer type."""
+    """Round a signal, and wrap or saturate it, to an integer type."""
     return block.signal(integer_types.fit_to_type(block.builder, x.nodes, word), x.period)
 
 
@@ -82,6 +82,7 @@ def _masks(block: BlockContext, word: IntegerType | None) -> list[int]:
 
 def _complement(block: BlockContext, x: Signal, word: IntegerType | None) -> Signal:
     assert word is not None
+    # NOT x = -1 - x in two's complement, 2^bits - 1 - x without a sign
     top = -1.0 if word.signed else 2.0**word.bits - 1
     return top - x
 
@@ -104,6 +105,7 @@ def _whole(value: float) -> int:
 
 def _apply_mask(block: BlockContext, op: str, x: Signal, mask: int) -> Signal:
     """Apply a mask through `x AND m`: x OR m = x + m - (x AND m), x XOR m = x + m - 2 (x AND m)."""
+    # a negative mask through its complement: x AND m = x - (x AND NOT m)
     both = _and(block, x, mask) if mask >= 0 else x - _and(block, x, -mask - 1)
     return _from_and(op, x, block.constant(float(mask)), both)
 
@@ -154,28 +156,32 @@ def _fold(block: BlockContext, op: str, parts: list[Signal]) -> Signal:
 
 def _combine_pair(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
     """Apply an operation to two signals bit by bit, or to one and a constant mask; NaN beyond int32 and uint32."""
+    # a constant is a mask, whose runs of ones take fewer nodes and no limit of 32 bits
     for signal, other in ((a, b), (b, a)):
         value = block.builder.value(signal.flat[0])
         if value is not None:
             return _apply_mask(block, op, other, _whole(value))
     both, edge = block.constant(0.0), 2.0**_MAX_SIGNAL_BITS
     for at in range(_MAX_SIGNAL_BITS):
+        # the product of two bits is their AND; both fields carry the weight 2^at
         both = both + _field(a, at, 1) * _field(b, at, 1) / 2.0**at
+    # two negative numbers also share the endless ones above bit 31, worth -2^32
     both = both - edge * ((a < 0.0) & (b < 0.0))
     fits = (a >= -edge) & (a < edge) & ((b >= -edge) & (b < edge))
     return select(fits, _from_and(op, a, b, both), float("nan"))
 
 
-@block("Bit Set", linked=True, iBit="0")
+@block("Bit Set", output=OutputType((0,)), linked=True, iBit="0")
 def bit_set(block: BlockContext) -> SignalOrBus:
-    """Return the input with one bit set."""
+    """Set one bit of the input."""
     x, bit, weight = _bit(block)
+    # adds the weight if the bit is 0
     return x + weight * (1.0 - _field(x, bit, 1) / 2.0**bit)
 
 
-@block("Bit Clear", linked=True, iBit="0")
+@block("Bit Clear", output=OutputType((0,)), linked=True, iBit="0")
 def bit_clear(block: BlockContext) -> SignalOrBus:
-    """Return the input with one bit cleared."""
+    """Clear one bit of the input."""
     x, bit, weight = _bit(block)
     return x - weight * (_field(x, bit, 1) / 2.0**bit)
 
@@ -205,21 +211,21 @@ def old_shift(block: BlockContext) -> SignalOrBus:
     return _shift_bits(block, stored_integer(block, 0), by, "Bidirectional", word)
 
 
-@block("ArithShift", BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
+@block("ArithShift", output=LIKE_INPUT, BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
        BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
 def shift(block: BlockContext) -> SignalOrBus:
     """Shift the input: floor(u / 2^n) to the right; to the left the bits of u 2^n that fit the word."""
-    path, point = (
+    direction, point = (
         block.option("BitShiftDirection", "Left", "Right", "Bidirectional"),
         block.numeric_field("BinPtShiftNumber"),
     )
     source = block.option("BitShiftNumberSource", "Dialog", "Input port")
     by = block.parameter("BitShiftNumber") if source == "Dialog" else stored_integer(block, 1)
     if is_floating(block.source()):
-        return _scale(block, -by if path == "Left" else by, point)
+        return _scale(block, -by if direction == "Left" else by, point)
     _refuse_point_shift(point)
     word = _require_integer_type(integer_type_of(block.source()))
-    return _shift_bits(block, stored_integer(block, 0), by, path, word)
+    return _shift_bits(block, stored_integer(block, 0), by, direction, word)
 
 
 def _scale(block: BlockContext, right: Signal, point: float) -> Signal:
@@ -232,10 +238,11 @@ def _refuse_point_shift(point: float) -> None:
         raise UnsupportedError("it shifts the binary point, but data types are ignored")
 
 
-def _shift_bits(block: BlockContext, x: Signal, by: Signal, path: str, word: IntegerType) -> Signal:
+def _shift_bits(block: BlockContext, x: Signal, by: Signal, direction: str, word: IntegerType) -> Signal:
     right = apply("floor", x / 2.0**by)
-    if path == "Right":
+    if direction == "Right":
         return right
-    shifted = x * 2.0 ** (by if path == "Left" else -by)
+    shifted = x * 2.0 ** (by if direction == "Left" else -by)
+    # bits beyond the word are lost on the left, those below 2^0 on the right by rounding down
     pushed = block.signal(integer_types.wrap_to_type(block.builder, shifted.nodes, word), shifted.period)
-    return pushed if path == "Left" else select(by < 0.0, pushed, right)
+    return pushed if direction == "Left" else select(by < 0.0, pushed, right)

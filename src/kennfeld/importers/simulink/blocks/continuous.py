@@ -6,7 +6,14 @@ from typing import TypeAlias
 import numpy as np
 
 from kennfeld.base.formatting import size_text
-from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import (
+    ARITHMETIC,
+    BlockContext,
+    Outputs,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, SignalRule, apply, clip, interpolate_line, select
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 
@@ -16,9 +23,10 @@ _MAX_STATES = 1000  # of a variable delay, which needs a state for each step
 
 @block("TransportDelay", needs=no_feedthrough, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
 def transport_delay(block: BlockContext) -> SignalOrBus:
-    """Return the input delayed by a constant time, interpolated linearly between steps."""
+    """Delay the input by a constant time in s, interpolated linearly between steps."""
     time, step = block.numeric_field("DelayTime"), _fixed_step(block)
     count = time / step
+    # 0.3 s / 0.1 s is a little below 3
     whole = int(np.floor(count + 1e-9))
     if not 1 <= whole <= 100_000:
         raise UnsupportedError(f"its delay of {time:g} s must be between 1 and 100000 steps of {step:g} s")
@@ -27,6 +35,7 @@ def transport_delay(block: BlockContext) -> SignalOrBus:
     share = count - whole
     if abs(share) < 1e-9:
         return _delay_output(block, block.constant(time), late, init)
+    # u[k - whole] and u[k - whole - 1], between which the delayed time lies
     later = block.discrete_state(init, lambda _: late)
     return _delay_output(block, block.constant(time), late + share * (later - late), init)
 
@@ -66,7 +75,7 @@ def _handles_zero(block: BlockContext) -> bool:
        VariableDelayType="Variable transport delay", MaximumDelay="10", InitialOutput="0", PadeOrder="0",
        ZeroDelay="off")  # fmt: skip
 def variable_delay(block: BlockContext) -> SignalOrBus:
-    """Return the input delayed by a variable time, or by the transport time of a pipe."""
+    """Delay the input by a variable time in s, or by the transport time of a pipe."""
     kind = block.option("VariableDelayType", "Variable transport delay", "Variable time delay")
     time = block.hold_in_minor_steps(block.input(1))
     if time.size != 1:
@@ -87,11 +96,12 @@ def variable_delay(block: BlockContext) -> SignalOrBus:
 def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], first: int) -> Signal:
     """Interpolate linearly between the two steps around `time`.
 
-    `late` holds the inputs of past steps, latest first, beginning `first` steps ago. Before the earliest the line is
-    extrapolated; after the latest the value is held.
+    `late` holds the inputs of past steps, latest first, beginning `first` steps ago. The line between the two latest
+    ones is extrapolated to a shorter delay; the value of the oldest one is held for a longer delay.
     """
     steps = time / block.base_step
     result = late[-1]
+    # from the longest delay to the shortest, so that the last condition that holds selects
     for at in range(len(late) - 1, 0, -1):
         share = steps - float(first + at - 1)
         between = late[at - 1] + share * (late[at] - late[at - 1])
@@ -106,15 +116,18 @@ def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Sign
     def travel(before: Signal) -> Signal:
         rate_before = block.discrete_state(rate, lambda _: rate)
         begun = block.discrete_state(zero, lambda _: block.constant(1.0))
+        # trapezoidal rule: s[k] = s[k-1] + T / 2 (1 / tau[k] + 1 / tau[k-1]), s[0] = 0
         return select(begun, before + 0.5 * block.base_step * (rate + rate_before), zero)
 
     distance = block.feedback(zero, travel)
     distances = [block.discrete_state(zero, lambda _: distance, at) for at in range(1, len(late) + 1)]
+    # what leaves the pipe entered it when the distance was one pipe length less
     entered = distance - 1.0
     y = late[-1]
     for at in range(len(late) - 1, 0, -1):
         between = interpolate_line(entered, (distances[at], distances[at - 1]), (late[at], late[at - 1]))
         y = select(entered >= distances[at], between, y)
+    # less than a step ago: held, as the present input may not feed through
     y = select(entered >= distances[0], late[0], y)
     return select(entered < zero, init, y)
 
@@ -131,25 +144,26 @@ def has_external_reset(block: BlockContext) -> bool:
 
 
 def output_limits(block: BlockContext) -> tuple[Signal, Signal] | None:
-    """Return the lower and upper limit of the output, None if it is not limited."""
+    """Read the lower and upper limit of the output, None if it is not limited."""
     if not block.is_on("LimitOutput"):
         return None
     return block.parameter("LowerSaturationLimit"), block.parameter("UpperSaturationLimit")
 
 
 def limit_output(block: BlockContext, y: Signal) -> Signal:
-    """Return the output within its limits."""
+    """Limit the output."""
     limits = output_limits(block)
     return y if limits is None else clip(y, *limits)
 
 
 def integrator_start(block: BlockContext) -> Signal:
-    """Return the initial value of an integrator: a parameter, or its last input."""
+    """Read the initial value of an integrator: a parameter, or its last input."""
     external = block.field_text("InitialConditionSource") == "external"
     return block.input(block.input_count - 1) if external else block.parameter("InitialCondition")
 
 
-@block("Integrator", needs=lambda block: range(1, block.input_count), InitialCondition="0",
+@block("Integrator", output=ARITHMETIC, continuous=True,
+       needs=lambda block: range(1, block.input_count), InitialCondition="0",
        InitialConditionSource="internal", ExternalReset="none", LimitOutput="off", UpperSaturationLimit="inf",
        LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off", WrapState="off")  # fmt: skip
 def integrator(block: BlockContext) -> Outputs:
@@ -177,6 +191,7 @@ def reset_signal(block: BlockContext, u: Signal, kind: str, sampled: bool = Fals
     if kind in ("level hold", "sampled level"):
         return apply("ne", u, 0.0)
     if kind == "level":
+        # a level resets while it is not 0, and once more in the step in which it returns to 0
         before = block.discrete_state(block.constant(0.0), lambda _: u)
         return apply("ne", u, 0.0) | apply("ne", before, 0.0)
     raise UnsupportedError(f"its reset {kind!r} is not supported")
@@ -185,11 +200,18 @@ def reset_signal(block: BlockContext, u: Signal, kind: str, sampled: bool = Fals
 def has_feedthrough(block: BlockContext) -> bool:
     """Return True if the numerator of a transfer function has the order of its denominator."""
     numerator = block.matrix("Numerator")
+    # a leading coefficient that is the constant 0 feeds nothing through, whatever the order
     same_order = numerator.shape[-1] >= block.matrix("Denominator").size
     return same_order and any(block.builder.value(int(node)) != 0 for node in numerator[..., 0])
 
 
-@block("TransferFcn", needs=lambda block: range(has_feedthrough(block)), Numerator="[1]", Denominator="[1 2 1]")
+@block(
+    "TransferFcn",
+    continuous=True,
+    needs=lambda block: range(has_feedthrough(block)),
+    Numerator="[1]",
+    Denominator="[1 2 1]",
+)
 def transfer_function(block: BlockContext) -> SignalOrBus:
     """Lower b(s)/a(s) in controllable canonical form with zero initial states."""
     numerator, denominator = block.matrix("Numerator"), block.matrix("Denominator").ravel()
@@ -208,6 +230,7 @@ def _rational(block: BlockContext, numerator: list[int], denominator: list[int])
     a = [divide_by_lead(block, node, denominator[0]) for node in denominator[1:]]
     if order == 0:
         return block.signal([b[0]]) * block.input()
+    # x1' = -a1 x1 - a2 x2 - ... + u, x2' = x1, ...; y = (b1 - a1 b0) x1 + ... + b0 u
     A = np.full((order, order), const(0.0), dtype=np.int64)
     A[0, :] = [call("neg", node) for node in a]
     A[range(1, order), range(order - 1)] = const(1.0)
@@ -218,7 +241,8 @@ def _rational(block: BlockContext, numerator: list[int], denominator: list[int])
 
 
 def divide_by_lead(block: BlockContext, node: int, lead: int) -> int:
-    """Return a coefficient divided by the leading one; a constant 0 stays 0."""
+    """Divide a coefficient by the leading one; a constant 0 stays 0."""
+    # 0 over a parameter would be a node that is not known to be 0, and a loop through it an algebraic one
     return node if block.builder.value(node) == 0 else block.builder.call("div", node, lead)
 
 
@@ -231,7 +255,9 @@ def _is_zero(block: BlockContext, matrix: Nodes) -> bool:
     return all(block.builder.value(int(node)) == 0 for node in matrix.ravel())
 
 
-@block("StateSpace", needs=feedthrough_inputs, A="1", B="1", C="1", D="1", InitialCondition="0", X0="0")
+@block(
+    "StateSpace", continuous=True, needs=feedthrough_inputs, A="1", B="1", C="1", D="1", InitialCondition="0", X0="0"
+)
 def state_space(block: BlockContext) -> SignalOrBus:
     """Lower x' = A x + B u, y = C x + D u."""
     matrices, init = read_matrices(block)
@@ -242,7 +268,7 @@ Matrices: TypeAlias = tuple[Nodes, Nodes, Nodes, Nodes]
 
 
 def linear_output(block: BlockContext, matrices: Matrices, create: Callable[[SignalRule], Signal]) -> Signal:
-    """Return y = C x + D u; `create` returns the states x, whose slopes or next values are A x + B u."""
+    """Compute y = C x + D u; `create` returns the states x, whose slopes or next values are A x + B u."""
     A, B, C, D = matrices
     x = create(lambda x: _matrix_times_vector(block, A, x) + _matrix_times_vector(block, B, block.input()))
     y = _matrix_times_vector(block, C, x)
@@ -250,7 +276,7 @@ def linear_output(block: BlockContext, matrices: Matrices, create: Callable[[Sig
 
 
 def read_matrices(block: BlockContext) -> tuple[Matrices, Signal]:
-    """Return A, B, C, D and the initial states of a state space model."""
+    """Read A, [n, n], B, [n, inputs], C, [outputs, n], D, [outputs, inputs], and the initial states, [n]."""
     A, B, C, D = (block.matrix(name) for name in "ABCD")
     init = block.parameter(block.field_name("InitialCondition", "X0"))
     first = block.signal(np.full((A.shape[0],), init.flat[0])) if init.size == 1 else init
@@ -271,7 +297,7 @@ def _matrix_times_vector(block: BlockContext, matrix: Nodes, x: Signal) -> Signa
 
 @block("Derivative", CoefficientInTFapproximation="inf")
 def derivative(block: BlockContext) -> SignalOrBus:
-    """Return the difference quotient of the input since the previous major step; 0 in the first step."""
+    """Compute the difference quotient of the input since the previous major step; 0 in the first step."""
     u = block.hold_in_minor_steps(block.input())
     return (u - block.discrete_state(u, lambda _: u)) / block.base_step
 
@@ -293,12 +319,13 @@ def _polynomial(block: BlockContext, roots: list[int]) -> list[int]:
     call, zero, nodes = block.builder.call, block.builder.const(0.0), [block.builder.const(1.0)]
     for root in roots:
         shifted = [call("mul", call("neg", root), node) for node in nodes]
+        # p(x) (x - root) = x p(x) - root p(x)
         nodes = [call("add", high, low) for high, low in zip([*nodes, zero], [zero, *shifted], strict=True)]
     return nodes
 
 
 def quotient(block: BlockContext) -> tuple[list[int], list[int]]:
-    """Return numerator and denominator of zeros, poles and gain, highest power first."""
+    """Multiply out zeros, poles and gain to numerator and denominator, highest power first."""
     zeros, poles = _roots(block, "Zeros"), _roots(block, "Poles")
     if len(zeros) > len(poles):
         raise UnsupportedError(f"it has more zeros ({len(zeros)}) than poles ({len(poles)})")
@@ -314,16 +341,16 @@ def zero_pole_feedthrough(block: BlockContext) -> Iterable[int]:
     return (0,) if len(_roots(block, "Zeros")) >= len(_roots(block, "Poles")) else ()
 
 
-@block("ZeroPole", needs=zero_pole_feedthrough, Zeros="[1]", Poles="[0 -1]", Gain="[1]")
+@block("ZeroPole", continuous=True, needs=zero_pole_feedthrough, Zeros="[1]", Poles="[0 -1]", Gain="[1]")
 def zero_pole(block: BlockContext) -> SignalOrBus:
     """Lower K (s - z1) ... / ((s - p1) ...) with zero initial states."""
     return _rational(block, *quotient(block))
 
 
-@block("SecondOrderIntegrator", needs=no_feedthrough, ICX="0.0", ICDXDT="0.0", ICSourceX="internal",
+@block("SecondOrderIntegrator", continuous=True, needs=no_feedthrough, ICX="0.0", ICDXDT="0.0", ICSourceX="internal",
        ICSourceDXDT="internal", ExternalReset="none", LimitX="off", LimitDXDT="off", ShowOutput="both")  # fmt: skip
 def second_order_integrator(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return the second and the first integral of the input."""
+    """Integrate the input twice; return the second and the first integral."""
     for name in ("ICSourceX", "ICSourceDXDT"):
         block.option(name, "internal")
     for name in ("LimitX", "LimitDXDT", "ExternalReset"):

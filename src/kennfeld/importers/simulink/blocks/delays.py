@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from kennfeld.importers.simulink.blocks.continuous import external_reset, has_external_reset, reset_signal
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, UnsupportedError, block, no_feedthrough
 from kennfeld.importers.simulink.signals import (
     Signal,
     SignalOrBus,
@@ -37,6 +37,7 @@ _DELAYS = [name for name in _INPUTS if "Preview" not in name]
 
 def _ports(block: BlockContext) -> dict[str, int]:
     """Return the port numbers of the inputs of a delay in addition to the signal."""
+    # in the order of the ports
     present = {
         "length": block.option("DelayLengthSource", "Dialog", "Input port") == "Input port",
         "enable": block.is_on("ShowEnablePort"),
@@ -56,11 +57,12 @@ def _shortest(block: BlockContext) -> int:
     return 1 if block.is_on("PreventDirectFeedthrough") else 0
 
 
-@block("Delay", needs=_delay_needs, DelayLength="2", DelayLengthSource="Dialog", DelayLengthUpperLimit="100",
+@block("Delay", output=LIKE_INPUT,
+       needs=_delay_needs, DelayLength="2", DelayLengthSource="Dialog", DelayLengthUpperLimit="100",
        InitialCondition="0.0", InitialConditionSource="Dialog", ExternalReset="None", ShowEnablePort="off",
        PreventDirectFeedthrough="off", SampleTime="-1")  # fmt: skip
 def delay(block: BlockContext) -> SignalOrBus:
-    """Return the input of a number of samples ago."""
+    """Delay the input by a number of samples."""
     ports = _ports(block)
     init = block.input(ports["init"]) if "init" in ports else block.parameter("InitialCondition")
     if "length" not in ports:
@@ -77,7 +79,7 @@ def delay(block: BlockContext) -> SignalOrBus:
 @block("Integer Delay", "IntegerDelay", needs=no_feedthrough, sample="samptime", NumDelays="4", vinit="0.0",
        samptime="-1", InitialCondition="0.0")  # fmt: skip
 def integer_delay(block: BlockContext) -> SignalOrBus:
-    """Return the input of a number of samples ago (block of older releases)."""
+    """Delay the input by a number of samples (block of older releases)."""
     init = block.parameter(block.field_name("InitialCondition", "vinit"))
     return _delay_by(block, init, block.integer_field("NumDelays", 0, 100_000))
 
@@ -85,6 +87,7 @@ def integer_delay(block: BlockContext) -> SignalOrBus:
 def _delay_by(block: BlockContext, init: Signal, steps: int) -> Signal:
     if steps == 0:
         return block.input()
+    # one state that is read `steps` steps later; a block that skips steps needs a state for each of its samples
     if init.size == 1 and block.compiler.gates.is_written_every_step(block.flat):
         return block.discrete_state(init, lambda _: block.input(), steps)
     return _taps(block, init, steps, None, None)[-1]
@@ -108,6 +111,7 @@ def _taps(block: BlockContext, init: Signal, steps: int, runs: Signal | None, an
 
     def following(at: int) -> SignalRule:
         def then(_: Signal) -> Signal:
+            # shift register: tap 0 takes the input, each other one what the tap before it held
             new = block.input(0) if at == 0 else taps[at - 1]
             return new if runs is None else select(runs, new, taps[at])
 
@@ -127,6 +131,7 @@ def _controlled_delay(
     taps = _taps(block, init, steps, runs, anew)
     y, shortest = taps[-1], _shortest(block)
     if length is not None:
+        # length n selects tap n - 1; without PreventDirectFeedthrough, length 0 selects the input
         y = select_by_index(length, taps if shortest else [block.input(0), *taps], shortest + 1.0)
     if runs is None:
         return y
@@ -179,7 +184,7 @@ def _inputs(block: BlockContext) -> dict[str, int]:
     tsamp="-1",
 )
 def unit_delay_variant(block: BlockContext) -> SignalOrBus:
-    """Return the input of the previous sample, held while disabled and set to the initial value by a reset."""
+    """Delay the input by one sample; hold it while disabled, and set it to the initial value by a reset."""
     ports = _inputs(block)
     init = block.input(ports["IC"]) if "IC" in ports else block.parameter("vinit")
     return block.discrete_state(init, lambda y: _next_content(block, ports, y, init))
@@ -190,6 +195,7 @@ def unit_delay_with_preview(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return the next and the present content of a unit delay."""
     ports, init, signals = _inputs(block), block.parameter("vinit"), list[Signal]()
     anew = block.input(ports["RV"]) if "RV" in ports else init
+    # the first output is the content of the next sample, which the state then takes
     y = block.discrete_state(init, lambda _: signals[0])
     signals.append(_next_content(block, ports, y, anew))
     return signals[0], y

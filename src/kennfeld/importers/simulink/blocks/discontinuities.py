@@ -1,11 +1,12 @@
 """Discontinuities library: saturation, dead zone, relay, backlash, rate limiter, friction."""
 
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.signals import CONTINUOUS, Signal, SignalOrBus, apply, clip, select
 
 
-@block("Saturate", UpperLimit="0.5", LowerLimit="-0.5", UpperLimitSource="Dialog", LowerLimitSource="Dialog",
+@block("Saturate", output=ARITHMETIC,
+       UpperLimit="0.5", LowerLimit="-0.5", UpperLimitSource="Dialog", LowerLimitSource="Dialog",
        SampleTime="-1")  # fmt: skip
 def saturate(block: BlockContext) -> SignalOrBus:
     """Limit the input."""
@@ -22,7 +23,7 @@ def saturation_dynamic(block: BlockContext) -> SignalOrBus:
     return select(u > up, up, select(u < low, low, u))
 
 
-@block("DeadZone", LowerValue="-0.5", UpperValue="0.5", SampleTime="-1")
+@block("DeadZone", output=ARITHMETIC, LowerValue="-0.5", UpperValue="0.5", SampleTime="-1")
 def dead_zone(block: BlockContext) -> SignalOrBus:
     """Return 0 inside the zone, the distance from it outside."""
     return _dead_zone(block.parameter("LowerValue"), block.parameter("UpperValue"), block.input())
@@ -67,6 +68,7 @@ def backlash(block: BlockContext) -> SignalOrBus:
     u = block.hold_in_minor_steps(block.input())
     half = 0.5 * block.parameter("BacklashWidth")
     init = block.parameter("InitialOutput")
+    # y = min(max(y', u - w / 2), u + w / 2)
     return block.feedback(init, lambda before: apply("min", apply("max", before, u - half), u + half))
 
 
@@ -95,6 +97,7 @@ def rate_limiter_dynamic(block: BlockContext) -> SignalOrBus:
 
 def _limit_rate(block: BlockContext, u: Signal, up: Signal, down: Signal, init: Signal) -> Signal:
     step = block.sample_step()
+    # y = y' + limit(u - y', down T, up T)
     return block.feedback(init, lambda before: before + clip(u - before, down * step, up * step))
 
 

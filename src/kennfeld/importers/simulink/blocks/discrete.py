@@ -17,7 +17,15 @@ from kennfeld.importers.simulink.blocks.continuous import (
     zero_pole_feedthrough,
 )
 from kennfeld.importers.simulink.flattening.flat_model import is_triggered
-from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import (
+    ARITHMETIC,
+    LIKE_INPUT,
+    BlockContext,
+    Outputs,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
 from kennfeld.importers.simulink.signals import CONSTANT, Signal, SignalOrBus, SignalRule, apply, select
 
 _FIR_STRUCTURES = ("", " symmetric", " antisymmetric", " transposed")
@@ -98,6 +106,7 @@ def _direct_form(block: BlockContext, b: list[int], a: list[int], inits: Signal,
     initial states, to which `anew` resets.
     """
     lead, order = a[0], len(a) - 1
+    # `ahead` is b0, the only coefficient through which the input reaches the output in the same sample
     ahead, *gains = (block.signal([divide_by_lead(block, node, lead)], CONSTANT) for node in b)
     back = [block.signal([divide_by_lead(block, node, lead)], CONSTANT) for node in a[1:]]
     states: list[Signal] = []
@@ -115,6 +124,7 @@ def _direct_form(block: BlockContext, b: list[int], a: list[int], inits: Signal,
     starts = _initial_states(block, inits, order, lead)
     states += [block.discrete_state(start, follow(at)) for at, start in enumerate(starts)]
     if anew is not None:
+        # in place, because `enter` reads the same list when the states are completed
         states[:] = [select(anew, start, state) for start, state in zip(starts, states, strict=True)]
     terms = [gain * state for gain, state in zip(gains, states, strict=True)]
     if block.builder.value(ahead.flat[0]) != 0:
@@ -130,16 +140,16 @@ def _initial_states(block: BlockContext, inits: Signal, order: int, lead: int) -
     return signals * order if inits.size == 1 else signals[:order]
 
 
-@block("UnitDelay", needs=no_feedthrough, InitialCondition="0", SampleTime="1")
-@block("Memory", needs=no_feedthrough, InitialCondition="0", InheritSampleTime="off")
+@block("UnitDelay", output=LIKE_INPUT, needs=no_feedthrough, InitialCondition="0", SampleTime="1")
+@block("Memory", output=LIKE_INPUT, needs=no_feedthrough, InitialCondition="0", InheritSampleTime="off")
 def unit_delay(block: BlockContext) -> SignalOrBus:
-    """Return the input of the previous sample, or of the previous major step."""
+    """Delay the input by one sample, or by one major step."""
     return block.discrete_state(block.parameter(block.field_name("X0", "InitialCondition")), lambda _: block.input())
 
 
-@block("ZeroOrderHold", "Zero-Order Hold", SampleTime="1")
+@block("ZeroOrderHold", "Zero-Order Hold", output=LIKE_INPUT, SampleTime="1")
 def zero_order_hold(block: BlockContext) -> SignalOrBus:
-    """Return the input of the last sample hit."""
+    """Hold the input of the last sample hit."""
     return block.hold_in_minor_steps(block.input())
 
 
@@ -152,6 +162,7 @@ def initial_condition(block: BlockContext) -> SignalOrBus:
 
 def _method(block: BlockContext) -> tuple[str, bool]:
     """Return the method of a discrete integrator, and True if it accumulates without the sample time."""
+    # "ForwardEuler" in older files, "Integration: Forward Euler" or "Accumulation: ..." in newer ones
     written = block.field_text("IntegratorMethod").replace(" ", "")
     kind, _, method = written.partition(":")
     if not method:
@@ -161,7 +172,8 @@ def _method(block: BlockContext) -> tuple[str, bool]:
     return _METHODS[method], kind == "Accumulation"
 
 
-@block("DiscreteIntegrator", needs=lambda block: range(_method(block)[0] == "forward", block.input_count),
+@block("DiscreteIntegrator", output=ARITHMETIC,
+       needs=lambda block: range(_method(block)[0] == "forward", block.input_count),
        IntegratorMethod="Integration: Forward Euler", gainval="1.0", ExternalReset="none",
        InitialConditionSource="internal", InitialCondition="0", InitialConditionSetting="Output", LimitOutput="off",
        UpperSaturationLimit="inf", LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off",
@@ -173,6 +185,7 @@ def discrete_integrator(block: BlockContext) -> Outputs:
     gain, ahead = block.parameter("gainval"), block.parameter("gainval")
     if not accumulates:
         _check_not_triggered(block)
+        # on uneven time, T before the sample (gain) and T after it (ahead) differ
         gain, ahead = gain * block.sample_step(), ahead * block.next_sample_step()
     reset = external_reset(block, sampled=True)
     y = with_saturation(block, _accumulate(block, method, (gain, ahead), init, reset))
@@ -203,6 +216,8 @@ def _accumulate(
     def then(_: Signal) -> Signal:
         return signals[0] if method == "backward" else limit_output(block, signals[0] + increment(gains[1]))
 
+    # forward: y = x, x' = y + K T2 u; backward: y = x + K T1 u, x' = y;
+    # trapezoidal: y = x + K T1 u / 2, x' = y + K T2 u / 2, with T1 before the sample and T2 after it
     x = block.discrete_state(init, then, ported=True)
     # the output, not the state before the input is added, starts at the initial value
     as_output = block.field_text("InitialConditionSetting") in ("Output", "State and output")
@@ -227,28 +242,29 @@ def discrete_state_space(block: BlockContext) -> SignalOrBus:
 
 @block("Discrete Derivative", gainval="1.0", ICPrevScaledInput="0.0")
 def discrete_derivative(block: BlockContext) -> SignalOrBus:
-    """Return the difference of K u / T to the previous sample."""
+    """Compute the difference of K u / T to the previous sample, T in s."""
     _check_not_triggered(block)
     scaled = block.parameter("gainval") * block.hold_in_minor_steps(block.input())
     return scaled_difference(block, scaled, "ICPrevScaledInput")
 
 
 def scaled_difference(block: BlockContext, u: Signal, init: str) -> Signal:
-    """Return (u - u') / T, in which u' is the input of the previous sample; a field states the first u' / T."""
+    """Compute (u - u') / T, T in s, in which u' is the previous input; a field states the first u' / T."""
+    # the state holds u' divided by the step that ends at the next sample
     now, then = u / block.sample_step(), u / block.next_sample_step()
     return now - block.discrete_state(block.parameter(init), lambda _: then)
 
 
-@block("Difference", ICPrevInput="0.0")
+@block("Difference", library_mask=True, ICPrevInput="0.0")
 def difference(block: BlockContext) -> SignalOrBus:
-    """Return the difference of the input to the previous sample."""
+    """Subtract the input of the previous sample."""
     u = block.hold_in_minor_steps(block.input())
     return u - block.discrete_state(block.parameter("ICPrevInput"), lambda _: u)
 
 
 @block("First Order Transfer Fcn", "First-Order Transfer Fcn", PoleZ="0.95", ICPrevOutput="0.0")
 def first_order(block: BlockContext) -> SignalOrBus:
-    """Return the first-order lag y = p (y' - u) + u, in which y' is the previous output."""
+    """Lower the first-order lag y = p (y' - u) + u, in which y' is the previous output."""
     u, pole = block.hold_in_minor_steps(block.input()), block.parameter("PoleZ")
     return block.feedback(block.parameter("ICPrevOutput"), lambda before: pole * (before - u) + u)
 
@@ -264,14 +280,14 @@ def discrete_zero_pole(block: BlockContext) -> SignalOrBus:
 @block("Lead or Lag Compensator", "Transfer Fcn Lead or Lag", linked=True, PoleZ="0.95", ZeroZ="0.75",
        ICPrevOutput="0.0", ICPrevInput="0.0")  # fmt: skip
 def lead_or_lag(block: BlockContext) -> SignalOrBus:
-    """Return u - z u' + p y', in which u' and y' are the input and output of the previous sample."""
+    """Compute u - z u' + p y', in which u' and y' are the input and output of the previous sample."""
     init, pole = block.parameter("ICPrevOutput"), block.parameter("PoleZ")
     return block.feedback(init, lambda before: pole * before + _with_zero(block))
 
 
 @block("Transfer Fcn Real Zero", linked=True, ZeroZ="0.75", ICPrevInput="0.0")
 def real_zero(block: BlockContext) -> SignalOrBus:
-    """Return u - z u', in which u' is the input of the previous sample."""
+    """Compute u - z u', in which u' is the input of the previous sample."""
     return _with_zero(block)
 
 
@@ -283,9 +299,10 @@ def _with_zero(block: BlockContext) -> Signal:
 
 @block("Weighted Moving Average", sample="samptime", linked=True, mgainval="[0.1:0.1:1]", vinit="0.0", samptime="-1")
 def moving_average(block: BlockContext) -> SignalOrBus:
-    """Return the weighted sum of the last inputs, latest first."""
+    """Add up the last inputs with weights, latest first."""
     weights = block.parameter("mgainval").flat
     number, zero = block.builder.const(1.0), block.builder.const(0.0)
+    # an FIR filter: all poles are 0
     return _direct_form(block, weights, [number] + [zero] * (len(weights) - 1), block.parameter("vinit"))
 
 

@@ -28,6 +28,7 @@ def relational_operator(block: BlockContext) -> SignalOrBus:
     operator, u = block.field_text("Operator"), block.input(0)
     match operator:
         case "isNaN":
+            # NaN alone differs from itself
             return apply("ne", u, u)
         case "isInf":
             return apply("eq", abs(u), float("inf"))
@@ -62,13 +63,13 @@ def compare_to_zero(block: BlockContext) -> SignalOrBus:
 
 @block("Interval Test", IntervalClosedRight="on", IntervalClosedLeft="on", uplimit="0.5", lowlimit="-0.5")
 def interval_test(block: BlockContext) -> SignalOrBus:
-    """Return 1 if the input is between two constants."""
+    """Test if the input is between two constants."""
     return _between(block, block.parameter("lowlimit"), block.parameter("uplimit"), block.input())
 
 
 @block("Interval Test Dynamic", IntervalClosedRight="on", IntervalClosedLeft="on")
 def interval_test_dynamic(block: BlockContext) -> SignalOrBus:
-    """Return 1 if the second input is between the lower limit (third input) and the upper limit (first input)."""
+    """Test if the second input is between the lower limit (third input) and the upper limit (first input)."""
     return _between(block, block.input(2), block.input(0), block.input(1))
 
 
@@ -80,22 +81,23 @@ def _between(block: BlockContext, low: Signal, high: Signal, u: Signal) -> Signa
 
 @block(*_CHANGES, vinit="0")
 def detect_change(block: BlockContext) -> SignalOrBus:
-    """Return 1 if the input has increased, decreased or changed since the previous step."""
+    """Detect that the input has increased, decreased or changed since the previous step."""
     u = block.hold_in_minor_steps(block.input())
     return apply(_CHANGES[block.flat.type], u, block.discrete_state(block.parameter("vinit"), lambda _: u))
 
 
 @block(*_EDGES, vinit="0")
 def detect_edge(block: BlockContext) -> SignalOrBus:
-    """Return 1 if a condition holds now but not in the previous step; `vinit` is its value before the first step."""
+    """Detect that a condition holds now but not in the previous step; `vinit` is its value before the first step."""
     now = apply(_EDGES[block.flat.type], block.hold_in_minor_steps(block.input()), 0.0)
     return now & ~block.discrete_state(block.parameter("vinit"), lambda _: now)
 
 
 @block("CombinatorialLogic", TruthTable="[0 0;0 1;0 1;1 0;0 1;1 0;1 0;1 1]", SampleTime="-1")
 def combinatorial_logic(block: BlockContext) -> SignalOrBus:
-    """Return the row of a truth table whose index is given by the inputs as bits, most significant first."""
+    """Select the row of a truth table whose index the inputs state as bits, most significant first."""
     table, u = block.matrix("TruthTable"), block.input()
+    # 2^width rows
     width = table.shape[0].bit_length() - 1
     if u.size == 1 < width:
         block.suggest_dimensions((width,))
@@ -142,6 +144,7 @@ def jk_flip_flop(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Lower a J-K flip-flop: on the falling edge of CLK, J sets Q, K resets it, both toggle it."""
     j, k = block.is_true(0), block.is_true(2)
     falls = block.zero_crossing(block.hold_in_minor_steps(block.input(1)), "falling")
+    # q' = J and not q, or not K and q
     q = _state(block, lambda before: select(falls, select(before, ~k, j), before))
     return q, ~q
 
@@ -164,7 +167,7 @@ def _count_up(block: BlockContext, count: float) -> Signal:
 
 @block("MinMax Running Resettable", linked=True, Function="max", vinit="0.0")
 def running_extreme(block: BlockContext) -> SignalOrBus:
-    """Return the running minimum or maximum of the input; the second input resets it to the initial value."""
+    """Track the running minimum or maximum of the input; the second input resets it to the initial value."""
     op, init = block.option("Function", "min", "max"), block.parameter("vinit")
     u, resets = block.hold_in_minor_steps(block.input(0)), block.is_true(1)
     return block.feedback(init, lambda before: select(resets, init, apply(op, u, before)))
@@ -172,7 +175,7 @@ def running_extreme(block: BlockContext) -> SignalOrBus:
 
 @block("Increment Real World", "Decrement Real World", "Decrement To Zero", linked=True)
 def increment(block: BlockContext) -> SignalOrBus:
-    """Return the input plus or minus 1, at least 0 if it is decremented to zero."""
+    """Add or subtract 1; at least 0 if the input is decremented to zero."""
     u = block.input()
     if block.flat.type == "Increment Real World":
         return u + 1.0
@@ -181,7 +184,7 @@ def increment(block: BlockContext) -> SignalOrBus:
 
 @block("Decrement Time To Zero", linked=True)
 def time_to_zero(block: BlockContext) -> SignalOrBus:
-    """Return the input minus the sample time, at least 0."""
+    """Subtract the sample time in s from the input; at least 0."""
     if is_triggered(block.flat):
         raise UnsupportedError("it counts time in a triggered subsystem, which is not supported")
     return apply("max", block.input() - block.sample_step(), 0.0)

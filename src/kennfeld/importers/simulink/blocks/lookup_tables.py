@@ -17,7 +17,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import size_text
 from kennfeld.domain.parameters import Axis, Parameter
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     ParameterField,
     calibrated_table,
@@ -52,6 +52,7 @@ _EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", "Linear": "linear"}
 
 def nodes_needed(shape: Sequence[int]) -> int:
     """Estimate how many nodes a spline through a table of this shape takes."""
+    # b c, c and 1 splines along the dimensions of a table of a x b x c
     lines = np.cumprod([1, *reversed(shape[1:])])[::-1]
     return sum(int(count) * size * (2 * size + 4) for count, size in zip(lines, shape, strict=True))
 
@@ -99,6 +100,8 @@ def _along(builder: GraphBuilder, values: list[int], points: Numbers, x: int, be
     y = call("add", call("add", low, call("mul", p, rise)), call("mul", curved, square))
     if beyond != "linear":
         return y
+    # slopes dy/dp at the ends of the table, where the second derivative of the outer end is 0:
+    # p = 1: yu - yl + Ml h^2 / 6, p = 0: yu - yl - Mu h^2 / 6
     up = call("add", rise, call("mul", first, square))
     down = call("sub", rise, call("mul", second, square))
     above = call("add", high, call("mul", up, call("sub", p, const(1.0))))
@@ -116,6 +119,7 @@ def _cell(builder: GraphBuilder, values: list[int], bends: list[int], points: Nu
     begins = [builder.const(float(point)) for point in points]
     widths = [builder.const(float(width)) for width in np.diff(points)]
     rows = list(zip(values, values[1:], bends, bends[1:], begins, widths, strict=False))
+    # the last cell whose begin x has reached; below the first breakpoint, the first cell
     selected = rows[0]
     for begin, row in zip(begins[1:], rows[1:], strict=False):
         within = builder.call("ge", x, begin)
@@ -139,19 +143,21 @@ def _matrix(points: Numbers) -> Numbers:
     count, widths = len(points), np.diff(points)
     left, right = np.eye(count), np.zeros((count, count))
     for i, (before, after) in enumerate(pairwise(widths), 1):
+        # h- M- + 2 (h- + h+) M + h+ M+ = 6 ((y+ - y) / h+ - (y - y-) / h-) inside, M = 0 at the ends (natural spline)
         left[i, i - 1 : i + 2] = before, 2 * (before + after), after
         right[i, i - 1 : i + 2] = 6 / before, -6 / before - 6 / after, 6 / after
     return np.asarray(np.linalg.solve(left, right), dtype=np.float64)
 
 
-class Method(NamedTuple):
+class LookupMethod(NamedTuple):
     """Interpolation (linear, nearest, flat, above, spline) and extrapolation (clip, linear; cubic for a spline)."""
 
     between: str
     beyond: str
 
 
-@block("Lookup_n-D", NumberOfTableDimensions="2", Table="[4 5 6;16 19 20;10 18 23]", InterpMethod="Linear point-slope",
+@block("Lookup_n-D", output=ARITHMETIC,
+       NumberOfTableDimensions="2", Table="[4 5 6;16 19 20;10 18 23]", InterpMethod="Linear point-slope",
        ExtrapMethod="Linear", BreakpointsForDimension1="[10,22,31]", BreakpointsForDimension2="[10,22,31]",
        BreakpointsSpecification="Explicit values", DataSpecification="Table and breakpoints", TableSource="Dialog",
        BreakpointsForDimension3="[1:3]", UseOneInputPortForAllInputData="off", SampleTime="-1")  # fmt: skip
@@ -179,30 +185,33 @@ def _object(block: BlockContext) -> SignalOrBus:
     """Look up a table whose values and breakpoints are one lookup table object."""
     whole = block.field_text("LookupTableObject")
     method = method_of(block)
+    # a calibration file gives values and breakpoints together, so that those of the object do not count
     if (field := calibrated_table(block, whole)) is not None:
         axes = list(field.variable.axes)
         return _look_up(block, field, axes, _coordinates(block, len(axes)), method)
     table = variable_field(block, f"{whole}.Table")
+    # a row or column is a curve
     count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
     fields = [variable_field(block, f"{whole}.Breakpoints{at + 1}") for at in range(count)]
     axes = [_axis(field.values, f"breakpoints {at} of {whole}") for at, field in enumerate(fields, 1)]
     return _look_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
 
 
-def method_of(block: BlockContext) -> Method:
-    """Return the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
+def method_of(block: BlockContext) -> LookupMethod:
+    """Read the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
     between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
     kind = _METHODS.get(between)
     if kind is None:
         remedy = "Supported: linear, nearest, flat and cubic spline."
         raise UnsupportedError(f"InterpMethod {between!r} is not supported", remedy)
+    # the outermost breakpoints are the nearest ones beyond the ends
     if kind in ("nearest", "flat"):
-        return Method(kind, "clip")
+        return LookupMethod(kind, "clip")
     known = _EXTRAPOLATIONS | (dict.fromkeys(_SPLINE, "cubic") if kind == "spline" else {})
     if beyond not in known:
         names = "clip, linear and cubic" if kind == "spline" else "clip and linear"
         raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", f"Supported: {names}.")
-    return Method(kind, known[beyond])
+    return LookupMethod(kind, known[beyond])
 
 
 def _coordinates(block: BlockContext, count: int) -> list[Signal]:
@@ -227,7 +236,7 @@ def _axes(block: BlockContext, table: str, names: list[str]) -> list[Axis]:
 
 
 def breakpoint_axis(block: BlockContext, name: str) -> Axis:
-    """Return the breakpoints of a dimension; a variable gives the axis its name, so that tables share it."""
+    """Read the breakpoints of a dimension; a variable gives the axis its name, so that tables share it."""
     field = parameter_field(block, name)
     group = field.name if field.is_variable else ""
     return _axis(field.values, f"its {name}", name=group, unit=field.variable.unit)
@@ -241,14 +250,14 @@ def _axis(points: Numbers, description: str, **attributes: Any) -> Axis:
 
 
 def lookup_field(
-    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method
+    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: LookupMethod
 ) -> Signal:
     """Look up the table of a field at coordinates, element by element."""
     return _look_up(block, parameter_field(block, table), axes, coordinates, method)
 
 
 def constant_curve(
-    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: Method
+    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: LookupMethod
 ) -> Signal:
     """Look up a curve whose values are constants, named after the field they come from."""
     variable = Variable(values, source="a literal of the block")
@@ -257,20 +266,24 @@ def constant_curve(
 
 
 def _look_up(
-    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
+    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: LookupMethod
 ) -> Signal:
     values = _reshape_values(field.values, tuple(len(axis) for axis in axes), field.name)
     if any(len(axis) < 2 for axis in axes):
         raise UnsupportedError(f"its {field.name} has a dimension with only one breakpoint")
+    # literals of a block stay as they are unless they are promoted
     locked = not (field.is_variable or field.name in block.compiler.declared.promoted)
     inputs = block.flat.input_names
+    # an axis without a name is described by the signal that it is looked up with
     axes = [axis if axis.name else axis.changed(input=inputs.get(at, "")) for at, axis in enumerate(axes)]
+    # a spline looks its table up at breakpoints only
     kept = method.beyond if method.between != "spline" else "clip"
     parameter = block.compiler.declared.table(field.name, values, axes, field.variable, locked, kept)
     spread = broadcast(*coordinates)
     if method.between == "spline":
         return _look_up_spline(block, parameter, spread, method.beyond)
     if method.between != "linear":
+        # at a breakpoint, linear interpolation gives the value there
         spread = [_snap(block, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
     places = zip(*(signal.flat for signal in spread), strict=True)
     nodes = [block.builder.lookup(parameter.name, *place) for place in places]
@@ -288,6 +301,7 @@ def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Sig
 
     def value(*indices: int) -> int:
         point = (builder.const(float(axis[at])) for axis, at in zip(points, indices, strict=True))
+        # a lookup at a breakpoint is the value there, with the derivative 1 with respect to it
         return builder.lookup(table.name, *point)
 
     places = zip(*(signal.flat for signal in coordinates), strict=True)
@@ -313,11 +327,13 @@ def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
         for low, high in pairwise([first, *points]):
             rounded = select(x > low, high, rounded)
         return rounded
+    # the nearest breakpoint changes in the middle between two
     limits = points if how == "flat" else [(low + high) / 2 for low, high in pairwise([first, *points])]
     return staircase(x, block.constant(first), zip(limits, points, strict=True))
 
 
-@block("Lookup", InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
+@block("Lookup", output=ARITHMETIC,
+       InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
 def lookup(block: BlockContext) -> SignalOrBus:
     """Look up a curve (block before R2011a)."""
@@ -334,17 +350,17 @@ def lookup_2d(block: BlockContext) -> SignalOrBus:
     return lookup_field(block, table, _axes(block, table, [rows, columns]), block.inputs[:2], _old_method(block))
 
 
-def _old_method(block: BlockContext) -> Method:
+def _old_method(block: BlockContext) -> LookupMethod:
     written = block.field_text("LookUpMeth")
     if written not in _METHODS or _METHODS[written] == "spline":
         raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
-    return Method(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
+    return LookupMethod(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
 
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
        Table="[4 5 6;16 19 20;10 18 23]", SampleTime="-1")  # fmt: skip
 def direct_lookup(block: BlockContext) -> SignalOrBus:
-    """Return an element or column of a table by indices from 0, clipped to the table."""
+    """Select an element or column of a table by indices from 0, clipped to the table."""
     wanted = block.option("InputsSelectThisObjectFromTable", "Element", "Column")
     if block.is_on("TableIsInput"):
         raise UnsupportedError("its table is an input, which is not supported", "Use a Selector block instead.")
@@ -352,11 +368,12 @@ def direct_lookup(block: BlockContext) -> SignalOrBus:
     shape = table_shape(block, count)
     places = [apply("floor", signal) for signal in block.inputs]
     if wanted == "Column":
+        # all rows of the column, which broadcasting looks up at once
         places.insert(0, block.constant(*map(float, range(shape[0]))))
     if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
         raise UnsupportedError(f"its inputs do not select an {wanted.lower()} of a table of {count} dimensions")
     axes = index_axes(block, "Table", shape)
-    return lookup_field(block, "Table", axes, places, Method("linear", "clip"))
+    return lookup_field(block, "Table", axes, places, LookupMethod("linear", "clip"))
 
 
 @block("Lookup Table Dynamic", LookUpMeth="Interpolation-Extrapolation")
@@ -372,6 +389,7 @@ def lookup_dynamic(block: BlockContext) -> SignalOrBus:
     if method.between != "linear":
         return _select_point(x, points, values, method.between)
     result = interpolate_line(x, points, values)
+    # the last segment whose begin x has reached, as for constant breakpoints
     for at in range(1, xs.size - 1):
         result = select(x >= points[at], interpolate_line(x, points[at:], values[at:]), result)
     if method.beyond == "linear":
@@ -389,7 +407,7 @@ def _select_point(x: Signal, points: list[Signal], values: list[Signal], how: st
 
 
 def index_axes(block: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:
-    """Return axes 0, 1, 2, ...; raise `UnsupportedError` if a calibration file gives the table other breakpoints."""
+    """Create axes 0, 1, 2, ...; raise `UnsupportedError` if a calibration file gives the table other breakpoints."""
     axes = [Axis(np.arange(size)) for size in shape]
     own = parameter_field(block, table).variable.axes
     if own and not all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(own, axes, strict=False)):

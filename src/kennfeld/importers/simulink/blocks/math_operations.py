@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.blocks.matrix_operations import inverse_of
-from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, evaluating
+from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, Outputs, UnsupportedError, block, evaluating
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, as_vector, broadcast, period_of, select
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, without_rest
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product, reduce_nodes
@@ -16,7 +16,7 @@ _TURNS = {"radian": None, "degree": 360.0, "revolution": 1.0}
 _INDEX = re.compile(r"\bu\s*\[\s*([^\]]*)\]")
 
 
-@block("Gain", Gain="1", Multiplication="Element-wise(K.*u)", SampleTime="-1")
+@block("Gain", output=ARITHMETIC, Gain="1", Multiplication="Element-wise(K.*u)", SampleTime="-1")
 def gain(block: BlockContext) -> SignalOrBus:
     """Multiply the input by K, element by element or as matrices."""
     kind = block.field_text("Multiplication")
@@ -24,11 +24,13 @@ def gain(block: BlockContext) -> SignalOrBus:
     if kind.startswith("Element-wise"):
         return block.parameter("Gain") * u
     k = block.matrix("Gain")
+    # a scalar of unknown width takes that of the matrix in the next pass
     if u.size == 1 < k.shape[1] and "u*K" not in kind:
         block.suggest_dimensions((k.shape[1],))
     column = u.matrix
     left, right = (column, k) if "u*K" in kind else (k, column)
     if "u*K" in kind and u.nodes.ndim == 1:
+        # a vector from the left is a row if the matrix has as many rows, else a column
         left = u.nodes.reshape(1, -1) if k.shape[0] == u.size else column
     nodes = _product(block, left, right)
     return block.signal(nodes.ravel() if u.nodes.ndim == 1 and 1 in nodes.shape else nodes, u.period)
@@ -45,13 +47,14 @@ def _product(block: BlockContext, left: Nodes, right: Nodes) -> Nodes:
 
 def _signs(block: BlockContext, plus: str, minus: str) -> str:
     """Return the sign of each input, from the list or the number of inputs in the field."""
+    # a bar is a gap between the ports in the drawing
     written = block.field_text("Inputs").replace("|", "").replace(" ", "")
     if written and set(written) <= {plus, minus}:
         return written
     return plus * block.integer_field("Inputs", 1, 1000)
 
 
-@block("Sum", Inputs="++", SampleTime="-1", CollapseMode="All dimensions", CollapseDim="1")
+@block("Sum", output=ARITHMETIC, Inputs="++", SampleTime="-1", CollapseMode="All dimensions", CollapseDim="1")
 def sum_of(block: BlockContext) -> SignalOrBus:
     """Add and subtract the inputs, or sum the elements of a single input."""
     signs = _signs(block, "+", "-")
@@ -75,7 +78,8 @@ def _reduce_elements(block: BlockContext, op: str) -> Signal:
     return block.signal([reduce_nodes(block.builder, op, u.flat)], u.period)
 
 
-@block("Product", Inputs="2", Multiplication="Element-wise(.*)", SampleTime="-1", CollapseMode="All dimensions",
+@block("Product", output=ARITHMETIC,
+       Inputs="2", Multiplication="Element-wise(.*)", SampleTime="-1", CollapseMode="All dimensions",
        CollapseDim="1")  # fmt: skip
 def product(block: BlockContext) -> SignalOrBus:
     """Multiply and divide the inputs, or multiply the elements of a single input."""
@@ -108,13 +112,13 @@ def _matrices(block: BlockContext, signs: str) -> Signal:
 
 @block("DotProduct")
 def dot_product(block: BlockContext) -> SignalOrBus:
-    """Return the dot product of two vectors."""
+    """Compute the dot product of two vectors."""
     return block.reduce("add", (block.input(0) * block.input(1)).elements)
 
 
-@block("Bias", Bias="0")
+@block("Bias", output=ARITHMETIC, Bias="0")
 def bias(block: BlockContext) -> SignalOrBus:
-    """Return the input plus a constant."""
+    """Add a constant to the input."""
     return block.input() + block.parameter("Bias")
 
 
@@ -124,20 +128,20 @@ def slider_gain(block: BlockContext) -> SignalOrBus:
     return block.parameter("gain") * block.input()
 
 
-@block("UnaryMinus", "Unary Minus", "Abs", "Signum", SampleTime="-1")
+@block("UnaryMinus", "Unary Minus", "Abs", "Signum", output=ARITHMETIC, SampleTime="-1")
 def sign_operation(block: BlockContext) -> SignalOrBus:
-    """Return the negative, the absolute value or the sign of the input."""
+    """Compute the negative, the absolute value or the sign of the input."""
     return apply({"Abs": "abs", "Signum": "sign"}.get(block.flat.type, "neg"), block.input())
 
 
-@block("MinMax", Function="min", Inputs="1", SampleTime="-1")
+@block("MinMax", output=ARITHMETIC, Function="min", Inputs="1", SampleTime="-1")
 def minmax(block: BlockContext) -> SignalOrBus:
-    """Return the minimum or maximum of the inputs, or of the elements of a single input."""
+    """Compute the minimum or maximum of the inputs, or of the elements of a single input."""
     op = block.option("Function", "min", "max")
     return block.reduce(op, block.inputs if block.input_count > 1 else block.input().elements)
 
 
-@block("Math", Operator="exp", SampleTime="-1")
+@block("Math", output=ARITHMETIC, Operator="exp", SampleTime="-1")
 def math(block: BlockContext) -> SignalOrBus:
     """Apply an elementary function to one or two inputs."""
     operator, u = block.field_text("Operator"), block.input()
@@ -162,6 +166,7 @@ def math(block: BlockContext) -> SignalOrBus:
             v = block.input(1)  # u - v fix(u / v); u if v is 0
             return select(apply("eq", v, 0.0), u, _round_remainder(block, u - block.truncate(u / v) * v, u, v))
         case "transpose" | "hermitian":
+            # a vector is a column, so that its transpose is a row
             return block.signal(u.nodes.T if u.nodes.ndim == 2 else u.nodes.reshape(1, -1), u.period)
         case "rSqrt" | "1/sqrt":
             return 1.0 / apply("sqrt", u)
@@ -174,9 +179,9 @@ def _round_remainder(block: BlockContext, rest: Signal, u: Signal, v: Signal) ->
     return block.signal(without_rest(block.builder, *(signal.nodes for signal in spread)), rest.period)
 
 
-@block("Sqrt", Operator="sqrt", SampleTime="-1")
+@block("Sqrt", output=ARITHMETIC, Operator="sqrt", SampleTime="-1")
 def sqrt(block: BlockContext) -> SignalOrBus:
-    """Return the square root, the signed square root or the reciprocal square root."""
+    """Compute the square root, the signed square root or the reciprocal square root."""
     u = block.input()
     match block.option("Operator", "sqrt", "signedSqrt", "rSqrt"):
         case "sqrt":
@@ -187,14 +192,14 @@ def sqrt(block: BlockContext) -> SignalOrBus:
     return 1.0 / apply("sqrt", u)
 
 
-@block("Rounding", Operator="floor")
+@block("Rounding", output=ARITHMETIC, Operator="floor")
 def rounding(block: BlockContext) -> SignalOrBus:
     """Round the input to an integer."""
     operator = block.option("Operator", "floor", "ceil", "round", "fix")
     return block.truncate(block.input()) if operator == "fix" else apply(operator, block.input())
 
 
-@block("Trigonometry", Operator="sin", AngleUnit="radian", SampleTime="-1")
+@block("Trigonometry", output=ARITHMETIC, Operator="sin", AngleUnit="radian", SampleTime="-1")
 def trigonometry(block: BlockContext) -> Outputs:
     """Apply a trigonometric or hyperbolic function."""
     operator, u = block.field_text("Operator"), block.input()
@@ -224,12 +229,14 @@ def _trigonometric(block: BlockContext, operator: str, u: Signal) -> Outputs:
 def polynomial(block: BlockContext) -> SignalOrBus:
     """Evaluate a polynomial, coefficients with the highest power first."""
     u = block.input()
+    # Horner's rule
     return functools.reduce(lambda result, term: result * u + term, block.parameter("Coefs").elements)
 
 
-@block("Fcn", Expr="sin(u[1])", SampleTime="-1")
+@block("Fcn", output=ARITHMETIC, Expr="sin(u[1])", SampleTime="-1")
 def function(block: BlockContext) -> SignalOrBus:
     """Evaluate an expression of the input elements u, u[1], u[2], ..."""
+    # the syntax of Fcn in that of MATLAB: u[1] is u(1), ! is ~, but != stays
     text = _INDEX.sub(r"u(\1)", block.field_text("Expr"))
     text = re.sub(r"!(?!=)", "~", text)
     u = block.input()

@@ -40,6 +40,7 @@ def assignment(block: BlockContext) -> SignalOrBus:
             axes.append(selected_indices(block, option, text, nodes.shape[axis], axis, count))
     assigned = _assigned(block, nodes, values, axes)
     if dimensions == 1:
+        # elements of a matrix are numbered by columns
         assigned = assigned.reshape(into.shape, order="F")
     return block.signal(assigned, period_of(block.inputs))
 
@@ -68,6 +69,7 @@ def _assigned(block: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[
     new_nodes, assigned = _spread_values(values, counts), nodes.copy()
     for source in np.ndindex(*counts):
         for place, condition in _targets(block, nodes.shape, axes, source):
+            # in the order of the values: of several with one index, the last one counts
             new, old = int(new_nodes[source]), int(assigned[place])
             assigned[place] = new if condition is None else block.builder.call("select", condition, new, old)
     return assigned
@@ -90,6 +92,7 @@ def _targets(
         along: list[tuple[int, int | None]] = []
         if isinstance(places, Signal):
             call, index = block.builder.call, places.flat[at]
+            # an index that is only known at run time is compared with each element
             along += [(k, call("eq", index, block.builder.const(float(k)))) for k in range(size)]
         else:
             along.append((places[at], None))
@@ -131,25 +134,26 @@ def transpose(block: BlockContext) -> SignalOrBus:
 
 @block("Cross Product", "3x3 Cross Product", linked=True)
 def cross_product(block: BlockContext) -> SignalOrBus:
-    """Return the cross product of two vectors of three elements."""
+    """Compute the cross product of two vectors of three elements."""
     a, b = block.input(0), block.input(1)
     if a.size != 3 or b.size != 3:
         raise UnsupportedError(f"its inputs must have 3 elements each, got {a.size} and {b.size}")
     p, q, call = a.flat, b.flat, block.builder.call
+    # c_k = a_i b_j - a_j b_i for (i, j, k) in cyclic order
     nodes = [call("sub", call("mul", p[i], q[j]), call("mul", p[j], q[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
     return block.signal(nodes, period_of((a, b)), a.shape)
 
 
 @block("Determinant of 3x3 Matrix", linked=True)
 def determinant(block: BlockContext) -> SignalOrBus:
-    """Return the determinant of a matrix."""
+    """Compute the determinant of a matrix."""
     x = block.input()
     return block.signal([determinant_of(block, _square(x.matrix))], x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
 def inverse(block: BlockContext) -> SignalOrBus:
-    """Return the inverse of a matrix."""
+    """Invert a matrix."""
     x = block.input()
     return block.signal(inverse_of(block, x.matrix), x.period)
 
@@ -177,11 +181,12 @@ def _cofactor(block: BlockContext, matrix: Nodes, row: int, column: int) -> int:
 
 
 def inverse_of(block: BlockContext, matrix: Nodes) -> Nodes:
-    """Return the inverse of a matrix of up to three rows by cofactors; infinite or NaN if singular."""
+    """Invert a matrix, Int[rows, rows], of up to three rows by cofactors; infinite or NaN if singular."""
     whole = determinant_of(block, _square(matrix))
     if matrix.shape == (1, 1):
         return np.array([[block.builder.call("div", block.builder.const(1.0), whole)]], dtype=np.int64)
     nodes = np.empty_like(matrix)
     for row, column in np.ndindex(*matrix.shape):
+        # transposed: the inverse is the adjugate over the determinant
         nodes[column, row] = block.builder.call("div", _cofactor(block, matrix, row, column), whole)
     return nodes

@@ -48,6 +48,7 @@ def _names(block: BlockContext) -> Iterator[str]:
     parts = _parts(block)
     filtered = "D" in parts and block.is_on("UseFilter")
     if block.option("ControllerParametersSource", "internal", "external") == "external":
+        # in the order of the ports: gains, filter coefficient, reset, initial values, tracking signal
         yield from parts
         yield from ["N"] if filtered else []
     if has_external_reset(block):
@@ -106,10 +107,11 @@ class _PidController:
             raise UnsupportedError("it integrates over time in a triggered subsystem, which is not supported")
 
     def output(self, proportional: Signal, integral: Signal, derivative: Signal) -> Signal:
-        """Return the control signal for the errors of the P, I and D terms."""
+        """Compute the control signal for the errors of the P, I and D terms."""
         block, terms = self.block, list[Signal]()
         self.error, self.results = integral, list[Signal]()  # results before and after limits
         if "P" in self.parts:
+            # P (e + I integral(e) + D de/dt) in the ideal form
             terms.append(proportional if self.is_ideal else self._times("P", proportional))
         if "I" in self.parts:
             terms.append(self._integral())
@@ -154,6 +156,7 @@ class _PidController:
             ahead = block.next_sample_step
             return signals[0] if method == "Backward Euler" else limited(signals[0] + increment(ahead()))
 
+        # forward: y = x, x' = y + T2 g; backward: y = x + T1 g, x' = y; trapezoidal: both halves, as DiscreteIntegrator
         x = block.discrete_state(init, then)
         x = x if reset is None else select(reset, limited(init), x)
         signals.append(limited(x if method == "Forward Euler" else x + self._at_once(increment)))
@@ -181,9 +184,11 @@ class _PidController:
 
     def _clamp(self, inner: Signal) -> Signal:
         """Return 0 if the output is beyond a limit and the integral would move it further out."""
+        # u before the limits minus u after them: > 0 above the upper limit, < 0 below the lower one
         beyond = self.results[0] - self.results[1]
         outwards = apply("eq", inner > 0.0, beyond > 0.0)
         if self.is_ideal:
+            # the ideal form multiplies the integral by P, so that a negative P turns its direction
             outwards = apply("eq", outwards, self._gain("P") > 0.0)
         return select(apply("ne", beyond, 0.0) & outwards, 0.0, inner)
 
@@ -200,6 +205,7 @@ class _PidController:
         if method != "Forward Euler":
             return self._implicit(scaled, n, 1.0 if method == "Backward Euler" else 0.5)
         signals, reset = list[Signal](), self._reset()
+        # x' = x + T2 N (u - x)
         x = block.discrete_state(init, lambda _: signals[0] + block.next_sample_step() * signals[1])
         signals.append(x if reset is None else select(reset, init, x))
         signals.append(_slope(n, block.hold_in_minor_steps(scaled), signals[0]))

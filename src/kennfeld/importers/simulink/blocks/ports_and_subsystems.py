@@ -8,8 +8,10 @@ import numpy as np
 from kennfeld.importers.simulink.blocks.continuous import reset_signal
 from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, SignalSource, resets_on_enable
 from kennfeld.importers.simulink.lowering import (
+    LIKE_INPUT,
     BlockContext,
     Outputs,
+    OutputType,
     UnsupportedError,
     block,
     evaluating,
@@ -41,14 +43,17 @@ _DASHBOARD = (
 )  # fmt: skip
 
 
-@block("Inport", "From", PortDimensions="-1", SampleTime="-1")
+@block("From", PortDimensions="-1", SampleTime="-1")
+@block("Inport", output=OutputType(floating=True, states=True), PortDimensions="-1", SampleTime="-1")
 def inport(block: BlockContext) -> SignalOrBus:
     """Return an input of the model: one channel per element of a vector, one per used signal of a bus."""
     shape: tuple[int, ...] = (1,)
     if block.is_on("OutputFunctionCall"):
         return _call_every_step(block)
+    # a From without a Goto is an input as well, of one element
     if block.flat.type == "Inport":
         shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
+        # -1 is inherited: a scalar, or what a block downstream suggests
         shape = shape or block.compiler.shapes.input_shape(block.flat)
         if block.field_text("OutDataTypeStr", "").startswith("Bus:"):
             return block.compiler.inputs.open_bus(block.flat)
@@ -73,11 +78,11 @@ def _call_every_step(block: BlockContext) -> SignalOrBus:
 
 
 @block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")
-@block("Outport", SampleTime="-1")
-@block("SignalConversion", "SignalSpecification")
+@block("Outport", output=LIKE_INPUT, SampleTime="-1")
+@block("SignalConversion", "SignalSpecification", output=LIKE_INPUT)
 @block("Environment Controller", linked=True)  # its first input is the one used in simulation
 def pass_on(block: BlockContext) -> SignalOrBus:
-    """Return the first input."""
+    """Pass on the first input."""
     return block.input_or_bus(0)
 
 
@@ -88,8 +93,9 @@ def bound(block: BlockContext) -> Outputs:
 
 
 @block("CMBlock", "XY scope.", "Record", linked=True, needs=no_feedthrough, sink=True)
+@block("DocBlock", needs=no_feedthrough, sink=True, library_mask=True)
 @block(
-    *_DASHBOARD, "SpectrumAnalyzer", "Terminator", "Stop", "Floating Scope", "Assertion", "DocBlock", "Model Info",
+    *_DASHBOARD, "SpectrumAnalyzer", "Terminator", "Stop", "Floating Scope", "Assertion", "Model Info",
     "DataTypeDuplicate", "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
     needs=no_feedthrough, sink=True,
 )  # fmt: skip
@@ -118,9 +124,11 @@ def control(block: BlockContext) -> tuple[SignalOrBus, ...]:
     outer = block.compiler.gates.run_condition(block.flat)
     if outer is not None:
         conditions["outer"] = block.signal([outer])
+    # a subsystem runs if all of its ports allow it, and the subsystem around it runs
     active = _all(block, list(conditions.values()))
     if "trigger" not in conditions:
         return active, reset_condition(block, active)
+    # without the enable port, which a trigger only samples
     triggered = _all(block, [conditions[port] for port in ("trigger", "outer") if port in conditions])
     return active, reset_condition(block, active, triggered)
 
@@ -157,6 +165,7 @@ def _enabled_again(block: BlockContext, active: Signal, triggered: Signal | None
         earlier.append(before)
         return active if triggered is None else select(triggered, active, before)
 
+    # unconditional, because it must see the steps in which the subsystem does not run
     block.unconditional_feedback(block.constant(0.0), evaluate)
     return active & ~earlier[0]
 
@@ -180,9 +189,9 @@ def _any(block: BlockContext, truths: Signal) -> Signal:
     return block.signal([reduce_nodes(block.builder, "or", truths.flat)], truths.period)
 
 
-@block("ConditionalOutput", InitialOutput="[]", OutputWhenDisabled="held")
+@block("ConditionalOutput", output=OutputType((0,)), InitialOutput="[]", OutputWhenDisabled="held")
 def conditional_output(block: BlockContext) -> SignalOrBus:
-    """Return an output of a conditional subsystem: computed while it runs, else held or set to the initial value."""
+    """Pass on an output of a conditional subsystem while it runs; else hold it, or set it to the initial value."""
     return map_members(lambda signal: _hold_output(block, signal), "", block.input_or_bus(0))
 
 
@@ -193,15 +202,16 @@ def _hold_output(block: BlockContext, signal: Signal) -> Signal:
         return signal
     runs = block.signal([active], signal.period)
     init = block.signal(fit_to_shape(stated.nodes, signal.shape))
+    # between triggers, outputs are held whatever the setting
     resettable = control is not None and "trigger" not in control.control_ports
     if block.field_text("OutputWhenDisabled") == "reset" and resettable:
         return select(runs, signal, init)
     return block.unconditional_feedback(init, lambda before: select(runs, signal, before))
 
 
-@block("Merge", Inputs="2", InitialOutput="[]")
+@block("Merge", output=OutputType(states=True), Inputs="2", InitialOutput="[]")
 def merge(block: BlockContext) -> SignalOrBus:
-    """Return the output of the subsystem that ran last; if several run in a step, of the last of them."""
+    """Pass on the output of the subsystem that ran last; if several run in a step, of the last of them."""
     sources = [source for source in block.flat.inputs if source is not None]
     init = _initial_merge_value(block, sources)
     running = [_runs(block, source) for source in sources]
@@ -238,7 +248,7 @@ def _runs(block: BlockContext, source: SignalSource) -> Signal:
 
 @block("If", IfExpression="u1 > 0", ElseIfExpressions="", ShowElse="on", NumInputs="1", SampleTime="-1")
 def if_block(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return 1 at the output of the first condition that holds."""
+    """Set the output of the first condition that holds to 1, the others to 0."""
     others = [text for text in block.field_text("ElseIfExpressions").split(",") if text.strip()]
     names = {f"u{at + 1}": block.input(at).nodes.reshape(-1, 1) for at in range(block.input_count)}
     conditions: list[Signal] = []
@@ -264,7 +274,8 @@ def _first_true(block: BlockContext, conditions: Iterable[Signal]) -> tuple[Sign
 
 @block("SwitchCase", CaseConditions="{1}", ShowDefaultCase="on", CaseShowDefault="on", SampleTime="-1")
 def switch_case(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return 1 at the output of the case that contains the input, or at the default output."""
+    """Set the output of the case that contains the input, or the default output, to 1, the others to 0."""
+    # cases are integers, and Simulink cuts the control signal off towards 0
     u = block.truncate(block.input())
     return _first_true(block, [block.is_among(u, cases) for cases in case_values(block, "CaseConditions")])
 
@@ -299,6 +310,7 @@ def _constant_count(block: BlockContext) -> float:
     signal = block.input()
     value = block.builder.value(signal.flat[0]) if signal.size == 1 else None
     source = block.source()
+    # a variable in a Constant block is a parameter elsewhere; here its number is read as a constant
     if value is None and source is not None and source.flat.type == "Constant":
         with evaluating("its iteration count has no value"):
             numbers = block.compiler.expressions.numbers(source.flat.block.value("Value") or "1", source.flat.scope)
@@ -336,10 +348,11 @@ def iteration(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return the condition and the reset condition of an iteration."""
     active = block.reduce("and", [block.constant(1.0), *map(block.is_true, range(block.input_count))])
     before = block.flat.previous_pass
-    said = block.compiler.value(SignalSource(before, 0)) if before is not None else None
+    earlier = block.compiler.value(SignalSource(before, 0)) if before is not None else None
     outer = block.compiler.gates.run_condition(block.flat)
-    if block.flat.passes[-1] > 1 and isinstance(said, Signal):
-        active = said & active
+    if block.flat.passes[-1] > 1 and isinstance(earlier, Signal):
+        # an iteration runs only if all before it did
+        active = earlier & active
     elif outer is not None:
         active = block.signal([outer]) & active
     return active, reset_condition(block, active)
@@ -354,6 +367,7 @@ def iteration_output(block: BlockContext) -> SignalOrBus:
     outputs = [block.input_or_bus(at) for at in range(0, block.input_count, 2)]
 
     def last_pass(*signals: Signal) -> Signal:
+        # a do-while loop always runs once, so that nothing from the step before is needed
         if block.builder.value(passes[0].flat[0]) == 1:
             return _last_selected(signals[0], passes, signals)
         init = block.initial_output() or block.constant(0.0)
@@ -372,7 +386,7 @@ def for_each(block: BlockContext) -> SignalOrBus:
 
 @block("ForEachPartition")
 def part(block: BlockContext) -> SignalOrBus:
-    """Return the part of a signal that belongs to an element."""
+    """Cut the part that belongs to an element out of a signal."""
     each, number = _each(block)
     width, dimension = _setting(each, "InputPartitionWidth", number), _setting(each, "InputPartitionDimension", number)
     if _setting(each, "InputPartitionOffset", number, 0):

@@ -4,7 +4,7 @@ import numpy as np
 
 from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.blocks.lookup_tables import (
-    Method,
+    LookupMethod,
     breakpoint_axis,
     index_axes,
     lookup_field,
@@ -24,7 +24,7 @@ _MAX_BREAKPOINTS = 2000  # each is compared with the input
        BreakpointsFirstPoint="10", BreakpointsSpacing="10", BreakpointsNumPoints="11",
        UseLastBreakpoint="off")  # fmt: skip
 def prelookup(block: BlockContext) -> Outputs:
-    """Return the index, from 0, of the cell that contains the input, and the fraction within it."""
+    """Find the index, from 0, of the cell that contains the input, and the fraction within it."""
     selection = block.option("OutputSelection", "Index and fraction", "Index only", "Index and fraction as bus")
     beyond = block.option("ExtrapMethod", "Clip", "None - Clip", "Linear")
     index, fraction = _cell(block, block.input(0), _breakpoints(block))
@@ -39,6 +39,7 @@ def prelookup(block: BlockContext) -> Outputs:
 
 
 def _cell(block: BlockContext, u: Signal, points: list[Signal]) -> tuple[Signal, Signal]:
+    # the last cell whose begin u has reached, as in `lookup_dynamic`
     index, low, high = block.constant(0.0), points[0], points[1]
     for at in range(1, len(points) - 1):
         within = u >= points[at]
@@ -92,6 +93,7 @@ def interpolation(block: BlockContext) -> SignalOrBus:
     places, port = [], 0
     for _ in range(count - chosen):
         index, fraction, port = _cell_at(block, port)
+        # breakpoint numbers as coordinates: cell + fraction
         places.append(index if method.between == "flat" else index + fraction)
     for at, size in enumerate(shape[count - chosen :], port):  # selected by index
         places.append(clip(apply("floor", block.input(at)), block.constant(0.0), block.constant(size - 1.0)))
@@ -112,6 +114,7 @@ def _cell_at(block: BlockContext, port: int) -> tuple[Signal, Signal, int]:
 
 def _prelookup_of(block: BlockContext, at: int) -> BlockContext | None:
     """Return the Prelookup that gives both index and fraction of a dimension in every step, or None."""
+    # an index and a fraction per dimension
     sources = block.flat.inputs[2 * at : 2 * at + 2]
     if len(sources) < 2 or sources[0] is None or sources[1] is None or sources[0].flat is not sources[1].flat:
         return None
@@ -121,10 +124,11 @@ def _prelookup_of(block: BlockContext, at: int) -> BlockContext | None:
     return before if plain and block.compiler.timing.specified_sample_time(before.flat) is None else None
 
 
-def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], method: Method) -> SignalOrBus:
+def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], method: LookupMethod) -> SignalOrBus:
     """Look up a table over the breakpoints of the Prelookup blocks at their inputs."""
     own = parameter_field(block, "Table").variable.axes
     axes = list(own) if len(own) == len(before) else [_axis_of(block) for block in before]
+    # a table extrapolates along all of its dimensions or none; where a Prelookup clips, its input is clipped instead
     ends = [method.beyond if block.field_text("ExtrapMethod") == "Linear" else "clip" for block in before]
     places = [
         clip(context.input(), *(block.constant(float(axis.breakpoints[i])) for i in (0, -1)))
@@ -132,7 +136,7 @@ def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], meth
         else context.input()
         for context, axis, end in zip(before, axes, ends, strict=True)
     ]
-    return lookup_field(block, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
+    return lookup_field(block, "Table", axes, places, LookupMethod("linear", "linear" if "linear" in ends else "clip"))
 
 
 def _axis_of(before: BlockContext) -> Axis:

@@ -13,8 +13,14 @@ from fractions import Fraction
 from typing import Final, TypeAlias
 
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
-from kennfeld.importers.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block, no_feedthrough
-from kennfeld.importers.simulink.lowering.scheduling import CONTINUOUS_BLOCK_TYPES
+from kennfeld.importers.simulink.lowering import (
+    BLOCK_TYPES,
+    LIKE_INPUT,
+    BlockContext,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
@@ -31,6 +37,8 @@ from kennfeld.models.sample_times import SampleTime
 
 _Scale: TypeAlias = "Mapping[str, Fraction | float]"
 
+# exact by definition: international yard and pound (1959), standard gravity (CGPM 1901); as fractions, the ratio of
+# two units is rounded once
 _FOOT, _INCH, _MILE = Fraction("0.3048"), Fraction("0.0254"), Fraction("1609.344")
 _POUND, _G = Fraction("0.45359237"), Fraction("9.80665")
 _FORCE = _POUND * _G
@@ -110,6 +118,7 @@ def conversion(block: BlockContext) -> SignalOrBus:
 @block("Temperature Conversion", linked=True)
 def temperature(block: BlockContext) -> SignalOrBus:
     """Convert a temperature to another unit."""
+    # K = f x + o = f' x' + o', so that x' = x f / f' + (o - o') / f'
     (factor, offset), (other, beyond) = (_KELVIN[_unit(block, name, _KELVIN)] for name in ("IU", "OU"))
     return block.input() * (factor / other) + (offset - beyond) / other
 
@@ -134,14 +143,14 @@ def celsius_to_fahrenheit(block: BlockContext) -> SignalOrBus:
 
 @block("Cartesian to Polar", linked=True)
 def cartesian_to_polar(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return the radius and angle of x and y."""
+    """Convert x and y to radius and angle in rad."""
     x, y = block.input(0), block.input(1)
     return apply("sqrt", x * x + y * y), apply("atan2", y, x)
 
 
 @block("Polar to Cartesian", linked=True)
 def polar_to_cartesian(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return x and y of a radius and angle."""
+    """Convert radius and angle in rad to x and y."""
     radius, angle = block.input(0), block.input(1)
     return radius * apply("cos", angle), radius * apply("sin", angle)
 
@@ -154,7 +163,7 @@ def refuse(block: BlockContext) -> SignalOrBus:
 
 @block("Conversion Inherited", "Data Type Conversion Inherited", linked=True)
 def like_another(block: BlockContext) -> SignalOrBus:
-    """Return the second input; the first only provides its type."""
+    """Pass on the second input; the first only provides its type."""
     return block.input_or_bus(1)
 
 
@@ -166,14 +175,14 @@ def refuse_scaling_strip(block: BlockContext) -> SignalOrBus:
 
 @block("Width")
 def width(block: BlockContext) -> SignalOrBus:
-    """Return the number of elements of the input."""
+    """Count the elements of the input."""
     return block.constant(float(sum(signal.size for _, signal in leaf_signals(block.input_or_bus(0)))))
 
 
 @block("Probe", ProbeWidth="on", ProbeSampleTime="on", ProbeComplexSignal="on", ProbeSignalDimensions="on",
        ProbeFramedSignal="off")  # fmt: skip
 def probe(block: BlockContext) -> tuple[SignalOrBus, ...]:
-    """Return width, sample time and offset, complexity (0) and dimensions of the input."""
+    """Report width, sample time and offset in s, complexity (0) and dimensions of the input."""
     return tuple(_probe(block, name, block.input()) for name in _PROBE_FIELDS if block.is_on(name))
 
 
@@ -231,7 +240,8 @@ def _sample_of_output(block: ModelBlock) -> str:
     return "OutPortSampleTime" if (block.value("OutPortSampleTimeOpt") or "Specify") == "Specify" else ""
 
 
-@block("RateTransition", sample=_sample_of_output, held=False, Integrity="on", Deterministic="on", X0="0",
+@block("RateTransition", output=LIKE_INPUT,
+       sample=_sample_of_output, held=False, Integrity="on", Deterministic="on", X0="0",
        OutPortSampleTimeOpt="Specify", OutPortSampleTime="-1", OutPortSampleTimeMultiple="1")  # fmt: skip
 def rate_transition(block: BlockContext) -> SignalOrBus:
     """Hold a signal for a slower sample time, or delay it by one of its samples for a faster one.
@@ -249,6 +259,7 @@ def _change_rate(block: BlockContext, wired: SignalOrBus) -> SignalOrBus:
     if wired.period == CONSTANT:
         return wired
     wanted = _output_sample_time(block, wired)
+    # a slower output is a sample of the input, held
     if wanted is not None and wanted > wired.period * (1 + _TIME_TOLERANCE):
         return block.compiler.timing.hold(block.flat, wired, SampleTime(wanted))
     wanted = min(_downstream_sample_times(block), default=wired.period) if wanted is None else wanted
@@ -289,10 +300,12 @@ def _downstream_sample_times(block: BlockContext) -> Iterator[float]:
     while waiting:
         for reader in block.compiler.flat.readers.get(waiting.pop(), ()):
             kind, period = BLOCK_TYPES.get(reader.type), block.compiler.timing.specified_period(reader)
+            # sinks have no say, and another transition begins a sample time of its own
             if reader in seen or (kind is not None and kind.sink) or reader.type == "RateTransition":
                 continue
             seen.add(reader)
-            if reader.type in CONTINUOUS_BLOCK_TYPES:
+            if kind is not None and kind.continuous:
+                # a solver reads its inputs in every step
                 yield CONTINUOUS
             elif period is None or period == CONSTANT:
                 waiting.append(reader)
@@ -304,6 +317,7 @@ def _delay_transition(block: BlockContext, u: Signal) -> Signal:
     """Return the signal before the last hit of its own sample time, its initial value before the first."""
     init = _initial(block)
     before, hits = block.discrete_state(init, lambda _: u), block.compiler.timing.hits(u.period)
+    # y = hit ? u' : y', in which u' is the input of the step before the hit
     return block.feedback(init, lambda shown: select(hits, before, shown))
 
 

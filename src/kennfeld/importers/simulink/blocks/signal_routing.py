@@ -9,8 +9,16 @@ import numpy as np
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.blocks.bit_operations import fit_to_type, stored_integer
 from kennfeld.importers.simulink.flattening.connections import bus_member_names, find_bus_member
-from kennfeld.importers.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
-from kennfeld.importers.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering import (
+    LIKE_INPUT,
+    BlockContext,
+    Outputs,
+    OutputType,
+    UnsupportedError,
+    block,
+    no_feedthrough,
+)
+from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     case_values,
     dimension_settings,
@@ -38,7 +46,7 @@ _MAX_COMPARISONS = 100_000
 @block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1",
        ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
 def conversion(block: BlockContext) -> SignalOrBus:
-    """Return the input, as values are physical; converted to boolean, 1 unless it is 0."""
+    """Pass on the input, as values are physical; converted to boolean, 1 unless it is 0."""
     wanted = _wanted_type(block)
     if block.field_text("ConvertRealWorld").startswith("Stored"):
         return _by_bits(block, wanted)
@@ -50,6 +58,7 @@ def conversion(block: BlockContext) -> SignalOrBus:
 def _by_bits(block: BlockContext, wanted: str) -> SignalOrBus:
     """Return the number that the stored bits of the input represent in another type."""
     plain = re.fullmatch(r"u?int(8|16|32|64)|double|single|half", wanted)
+    # the bits of an integer are its value; those of a fixed-point number depend on its scaling
     if not (plain and integer_type_of(block.source())):
         message = "it reinterprets the stored bits of a number, but fixed-point types are ignored"
         raise UnsupportedError(message, "Use a Gain block with the scaling instead, or bind it.")
@@ -68,18 +77,18 @@ def _wanted_type(block: BlockContext) -> str:
 
 @block("Mux", Inputs="4")
 def mux(block: BlockContext) -> SignalOrBus:
-    """Return all elements of all inputs as one vector."""
+    """Join all elements of all inputs to one vector."""
     return as_one_vector(block, *(block.input_or_bus(at) for at in range(block.input_count)))
 
 
 @block("BusToVector")
 def bus_to_vector(block: BlockContext) -> SignalOrBus:
-    """Return the signals of a bus as one vector."""
+    """Join the signals of a bus to one vector."""
     return as_one_vector(block, block.input_or_bus(0))
 
 
 def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
-    """Return all elements of signals and buses as one vector."""
+    """Join all elements of signals and buses to one vector."""
     parts = [signal for item in wired for _, signal in leaf_signals(item)]
     return block.signal([node for part in parts for node in part.flat], period_of(parts))
 
@@ -90,6 +99,7 @@ def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
     wired = block.input_or_bus(0)
     if isinstance(wired, Bus):
         members = list(wired.members.values())
+        # a bus of as many members is taken apart, any other one is a vector
         if len(members) == _outputs(block):
             return tuple(members)
         wired = as_one_vector(block, wired)
@@ -115,6 +125,7 @@ def _stated(block: BlockContext) -> list[int]:
 def _widths(block: BlockContext, size: int) -> list[int]:
     stated = _stated(block)
     if len(stated) > 1:
+        # -1 leaves a width open: what remains is shared evenly among these
         free = [at for at, width in enumerate(stated) if width <= 0]
         rest = size - sum(width for width in stated if width > 0)
         for at, width in zip(free, _divide_evenly(rest, len(free)), strict=True):
@@ -135,7 +146,7 @@ def _divide_evenly(size: int, count: int) -> list[int]:
 
 @block("BusCreator", Inputs="2")
 def bus_creator(block: BlockContext) -> SignalOrBus:
-    """Return a bus of the inputs, named after their lines."""
+    """Collect the inputs to a bus, named after their lines."""
     labels = [block.flat.input_names.get(at, "") for at in range(block.input_count)]
     names = bus_member_names(labels, block.field_text("Inputs"))
     return Bus({name: block.input_or_bus(at) for at, name in enumerate(names)})
@@ -145,10 +156,10 @@ def bus_creator(block: BlockContext) -> SignalOrBus:
 def bus_selector(block: BlockContext) -> Outputs:
     """Select signals of a bus by name."""
     wired = block.bus()
-    ways = [path.strip() for path in block.field_text("OutputSignals").split(",")]
-    signals = [_member_of(wired, path) for path in ways]
+    paths = [path.strip() for path in block.field_text("OutputSignals").split(",")]
+    signals = [_member_of(wired, path) for path in paths]
     if block.is_on("OutputAsBus"):
-        return Bus({path.rpartition(".")[2]: signal for path, signal in zip(ways, signals, strict=True)})
+        return Bus({path.rpartition(".")[2]: signal for path, signal in zip(paths, signals, strict=True)})
     return tuple(signals)
 
 
@@ -172,6 +183,7 @@ def bus_assignment(block: BlockContext) -> SignalOrBus:
     """Replace signals of a bus."""
     bus = block.bus()
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
+        # raises an error if the bus has no such signal, which `_set_member` would add
         _member_of(bus, path.strip())
         bus = _set_member(bus, path.strip().split("."), block.input_or_bus(at))
     return bus
@@ -248,7 +260,7 @@ def reshape(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
 
 
-@block("Selector", NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
+@block("Selector", output=LIKE_INPUT, NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
 def selector(block: BlockContext) -> SignalOrBus:
     """Select elements of a vector or matrix by index."""
     x = block.input()
@@ -265,6 +277,7 @@ def selector(block: BlockContext) -> SignalOrBus:
     for axis, option in enumerate(options[:dimensions]):
         text = index_fields[axis] if axis < len(index_fields) else ""
         if option in ("Index vector (port)", "Starting index (port)"):
+            # axis by axis: what remains after one is selected along the next
             nodes = _select_variable(block, nodes, axis, _variable_indices(block, option, axis, block.input(port)))
             port += 1
         else:
@@ -296,6 +309,7 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
     slices = [block.signal(np.atleast_1d(np.take(nodes, at, axis=axis))) for at in range(nodes.shape[axis])]
     picked = []
     for place in places.flat:
+        # an index is cut off to an integer; beyond the ends, it selects the first or last element
         selected = select_by_index(block.signal([place]), slices, 1.0 + first)
         picked.append(selected.nodes.reshape(np.take(nodes, 0, axis=axis).shape))
     return np.stack(picked, axis=axis)
@@ -303,14 +317,14 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
 
 @block("ManualSwitch", CurrentSetting="1", sw="1")
 def manual_switch(block: BlockContext) -> SignalOrBus:
-    """Return the input selected by the stored switch position."""
+    """Pass on the input selected by the stored switch position."""
     upper = block.numeric_field(block.field_name("CurrentSetting", "sw")) != 0
     return block.input_or_bus(0 if upper else 1)
 
 
-@block("Switch", Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
+@block("Switch", output=OutputType((0, 2), floating=True), Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
 def switch(block: BlockContext) -> SignalOrBus:
-    """Return the first input if the second meets the criterion, else the third."""
+    """Pass on the first input if the second meets the criterion, else the third."""
     criterion = block.option("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
     u = block.input(1)
     if criterion == "u2 ~= 0":
@@ -344,6 +358,7 @@ def multiport_switch(block: BlockContext) -> SignalOrBus:
     else:
         first = 0 if order.startswith("Zero") or block.is_on("zeroidx") else 1
         numbers = [[float(first + at)] for at in range(len(data))]
+    # built from the last port, which any number without a case takes, to the first
     selected = data[-1]
     for at in reversed(range(len(data) - 1)):
         selected = select_signal(block.is_among(index, numbers[at]), data[at], selected)
@@ -356,11 +371,19 @@ def inactive(block: BlockContext) -> SignalOrBus:
     raise UnsupportedError("this output belongs to an inactive variant")
 
 
-@block("DataStoreMemory", needs=no_feedthrough, DataStoreName="A", InitialValue="0", Dimensions="-1")
+@block(
+    "DataStoreMemory",
+    output=OutputType(states=True),
+    needs=no_feedthrough,
+    DataStoreName="A",
+    InitialValue="0",
+    Dimensions="-1",
+)
 def data_store_memory(block: BlockContext) -> SignalOrBus:
-    """Return the content of a data store at the start of the step."""
+    """Read the content of a data store at the start of the step."""
     init = block.parameter("InitialValue")
     dimensions = [int(n) for n in block.numeric_array("Dimensions").ravel()]
+    # a scalar start fills a store with stated dimensions
     if init.size == 1 and min(dimensions, default=-1) > 0:
         init = block.signal(fit_to_shape(init.nodes, tuple(dimensions)), init.period)
     return block.compiler.contents.content(block.flat, init)
@@ -375,9 +398,9 @@ def _memory(block: BlockContext) -> BlockContext:
     return block.of(block.flat.data_store)
 
 
-@block("DataStoreRead", needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
+@block("DataStoreRead", output=OutputType(states=True), needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
 def data_store_read(block: BlockContext) -> SignalOrBus:
-    """Return the content of a data store after the writers that run before this block."""
+    """Read the content of a data store after the writers that run before this block."""
     content = data_store_memory(_memory(block))
     assert isinstance(content, Signal)
     return block.compiler.contents.content_after(content, block.compiler.stores.writers_before(block.flat))

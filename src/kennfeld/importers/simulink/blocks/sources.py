@@ -5,10 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.importers.simulink.blocks.lookup_tables import Method, constant_curve
+from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, constant_curve
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
-from kennfeld.importers.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering import (
+    ARITHMETIC,
+    BLOCK_TYPES,
+    BlockContext,
+    OutputType,
+    UnsupportedError,
+    block,
+)
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
@@ -27,7 +34,7 @@ _BIND = "Bind it to a measured channel."
 _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 
 
-@block("Constant", Value="1", SampleTime="inf", VectorParams1D="on")
+@block("Constant", output=OutputType(floating=True, states=True), Value="1", SampleTime="inf", VectorParams1D="on")
 def constant(block: BlockContext) -> SignalOrBus:
     """Return a constant or a variable."""
     if block.field_text("VectorParams1D", "on") == "on":
@@ -35,39 +42,40 @@ def constant(block: BlockContext) -> SignalOrBus:
     return block.signal(block.matrix("Value"), CONSTANT)
 
 
-@block("EnumeratedConstant", "Enumerated Constant", Value="SlDemoSign.Positive", SampleTime="inf")
+@block("EnumeratedConstant", "Enumerated Constant", library_mask=True, Value="SlDemoSign.Positive", SampleTime="inf")
 def enumerated_constant(block: BlockContext) -> SignalOrBus:
     """Return the integer of an enumeration member."""
     return block.parameter("Value")
 
 
-@block("Clock", SampleTime="-1")
+@block("Clock", output=ARITHMETIC, SampleTime="-1")
 @block("DigitalClock", "Digital Clock", SampleTime="1")
 def clock(block: BlockContext) -> SignalOrBus:
     """Return the time since the start in s, for a digital clock at the hits of its sample time."""
     return block.time
 
 
-@block("Step", Time="1", Before="0", After="1", SampleTime="-1")
+@block("Step", output=ARITHMETIC, Time="1", Before="0", After="1", SampleTime="-1")
 def step(block: BlockContext) -> SignalOrBus:
     """Switch from one value to another at a time."""
     reached = block.time + block.time_tolerance() >= block.parameter("Time")
     return select(reached, block.parameter("After"), block.parameter("Before"))
 
 
-@block("Ramp", slope="1", start="0", InitialOutput="0")
+@block("Ramp", library_mask=True, slope="1", start="0", InitialOutput="0")
 def ramp(block: BlockContext) -> SignalOrBus:
-    """Return a line that starts to rise at a time."""
+    """Rise along a line from a time in s on."""
     start = block.parameter("start")
     since = apply("max", block.time - start, 0.0)
     first = block.parameter("X0" if block.field_text("X0", "") else "InitialOutput")  # X0 in older files
     return first + block.parameter("slope") * since
 
 
-@block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
+@block("Sin", output=ARITHMETIC,
+       SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
        Phase="0", Samples="10", Offset="0", SampleTime="-1")  # fmt: skip
 def sine(block: BlockContext) -> SignalOrBus:
-    """Return amplitude sin(angle) + bias with the angle frequency t + phase, or 2 pi (sample + offset) / samples."""
+    """Compute amplitude sin(angle) + bias; the angle is frequency t + phase, or 2 pi (sample + offset) / samples."""
     if block.option("SineType", "Time based", "Sample based") == "Sample based":
         angle = _angle_of_hit(block)
     else:
@@ -80,14 +88,16 @@ def _angle_of_hit(block: BlockContext) -> Signal:
     sample = block.compiler.timing.specified_period(block.flat)
     if sample is None or not 0 < sample < CONSTANT:
         raise UnsupportedError("it counts samples, but its sample time is inherited")
+    # 0.3 s / 0.1 s is a little below 3, which would repeat a sample
     hit = apply("floor", block.time / sample + 1e-6)
     return 2 * np.pi * ((hit + block.parameter("Offset")) / block.parameter("Samples"))
 
 
 @block("chirp", "Chirp Signal", linked=True, f1="0.1", T="100", f2="1")
 def chirp(block: BlockContext) -> SignalOrBus:
-    """Return a sine whose frequency rises linearly from f1 at 0 s to f2 at T and beyond."""
+    """Lower a sine whose frequency rises linearly from f1 in Hz at 0 s to f2 at T in s and beyond."""
     f1, f2, t = block.parameter("f1"), block.parameter("f2"), block.time
+    # phase = 2 pi integral(f1 + (f2 - f1) t / T)
     rate = (f2 - f1) / (2.0 * block.parameter("T"))
     return apply("sin", 2 * np.pi * (t * (f1 + rate * t)))
 
@@ -95,7 +105,7 @@ def chirp(block: BlockContext) -> SignalOrBus:
 @block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
        TimeSource="Use simulation time")  # fmt: skip
 def generator(block: BlockContext) -> SignalOrBus:
-    """Return a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
+    """Lower a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
     form = block.field_text("WaveForm")
     if form not in ("sine", "square"):
         raise UnsupportedError(f"its wave form {form[:40]!r} is not supported, only sine and square", _BIND)
@@ -111,7 +121,7 @@ def generator(block: BlockContext) -> SignalOrBus:
 @block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",
        PulseWidth="1", PhaseDelay="0")  # fmt: skip
 def pulses(block: BlockContext) -> SignalOrBus:
-    """Return pulses with `Period`, `PulseWidth` (percent of the period) and `PhaseDelay`, in s or in samples."""
+    """Lower pulses with `Period`, `PulseWidth` (percent of the period) and `PhaseDelay`, in s or in samples."""
     block.option("TimeSource", "Use simulation time")
     period, delay = block.numeric_field("Period"), block.numeric_field("PhaseDelay")
     width = block.numeric_field("PulseWidth") * (period / 100)
@@ -122,6 +132,7 @@ def pulses(block: BlockContext) -> SignalOrBus:
         period, delay, width = period * sample, delay * sample, block.numeric_field("PulseWidth") * sample
     if not period > 0:
         raise UnsupportedError(f"its Period must be > 0, got {period:g}")
+    # an edge at a sample must not slip to the next one by rounding
     since = block.time - delay + block.time_tolerance()
     high = (since >= 0.0) & (since % period < width)
     return block.hold_in_minor_steps(select(high, block.parameter("Amplitude"), 0.0))
@@ -136,7 +147,7 @@ def refuse_recording(block: BlockContext) -> SignalOrBus:
 
 @block("Repeating Sequence Stair", sample="", OutValues="[3 1 4 2 1].'", tsamp="-1")
 def stairs(block: BlockContext) -> SignalOrBus:
-    """Return a periodic sequence of values."""
+    """Repeat a sequence of values, each for a sample."""
     values = block.parameter("OutValues").flat
     sample = block.numeric_field("tsamp")
     dt = block.constant(sample) if sample > 0 else block.base_step
@@ -145,7 +156,7 @@ def stairs(block: BlockContext) -> SignalOrBus:
 
 
 def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[float]:
-    """Return the times in s between which a pulse generator switches, [] for other blocks; raises `EvaluationError`."""
+    """List the times in s between which a pulse generator switches, [] for other blocks; raises `EvaluationError`."""
     if flat.type != "DiscretePulseGenerator":
         return []
     block, defaults = flat.block, BLOCK_TYPES[flat.type].defaults
@@ -159,6 +170,7 @@ def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[floa
     if (block.value("PulseType") or defaults["PulseType"]) != "Time based":
         return [number("SampleTime", "1")]
     period = number("Period")
+    # a step that divides all three hits every edge
     return [period, period * number("PulseWidth") / 100, number("PhaseDelay")]
 
 
@@ -241,6 +253,7 @@ def _hold_points(block: BlockContext, now: Signal, points: _RecordedSeries) -> S
 def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
     """Interpolate between points; two points at the same time are a jump."""
     times = points.times
+    # a curve per piece between jumps: a curve of its own cannot have two equal breakpoints
     ends = [0, *(np.flatnonzero(np.diff(times) == 0) + 1), len(times)]
     if len(ends) > _MAX_STEPS:
         raise UnsupportedError(f"it has {len(ends) - 2} discontinuities; at most {_MAX_STEPS} are supported", _BIND)
@@ -248,9 +261,10 @@ def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, b
     for number, (first, end) in enumerate(pairwise(ends), 1):
         name = label if len(ends) == 2 else f"{label}, part {number}"
         part = _RecordedSeries(times[first:end], points.values[first:end])
-        method = Method("linear", beyond if end == len(times) else "clip")
+        method = LookupMethod("linear", beyond if end == len(times) else "clip")
         piece = block.constant(float(part.values[0]))
         if len(part.times) > 1:
             piece = constant_curve(block, name, x, part.times, part.values, method)
+        # the last piece that has begun
         pieces.append(select(near >= float(times[first]), piece, pieces[-1]) if pieces else piece)
     return pieces[-1]

@@ -11,9 +11,9 @@ from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.variables.mask_scope import MaskCodeVariable, MaskVariable, Scope, Variable
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import field_path
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
+from kennfeld.program.traversal import field_path
 
 _REMEDY = "Define its variables in a script, a .mat, .sldd or calibration file given as parameters."
 

@@ -23,9 +23,7 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     Variable,
     nested_field,
 )
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import field_path
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import Evaluate, EvaluationContext, LibraryFunction
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -33,6 +31,8 @@ from kennfeld.models.imperative.graph_operators import ONE, TWO
 from kennfeld.models.imperative.library import C_FUNCTIONS, SYMBOLIC_FUNCTIONS
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, check_size
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import field_path
 
 FieldValue: TypeAlias = "Nodes | str | Mapping[str, ParameterValue] | tuple[ParameterValue, ...]"
 

@@ -23,7 +23,7 @@ _MODES = ("expression", "label", "sim codegen switching")
 
 
 def active_choice(block: ModelBlock, labels: Sequence[str], scope: Scope) -> int | None:
-    """Return the index of the active choice of a variant block, None if none needs to be active.
+    """Determine the index of the active choice of a variant block, None if none needs to be active.
 
     Raises:
         EvaluationError: if the settings of the block do not determine it.
@@ -34,7 +34,9 @@ def active_choice(block: ModelBlock, labels: Sequence[str], scope: Scope) -> int
         raise EvaluationError("it is a Variant Assembly Subsystem, whose choices are files; this is not supported")
     written = block.value("VariantControlMode")
     named = (block.value("LabelModeActiveChoice") or "").strip()
+    # names a choice by its label, whatever the controls say
     over = (block.value("OverrideUsingVariant") or "").strip()
+    # older files have no mode: a label that is chosen says which one it is
     mode = written or ("label" if named else "expression")
     if mode not in _MODES:
         raise EvaluationError(f"VariantControlMode {mode[:60]!r} is not supported")
@@ -59,6 +61,7 @@ def _is_true(label: str, scope: Scope) -> bool:
     text = label.strip()
     if not text or text.startswith("%") or text in ("(default)", "(codegen)"):
         return False
+    # an import simulates, so that (sim) is active and (codegen) is not
     if text == "(sim)":
         return True
     numbers = ParameterExpressions(GraphBuilder(), DeclaredParameters()).numbers(condition_of(text, scope), scope)
@@ -68,7 +71,7 @@ def _is_true(label: str, scope: Scope) -> bool:
 
 
 def condition_of(label: str, scope: Scope) -> str:
-    """Return the expression of a variant control: that of the Simulink.Variant of this name, or itself."""
+    """Look up the expression of a variant control: that of the Simulink.Variant of this name, or itself."""
     variable = scope.find(label) if label.isidentifier() else None
     value = variable.value if isinstance(variable, Variable) else None
     condition = value.get("Condition") if isinstance(value, Mapping) else None
@@ -90,19 +93,19 @@ def is_variant(block: ModelBlock) -> bool:
 
 
 def choices(system: System) -> tuple[ModelBlock, ...]:
-    """Return the choices of a variant subsystem in file order."""
+    """List the choices of a variant subsystem in file order."""
     return tuple(system.of("SubSystem", "ModelReference", "Reference"))
 
 
 def choice_labels(block: ModelBlock) -> tuple[str, ...]:
-    """Return the variant controls of a block's choices."""
+    """List the variant controls of a block's choices."""
     if block.type in _BLOCKS:
         return block.listed("VariantControls")
     return tuple((choice.value("VariantControl") or "").strip() for choice in choices(block.system or System()))
 
 
 def active_content(block: ModelBlock, scope: Scope) -> System:
-    """Return the content of a subsystem with its active variant.
+    """Select the active variant of a subsystem, and return its content.
 
     Raises:
         EvaluationError: if no variant is active.
@@ -123,12 +126,13 @@ def describe_choice(labels: Sequence[str], at: int | None, scope: Scope) -> str:
 
 
 def system_with_choice(block: ModelBlock, at: int | None) -> System:
-    """Return the system of a variant subsystem with one choice, by index from 0, their ports joined by name.
+    """Build the system of a variant subsystem with one choice, by index from 0, their ports joined by name.
 
     Raises:
         EvaluationError: if the choice has a port that the variant subsystem lacks.
     """
     outer = block.system or System()
+    # ports of the subsystem and its control ports, such as EnablePort
     kept = tuple(block for block in outer.blocks if block.type in _PORTS or block.type.endswith("Port"))
     if at is None:
         return System(kept)
@@ -161,12 +165,13 @@ def _outer_port(outer: System, kind: str, name: str, number: int) -> ModelBlock 
 
 
 def without_commented_blocks(system: System) -> System:
-    """Return a system without its commented blocks, with lines rerouted."""
+    """Remove the commented blocks of a system, and reroute its lines."""
     commented = {block.sid: _how(block) for block in system.blocks if _how(block) in ("on", "through")}
     if not commented:
         return system
     kept = tuple(block for block in system.blocks if block.sid not in commented)
     lines = tuple(_lines(system, commented))
+    # by destination, the commented block that fed it, for the report
     fed = {
         end: system.by_sid[line.source.block].name
         for line in lines
@@ -194,6 +199,7 @@ def _trace_commented(
     source: Endpoint | None, sources: Mapping[Endpoint, Endpoint | None], commented: Mapping[str, str]
 ) -> Endpoint | None:
     """Return the origin of a signal, seen through blocks that are commented through; it may be commented out."""
+    # blocks that are commented through may form a ring, which has no origin
     seen: set[Endpoint] = set()
     while source is not None and source.block in commented:
         if commented[source.block] == "on" or source.port != "out" or source in seen:

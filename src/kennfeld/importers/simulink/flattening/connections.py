@@ -31,15 +31,17 @@ class SignalTracer:
         self._wide: dict[str, list[tuple[SystemInstance, ModelBlock]]] = {}
         for tag, ends in gotos.items():
             for level, goto in ends:
+                # of several Gotos with one tag in a system, the first one counts
                 self._local.setdefault((level, tag), (level, goto))
                 if (goto.value("TagVisibility") or "local") in _NONLOCAL_VISIBILITY:
                     self._wide.setdefault(tag, []).append((level, goto))
 
     def label(self, level: SystemInstance, end: Endpoint) -> str:
-        """Return the name of the line at a port, traced through ports and tags."""
+        """Find the name of the line at a port, traced through ports and tags."""
         for here, source in self._trace(level, end):
             name = here.labels.get(source, "")
             block = here.system.by_sid.get(source.block)
+            # <name> is a propagated name, as a line in the diagram shows it
             if name and not name.startswith("<"):
                 return name
             if name.startswith("<") and name.endswith(">"):
@@ -49,7 +51,7 @@ class SignalTracer:
         return ""
 
     def source(self, level: SystemInstance, end: Endpoint) -> SignalSource | None:
-        """Return the block output that feeds an input port, traced through subsystems and tags."""
+        """Find the block output that feeds an input port, traced through subsystems and tags."""
         last = self._origin(level, end)
         if last is None:
             return None
@@ -57,6 +59,7 @@ class SignalTracer:
         if (picked := self._selected_input(here, source)) is not None:
             return self.source(*picked)
         if (flat := here.flat_blocks.get(source.block)) is not None:
+            # no other kinds of ports, such as physical ones, carry a signal
             port = {"out": source.number - 1, "state": STATE_PORT}.get(source.port)
             return None if port is None else SignalSource(flat, port)
         below = here.below.get(source.block)
@@ -67,7 +70,7 @@ class SignalTracer:
         return None
 
     def commented_source(self, level: SystemInstance, end: Endpoint) -> str:
-        """Return the path of the commented-out block that fed a port, traced through subsystems and tags; or ""."""
+        """Find the path of the commented-out block that fed a port, traced through subsystems and tags; or ""."""
         passed = list(self._trace(level, end))
         here, at = self._passed_on_input(*passed[-1]) if passed else (level, end)
         name = here.system.commented.get(at, "") if here is not None and at is not None else ""
@@ -81,11 +84,12 @@ class SignalTracer:
         flat = level.flat_blocks.get(source.block)
         if flat is None or flat.type != "BusSelector" or (flat.block.value("OutputAsBus") or "off") == "on":
             return None
-        ways = (flat.block.value("OutputSignals") or "").split(",")
-        if not source.number <= len(ways):
+        paths = (flat.block.value("OutputSignals") or "").split(",")
+        if not source.number <= len(paths):
             return None
+        # from the selector back through nested creators, one name at a time
         creator: tuple[SystemInstance, Endpoint] | None = (level, Endpoint(source.block, "in"))
-        for name in ways[source.number - 1].strip().split("."):
+        for name in paths[source.number - 1].strip().split("."):
             creator = self._member_input(*creator, name) if creator is not None else None
         return creator
 
@@ -110,6 +114,7 @@ class SignalTracer:
         """Yield the line ends that a signal passes, from its use back to its origin."""
         here: SystemInstance | None = level
         at: Endpoint | None = end
+        # subsystems and tags without any block in between may form a ring
         seen: set[tuple[int, Endpoint]] = set()
         while here is not None and at is not None and (id(here), at) not in seen:
             seen.add((id(here), at))
@@ -125,6 +130,7 @@ class SignalTracer:
         """Return the input port that a block output passes on unchanged, or None if the block computes it."""
         if source in level.passing:
             return level, level.passing[source]
+        # a placed block computes its outputs; ports, tags and plain subsystems only pass them on
         if source.block in level.flat_blocks:
             return None, None
         block = level.system.by_sid[source.block]
@@ -140,7 +146,7 @@ class SignalTracer:
         return below, Endpoint(outport.sid, "in")
 
     def goto(self, level: SystemInstance, tag: str) -> tuple[SystemInstance, ModelBlock] | None:
-        """Return the Goto of a tag: local in the same system, scoped below its visibility block, global anywhere."""
+        """Find the Goto of a tag: local in the same system, scoped below its visibility block, global anywhere."""
         if (level, tag) in self._local:
             return self._local[level, tag]
         for where, goto in self._wide.get(tag, ()):
@@ -169,7 +175,7 @@ def _original_inport(level: SystemInstance, source: Endpoint | None) -> Endpoint
 
 
 def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
-    """Return the signal names of a bus creator: those of its lines, else as stated, else numbered.
+    """Name the signals of a bus creator: after their lines, else as stated, else numbered.
 
     >>> bus_member_names(["n", "", "n", ""], "'a','b'")
     ['n', 'b', 'n3', 'signal4']
@@ -178,12 +184,13 @@ def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
     names: list[str] = []
     for at, label in enumerate(labels):
         name = label or (listed[at] if at < len(listed) else "") or f"signal{at + 1}"
+        # Simulink appends the port number to a name that occurs again
         names.append(f"{name}{at + 1}" if name in names else name)
     return names
 
 
 def find_bus_member(names: Sequence[str], wanted: str) -> str | None:
-    """Return the member that a name in a bus selector means, None if there is none.
+    """Find the member that a name in a bus selector means, None if there is none.
 
     If input names are duplicates, Simulink appends port numbers to them, in old files as "(signal2)".
 
@@ -230,6 +237,7 @@ class ConnectionResolver:
     def _connect_controls(self, level: SystemInstance) -> None:
         for sid, below in level.below.items():
             control = below.control
+            # a plain subsystem has the control of the conditional one around it, which is connected there
             if control is not None and control.block is below.holder:
                 control.inputs = [self._control_source(level, sid, port) for port in control.control_ports]
                 ends = (Endpoint(sid, port) for port in control.control_ports)
@@ -243,6 +251,7 @@ class ConnectionResolver:
         written = names_assigned_by_functions(flat.block.script) if flat.code_stores else frozenset()
         outputs = sum(variable.scope == "OUTPUT_DATA" for variable in data)
         for at, name in enumerate(flat.code_stores):
+            # a read is an input after the ports, a write an output after them
             flat.inputs.append(SignalSource(self._place_access(level, flat, "DataStoreRead", name), 0))
             if name in written:
                 self._place_access(level, flat, "DataStoreWrite", name).inputs.append(SignalSource(flat, outputs + at))
@@ -281,12 +290,14 @@ class ConnectionResolver:
         return self.wires.source(level, Endpoint(sid, port))
 
     def _connect_inputs(self, level: SystemInstance, sid: str, flat: FlatBlock) -> None:
+        # a file may state the number of ports without connecting all, or connect them without stating it
         count = max(level.fed.get(sid, 0), flat.block.ports.inputs if flat.block.ports is not None else 0)
         self._ends += count
         if self._ends > _MAX_INPUTS:
             raise OverflowError(f"its blocks have more than {_MAX_INPUTS} inputs")
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
         if flat.type == "BusElements":
+            # the first element of an output bus stands for all of them, so that it has their inputs
             shared = elements(level.system, "Outport", port_number(flat.block))
             ends = [Endpoint(block.sid, "in") for block in shared]
             flat.bus_paths = tuple(element_of(block) or "" for block in shared)
@@ -307,6 +318,7 @@ class ConnectionResolver:
 def _memory_block(level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
     name = _store_name(block)
     for here in enclosing_systems(level):
+        # innermost first: a memory hides one of the same name further out
         for memory in here.system.of("DataStoreMemory"):
             if _store_name(memory) == name:
                 return here.flat_blocks.get(memory.sid)

@@ -143,6 +143,7 @@ def resets_on_enable(control: FlatBlock) -> bool:
     for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
         if port in control.control_ports and (control.control_ports[port].value(key) or "held") == "reset":
             return True
+    # a trigger alone never disables its subsystem, so that nothing enables it again
     trigger = control.control_ports.get("trigger")
     resets = trigger is not None and trigger.value("StatesWhenEnabling") == "reset"
     return resets and "enable" in control.control_ports
@@ -164,6 +165,7 @@ Order: TypeAlias = Callable[[FlatBlock, FlatBlock], int]
 def _compare_priority(flat: FlatBlock, other: FlatBlock) -> int:
     """Return -1 if the first block runs first by priority, 1 if the second does, 0 if undecided."""
     for (place, priority), (place_2, priority_2) in zip(flat.priority_path, other.priority_path, strict=False):
+        # the first systems that differ decide; below them, blocks do not compete
         if place != place_2:
             if priority is None or priority_2 is None or priority == priority_2:
                 return 0

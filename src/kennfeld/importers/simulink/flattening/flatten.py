@@ -66,6 +66,7 @@ def flatten(
     system = without_commented_blocks(system)
     flattener = _Flattener(placed, cuts, opaque, models or {}, known, counts or {})
     root = flattener.level(SystemInstance(system, (), scope, None))
+    # only after all blocks are placed: a signal may come from anywhere
     ConnectionResolver(placed).connect()
     outports = [root.flat_blocks[block.sid] for block in sorted(system.of("Outport"), key=port_number)]
     return FlatModel(placed.flat_blocks, outports, placed.variant_choices, placed.built)
@@ -97,6 +98,7 @@ class _Flattener:
 
     def _place(self, level: SystemInstance, block: ModelBlock) -> None:
         path = join_path(*level.path, block.name)
+        # a bound block is cut first, so that its content need not be supported
         if path in self.cuts:
             self.placed.place(level, block, "BoundBlock")
         elif is_variant(block):
@@ -112,6 +114,7 @@ class _Flattener:
         elif block.type in ("From", "GotoTagVisibility", "InportShadow") or block.type in SPECIAL:
             pass
         elif block.type == "Outport" and level.parent is not None:
+            # outputs of an iterated subsystem are placed with its iterations
             if level.control is not None and level.control.block is level.holder and level.repeated is None:
                 self.placed.place(level, block, "ConditionalOutput")
         else:
@@ -131,6 +134,7 @@ class _Flattener:
             return
         if block.type != "SubSystem":  # connect the active port; readers of the others are refused
             if at is not None:
+                # a source has one output, a sink one input
                 ends = (1, at + 1) if block.type == "VariantSource" else (at + 1, 1)
                 level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
             self.placed.place(level, block, "InactiveVariant")
@@ -205,6 +209,7 @@ def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
     if block.type == "Reference" and block.reference is not None:
         link = block.reference
         last = (split_path(link.source) or ("",))[-1]
+        # the block type, as the mask calls it or as the block in the library is named
         if is_of_simulink(link.source):
             return last if link.type not in known and last in known else f"{link.type or link.source}"
         return link.type if link.type and known.get(link.type, True) else link.source
@@ -214,7 +219,7 @@ def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
 
 
 def standalone_system(block: ModelBlock, inside: System) -> System:
-    """Return a system that contains one block without inner blocks, with a port for each signal and event."""
+    """Build a system that contains one block without inner blocks, with a port for each signal and event."""
     inputs = list(_ports(block, inside, "Inport"))
     ports = [*inputs, *_ports(block, inside, "Outport")]
     if any(inside.of("TriggerPort")):
@@ -240,6 +245,7 @@ def _events(block: ModelBlock, before: int) -> Iterator[tuple[ModelBlock, Signal
     """Yield an input for each event, and the line that joins it to the trigger vector of the chart."""
     listed = block.chart.events if block.chart is not None else ()
     events = [event.name for event in listed if event.scope == "INPUT_EVENT"]
+    # a chart has one trigger port, whose elements are its events in order
     joint = ModelBlock("Mux", "events", "Mux", "events", {"Inputs": str(len(events))})
     yield joint, SignalLine(Endpoint(joint.sid, "out"), (Endpoint(block.sid, "trigger"),))
     for at, name in enumerate(events, 1):

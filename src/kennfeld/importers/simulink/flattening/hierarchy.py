@@ -67,8 +67,10 @@ class SystemInstance:
                     self.sources[end] = line.source
                     self.labels[end] = line.name
                     if end.port == "in":
+                        # the highest input that is connected, for blocks whose ports the file does not count
                         self.fed[end.block] = max(end.number, self.fed.get(end.block, 0))
             if line.source is not None and line.name:
+                # also at the source, where `SignalTracer.label` looks for it
                 self.labels.setdefault(line.source, line.name)
                 if line.source.port == "out":
                     self.named.setdefault(line.source.block, {})[line.source.number - 1] = line.name
@@ -129,6 +131,7 @@ class FlatteningState:
         flat = FlatBlock(kind, block, path, level.scope, level.control, unsupported_reason=why)
         flat.passes, flat.element = level.passes, level.element
         self.flat_blocks.append(flat)
+        # its SID is that of the subsystem, whose outputs come from `below`
         if kind != "ConditionalSubsystem":
             level.flat_blocks[block.sid] = flat
         if len(self.flat_blocks) > _MAX_BLOCKS:

@@ -56,6 +56,7 @@ def plan_iterations(
     if (block.value("ExternalIncrement") or "off") == "on":
         raise EvaluationError(f"{block.name} sets its iteration variable externally, which is not supported")
     if (block.value("IterationSource") or "internal") == "external":
+        # the first attempt has one iteration; lowering it finds the count at the input
         return IterationPlan(block, _check_count(counts.get(path, 1), path), reset)
     return IterationPlan(block, _number(field + "IterationLimit", block.value("IterationLimit") or "5", scope), reset)
 
@@ -93,6 +94,7 @@ def _elements(block: ModelBlock, holder: ModelBlock, path: str, scope: Scope, co
     stated = (block.value("SpecifiedNumIters") or "-1").strip()
     if stated != "-1":
         return _number(f"{path}:SpecifiedNumIters", stated, scope)
+    # as for a count from outside: the width of the inputs is known after an attempt
     return _check_count(parts if parts is not None else counts.get(path, 1), path)
 
 
@@ -105,6 +107,7 @@ def element_scope(block: ModelBlock, holder: ModelBlock, inside: Scope, number: 
     for name in parts:
         variable = inside.find(name)
         if isinstance(variable, MaskVariable):
+            # element `number` of the expression, in MATLAB's words: `([1 2 3])(2)`
             scope.masked[name] = replace(variable, text=f"({variable.text})({number})", written="")
     return scope
 
@@ -147,10 +150,12 @@ class IterationUnroller:
         passing: list[FlatBlock] = []
         before: list[FlatBlock] = []
         for number in range(1, plan.count + 1):
+            # all blocks placed from here on belong to this iteration, those of inner systems too
             start = len(self.placed.flat_blocks)
             inner = _iteration(level, face, plan, number)
             if plan.decides:
                 passing.append(self._place_decision(inner, plan, levels))
+                # the blocks of an iteration run only if its condition holds
                 inner.control = passing[-1]
             self.placed.levels.append(inner)
             for block in inner.system.blocks:
@@ -162,6 +167,7 @@ class IterationUnroller:
                     flat.hidden = True
             else:
                 _link_iterations(before, blocks)
+            # the states of later iterations are those that the first one leaves
             if number == 1 and plan.reset and not plan.each:
                 for flat in blocks:
                     flat.resets_each_step |= flat.previous_pass is None
@@ -174,6 +180,7 @@ class IterationUnroller:
         initial one.
         """
         flat = self.placed.place(inner, plan.block, "IterationCondition")
+        # port 1 is the condition of a later iteration, port 2 that of the first one
         condition = Endpoint(plan.block.sid, "in", 1 if levels else 2)
         if levels or plan.asks_first:
             self.placed.joints.append((flat, [(levels[-1] if levels else inner, condition)]))
@@ -197,8 +204,9 @@ class IterationUnroller:
         if plan.decides:
             ends = [
                 source
-                for inner, say in zip(levels, passing, strict=True)
-                for source in ((inner, end), SignalSource(say, 0))
+                for inner, condition in zip(levels, passing, strict=True)
+                # of each iteration its signal, and whether it ran
+                for source in ((inner, end), SignalSource(condition, 0))
             ]
         self.placed.joints.append((flat, ends))
         if face.control is not None and face.control.block is face.holder:
@@ -215,12 +223,14 @@ def _iteration(level: SystemInstance, face: SystemInstance, plan: IterationPlan,
     inner.repeated = plan
     inner.element = number if plan.each else level.element
     inner.passes = level.passes if plan.each else (*level.passes, number)
+    # as if the iterations were systems with their numbers as priorities, which orders their data stores
     inner.places = (*inner.places, (f"{face.holder.sid}:{number}", number))
     return inner
 
 
 def _link_iterations(before: list[FlatBlock], blocks: list[FlatBlock]) -> None:
     """Link the blocks of an iteration to those of the previous one, except reset ones."""
+    # iterations place the same blocks in the same order; of an inner loop, the last pass precedes the next first one
     heads = [(flat.last, other) for flat, other in zip(before, blocks, strict=False) if other.previous_pass is None]
     for last, other in heads:
         if not other.resets_each_step:

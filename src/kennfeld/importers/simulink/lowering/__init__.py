@@ -5,6 +5,25 @@ This is what block handlers import: the context of a block, its registration, an
 
 from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
-from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs, block, no_feedthrough
+from kennfeld.importers.simulink.lowering.registry import (
+    ARITHMETIC,
+    BLOCK_TYPES,
+    LIKE_INPUT,
+    Outputs,
+    OutputType,
+    block,
+    no_feedthrough,
+)
 
-__all__ = ["BLOCK_TYPES", "BlockContext", "Outputs", "UnsupportedError", "block", "evaluating", "no_feedthrough"]
+__all__ = [
+    "ARITHMETIC",
+    "BLOCK_TYPES",
+    "LIKE_INPUT",
+    "BlockContext",
+    "OutputType",
+    "Outputs",
+    "UnsupportedError",
+    "block",
+    "evaluating",
+    "no_feedthrough",
+]

@@ -91,6 +91,7 @@ class BlockContext:
         variable = self.flat.scope.variables.get(field)
         expressions = self.compiler.expressions
         with evaluating(f"its {name} ({text[:60]}) has no value", _REMEDY):
+            # a promoted literal is a parameter of its own; a value for any other field only replaces its numbers
             if field in self.compiler.declared.promoted:
                 literal = Variable(expressions.numbers(text, self.flat.scope), source="a literal of the block")
                 return self.compiler.declared.array(self.builder, field, variable or literal)
@@ -101,6 +102,7 @@ class BlockContext:
     def numeric_array(self, name: str, default: str | None = None) -> Numbers:
         """Return a field as constants, Float[rows, columns]."""
         text = self.field_text(name, default)
+        # a value given under the name of the field takes precedence over its expression
         variable = self.flat.scope.variables.get(f"{self.flat.path}:{name}")
         if variable is not None and isinstance(variable.value, np.ndarray):
             return np.atleast_2d(variable.value)
@@ -152,6 +154,7 @@ class BlockContext:
             self._check_frame(signal)
         if isinstance(signal, Bus):
             members = list(signal.members.values())
+            # a bus of one signal counts as that signal
             if len(members) != 1 or not isinstance(members[0], Signal):
                 remedy = "Select one signal of the bus with a Bus Selector."
                 raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
@@ -257,6 +260,7 @@ class BlockContext:
     def feedback(self, init: Signal, rule: SignalRule) -> Signal:
         """Return y = rule(y'), in which y' is the value of y in the previous sample, at first `init`."""
         results: list[Signal] = []
+        # the next state is y itself, which the completion reads after the rule has made it
         results.append(rule(self.discrete_state(init, lambda _: results[0])))
         return results[0]
 
@@ -264,6 +268,7 @@ class BlockContext:
         """Return the same as `feedback` with the value of the previous step, even if the subsystem does not run."""
         results: list[Signal] = []
         self.before += 1
+        # negative, below that of a state port: numbers of discrete states count up from 1
         number = STATE_PORT - self.before
         before = self.compiler.memories.delay_unconditionally(self.flat, number, init, lambda: results[0])
         results.append(rule(before))
@@ -299,11 +304,12 @@ class BlockContext:
     def zero_crossing(self, x: Signal, kind: str) -> Signal:
         """Return 1 if a signal crosses zero as a trigger detects it: rising, falling or either.
 
-        A signal that reaches zero and stays there has crossed it; leaving zero on the other side later does not count
-        again.
+        A signal that reaches zero has crossed it; leaving zero on the other side in the next step does not count again.
         """
+        # the state is the sign of x; at zero, +-1/2 is the crossing by which it arrived just now, and 0 none
         before = self.discrete_state(apply("sign", x), lambda before: self._crossing_sign(before, x))
         rests = apply("eq", x, 0.0)
+        # as rt_ZCFcn of generated code does: from below to zero, or to above unless the last step counted its arrival
         rising = (before <= 0.0) & (x > 0.0) | apply("eq", before, -1.0) & rests
         falling = (before >= 0.0) & (x < 0.0) | apply("eq", before, 1.0) & rests
         return _select_edge(kind, rising, falling)
@@ -315,6 +321,7 @@ class BlockContext:
 
     def level_crossing(self, x: Signal, kind: str) -> Signal:
         """Return 1 if a signal becomes positive (rising), ceases to be positive (falling), or either."""
+        # begins with x itself: the first step has no edge
         before = self.discrete_state(x, lambda _: x) > 0.0
         now = x > 0.0
         return _select_edge(kind, now & ~before, before & ~now)

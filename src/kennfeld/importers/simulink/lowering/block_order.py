@@ -74,9 +74,11 @@ class BuildOrder:
         """Lower blocks and everything they depend on, states included."""
         for flat in blocks:
             self.visit(flat)
+        # a completion may lower blocks whose states are completed in turn
         while (pending := self.agenda.next()) is not None:
             flat, complete = pending
             self.visit(flat)
+            # what a state takes at the end of the step, feedthrough or not
             for needed in self.needs.all_dependencies(flat):
                 self.visit(needed)
             self.builder.place = flat.path
@@ -94,6 +96,7 @@ class BuildOrder:
 
     def _walk(self, stack: list[FlatBlock]) -> None:
         while stack:
+            # depth first without recursion; a block may be on the stack twice, and is done when it is met again
             flat = stack[-1]
             if flat in self.values:
                 self._begun.pop(stack.pop(), None)
@@ -103,6 +106,7 @@ class BuildOrder:
             if not missing:
                 self.values[flat] = self.build(flat)
                 continue
+            # a block that waits for this one, directly or through others
             looped = next((needed for needed in missing if needed in self._begun), None)
             if looped is not None:
                 begun = list(self._begun)

@@ -92,6 +92,7 @@ class BlockCompiler(LoweringPass):
     def _find_undefined(self, flat: FlatBlock, kind: BlockType | None) -> None:
         """Add the other undefined variables of a block that lacks one, in all its expressions."""
         names, begun = tuple[str, ...](), len(self.visits.agenda)
+        # each call stops at the first variable without a value: with that one as NaN, the next call finds the next
         while kind is not None and self.failures[flat].undefined != names:
             names = self.failures[flat].undefined
             with self.expressions.assuming(names), self._ignoring_all_but_undefined(flat):
@@ -140,14 +141,16 @@ def compile_to_fixed_point(
     guesses = InferredAttributes()
     compiler = make(guesses)
     stopped: BlockCompiler | None = None
-    asked = 0
+    operations = 0
+    # a pass carries a size at least one state further, so that more passes than blocks mean growth without end
     for _ in range(min(_MAX_PASSES, len(compiler.flat.blocks) + 10)):
-        if asked > _MAX_OPERATIONS:
+        if operations > _MAX_OPERATIONS:
             break
         guesses.changed = False
         compiler = make(guesses)
         compiler.demand(goals)
-        asked += compiler.builder.asked
+        operations += compiler.builder.asked
+        # an input called like a parameter gets another name in the next pass
         doubled = guesses.taken | (compiler.inputs.keys() & compiler.declared.parameters.keys())
         guesses.changed |= doubled != guesses.taken
         guesses.taken = doubled
@@ -155,7 +158,9 @@ def compile_to_fixed_point(
             continue
         wishes = compiler.shapes.wishes
         if not compiler.failures or not wishes or stopped is not None:
+            # of the attempts without and with suggested sizes, the one with fewer failures
             return stopped if stopped is not None and len(stopped.failures) <= len(compiler.failures) else compiler
+        # a failure may come from a scalar that a matrix downstream expects to be a vector: try its size once
         stopped, guesses.wished = compiler, wishes
         guesses.shapes.update(wishes)
     compiler.failures.note(next(iter(goals)), _UNSETTLED, _UNSETTLED_REMEDY)

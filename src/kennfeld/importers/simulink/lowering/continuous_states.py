@@ -37,6 +37,7 @@ class ContinuousStates:
             raise UnsupportedError("it integrates over time in an iterated subsystem, which is not supported")
         key = (flat, number)
         first = self._initial_states(key, init, reset, limits)
+        # `states` are as the solver left them, `seen` as blocks see them after a reset in this step
         states = self.memories.ports.states(key, first)
         read = Signal(np.array(states, dtype=np.int64).reshape(first.shape), builder=self.builder)
         seen = self.memories.reset_with_subsystem(flat, read, first)
@@ -51,6 +52,7 @@ class ContinuousStates:
                 low, high = (fit_to_shape(limit.nodes, seen.shape).ravel() for limit in limits)
                 bounds = [(int(lower), int(upper)) for lower, upper in zip(low, high, strict=True)]
             active = self.memories.gates.run_condition(flat)
+            # the solver goes on from what is seen, so that a reset takes effect
             parts = zip(states, first.ravel(), seen.nodes.ravel(), slopes.ravel(), bounds, strict=True)
             for state, init, now, rate, bound in parts:
                 running = int(rate) if active is None else self._select(active, int(rate))
@@ -63,6 +65,7 @@ class ContinuousStates:
         self, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
     ) -> Nodes:
         """Return the initial states within limits, as many as there are elements in state, reset or limits."""
+        # an initial value beyond the limits begins at them
         inside = init if limits is None else clip(init, *limits)
         first = broadcast(inside, *(limit for limit in (reset, *(limits or ())) if limit is not None))[0]
         shape = self.shapes.state_shape(key, first)
@@ -78,6 +81,7 @@ class ContinuousStates:
             self.memories.check_widened(flat, key)
         if rates.size > 1 and rates.shape != seen.shape:
             self.memories.request_shape(flat, key, rates.shape, seen.shape)
+            # any nodes of the right number: this pass is repeated
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
         return fit_to_shape(rates.nodes, seen.shape)
 

@@ -15,6 +15,7 @@ from kennfeld.importers.simulink.reader.model_tree import split_path
 from kennfeld.importers.simulink.signals import Signal, constant
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 
+# raised by numpy and by expressions if the settings of a block do not fit its signals
 PARAMETER_ERRORS = (ValueError, IndexError, TypeError, ArithmeticError, EvaluationError)
 
 
@@ -62,6 +63,7 @@ class BlockFailures(dict[FlatBlock, BlockFailure]):
     def note(self, flat: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
         """Record why a block is unsupported unless a reason is known; undefined variables are collected."""
         failure = self.setdefault(flat, BlockFailure(flat, message, remedy, (undefined,) if undefined else ()))
+        # a block that fails for another reason keeps that one
         if undefined and failure.undefined:
             self[flat] = failure._replace(undefined=tuple(dict.fromkeys((*failure.undefined, undefined))))
 

@@ -48,6 +48,7 @@ class DiscreteStates:
 
     def create(self, flat: FlatBlock, number: int, init: Signal, then: SignalRule, latency: int) -> Signal:
         """Return a state that is read now and written at the end of the step."""
+        # all iterations of a block share the shape of their state
         key = (flat.first, number)
         shape = self.shapes.state_shape(key, init)
         try:
@@ -56,6 +57,7 @@ class DiscreteStates:
             first = init.nodes
         read = Signal(self._read((flat, number), first, latency), self.timing.period(flat), builder=self.builder)
         seen = self.reset_with_subsystem(flat, read, first)
+        # called at the end of the step, or when the next iteration reads it
         self._writes[flat, number] = lambda: self._next_value(flat, key, seen, then)
         return seen
 
@@ -86,6 +88,7 @@ class DiscreteStates:
     def _read(self, key: Key, first: Nodes, latency: int) -> Nodes:
         """Return the state read by a block: of the previous step, or of the previous iteration."""
         flat, number = key
+        # x[pass] reads what pass - 1 wrote; the first pass reads what the last one wrote in the step before
         if flat.previous_pass is not None:
             nodes = self._read_after((flat.previous_pass, number))
             return fit_to_shape(nodes, first.shape)
@@ -114,9 +117,11 @@ class DiscreteStates:
         with self.failures.note_errors(flat):
             if self.is_sound(flat):
                 new = self.timing.hold_in_minor_steps(then(seen))
+        # the sample time that the block inherits is known only now, for the next pass
         inherited = period_of(self._arriving(flat))
         self.guesses.period(flat, CONTINUOUS if inherited == CONSTANT else inherited)
         new = self._fit(flat, key, new, seen)
+        # x' = runs and hit ? new : x
         written = self.gates.write_condition(flat, self.timing.period(flat))
         if written is None:
             return new.nodes
@@ -159,6 +164,7 @@ class DataStores:
             raise UnsupportedError("it has states in an iterated subsystem, which is not supported")
         if memory not in self._begun:
             shape = self.guesses.shapes.get((memory, 1), init.shape)
+            # a scalar start fills a store that an earlier pass found to be wider
             first = fit_to_shape(init.nodes, shape) if init.size == 1 else init.nodes
             states = [self.builder.state() for _ in range(first.size)]
             self._begun[memory] = Signal(np.array(states, dtype=np.int64).reshape(first.shape))
@@ -169,6 +175,7 @@ class DataStores:
         """Close a data store with the content after its last writer."""
         begun = self._begun[memory]
         end = self.content_after(begun, self.stores.writers.get(memory, ()))
+        # this pass keeps the old size, and the next one has the new one
         if end.size != begun.size:
             self.guesses.shape((memory, 1), end.shape)
             end = begun

@@ -53,6 +53,7 @@ class LoweringPass(ABC):
         self.failures = BlockFailures()
         self.inputs = ModelInputs(self.builder, guesses)
         self.shapes = DimensionInference(guesses)
+        # each part works with those created before it; the methods of this class close the circle
         self.timing = SampleTimes(clock, self.expressions, guesses, self.failures)
         self.stores = DataStoreOrder(flat.blocks, self.timing.task_order)
         self.gates = ExecutionConditions(self.timing, self.value)

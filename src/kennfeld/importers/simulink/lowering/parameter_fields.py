@@ -17,11 +17,11 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     Variable,
     nested_field,
 )
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import field_path
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import field_path
 
 _MAX_NUMBERS = 10_000
 
@@ -37,7 +37,7 @@ class ParameterField:
 
 
 def parameter_field(block: BlockContext, field: str) -> ParameterField:
-    """Return the parameter of a field.
+    """Find the parameter of a field.
 
     If the field is only a variable, through masks or struct fields, the parameter has its name. A transposed matrix
     gets the name with a trailing quote.
@@ -64,14 +64,14 @@ def _source(text: str, scope: Scope) -> str:
 
 
 def variable_field(block: BlockContext, text: str) -> ParameterField:
-    """Return the parameter of an expression that is only a variable, as `parameter_field` does."""
+    """Find the parameter of an expression that is only a variable, as `parameter_field` does."""
     if (field := _numeric_variable(block, text)) is None:
         raise UnsupportedError(f"{text[:80]} is not a numeric variable")
     return field
 
 
 def calibrated_table(block: BlockContext, text: str) -> ParameterField | None:
-    """Return the table that a calibration file gives in place of a table object, None if there is none."""
+    """Find the table that a calibration file gives in place of a table object, None if there is none."""
     field = _numeric_variable(block, text)
     return field if field is not None and field.variable.axes else None
 
@@ -90,6 +90,7 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bo
     except InputError:
         return None
     path = field_path(bare)
+    # a mask parameter may refer to itself through further masks
     if path is None or deep > 50:
         return None
     meaning = scope.find(path[0])
@@ -99,6 +100,7 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bo
         if further is None:
             return None
         name, variable, transposed = further
+        # two transposes cancel out, and a vector is the same table either way
         return name, variable, _is_matrix(variable) and turned != transposed
     meant = _resolve_path(meaning, path, scope)
     return (".".join(path), meant, turned and _is_matrix(meant)) if meant is not None else None
@@ -128,6 +130,7 @@ def _strip_casts(tree: m.Expression) -> tuple[m.Expression, bool]:
     while True:
         if isinstance(tree, m.Transpose):
             tree, turned = tree.operand, not turned
+        # x(:) is a column, whether x was transposed or not
         elif isinstance(tree, m.Call) and tree.arguments == (m.Colon(),):
             tree, turned = tree.of, False
         elif isinstance(tree, m.Call) and tree.of in (m.Name("single"), m.Name("double")) and len(tree.arguments) == 1:
@@ -137,7 +140,7 @@ def _strip_casts(tree: m.Expression) -> tuple[m.Expression, bool]:
 
 
 def dimension_settings(block: BlockContext, *names: str) -> list[str]:
-    """Return the setting of each dimension from the first of the fields that the file contains."""
+    """Read the setting of each dimension from the first of the fields that the file contains."""
     written = next((text for name in names if (text := block.field_text(name, ""))), "")
     quoted = re.findall(r"'([^']*)'", written)
     return quoted or [part.strip() for part in split_arguments(written) if part.strip()]
@@ -146,7 +149,7 @@ def dimension_settings(block: BlockContext, *names: str) -> list[str]:
 def selected_indices(
     block: BlockContext, option: str, text: str, size: int, axis: int, count: int | None = None
 ) -> list[int]:
-    """Return constant indices along a dimension of `size` elements, from 0.
+    """Evaluate constant indices along a dimension of `size` elements, from 0.
 
     A starting index covers `count` elements, or as many as the file specifies.
     """
@@ -158,7 +161,9 @@ def selected_indices(
     places = [int(n) - first for n in block.evaluate(text).ravel()]
     if option == "Starting index (dialog)" and places:
         length = selection_length(block, axis) if count is None else count
+        # one more than fits is enough to be refused; the length itself may be huge
         places = list(range(places[0], places[0] + min(length, size + 1)))
+    # -1 in older files selects all elements
     elif places == [-1 - first]:
         return list(range(size))
     check_indices(places, size, text)
@@ -178,7 +183,7 @@ def check_indices(places: list[int], size: int, text: str) -> None:
 
 
 def case_values(block: BlockContext, field: str) -> list[list[float]]:
-    """Return the numbers in each part of a list in braces, `{1, [2 3], Gear.First}`."""
+    """Evaluate the numbers in each part of a list in braces, `{1, [2 3], Gear.First}`."""
     text = block.field_text(field)
     try:
         tree = parse_expression(text)

@@ -55,18 +55,20 @@ class DimensionInference:
         self._scalars: dict[FlatBlock, Key] = {}
 
     def state_shape(self, key: Key, init: Signal) -> Shape:
-        """Return the shape of a state: from an earlier pass, else of its initial value."""
+        """Infer the shape of a state: from an earlier pass, else of its initial value."""
         if init.size == 1 and key not in self.guesses.shapes:
+            # a scalar that nothing determines may be widened by a block that reads it
             self._scalars.setdefault(key[0], key)
         return self.guesses.shapes.get(key, init.shape)
 
     def input_shape(self, flat: FlatBlock) -> Shape:
-        """Return the shape of an input that does not specify one: a scalar or the suggested shape."""
+        """Infer the shape of an input that does not specify one: a scalar or the suggested shape."""
         self._scalars.setdefault(flat, (flat, 0))
         return self.guesses.shapes.get((flat, 0), (1,))
 
     def wish(self, flat: FlatBlock, shape: Shape) -> None:
         """Record the shape that a block suggests to a state or input."""
+        # of several suggestions, the first one counts
         if flat in self._scalars and int(np.prod(shape)) <= _MAX_SUGGESTED_SIZE:
             self.wishes.setdefault(self._scalars[flat], shape)
 
@@ -80,8 +82,9 @@ class ModelInputs(dict[str, FlatBlock | None]):
         self.guesses = guesses
 
     def name(self, flat: FlatBlock) -> str:
-        """Return the channel name of a port."""
+        """Name the channel of a port."""
         name = port_label(flat.block) if flat.type == "Inport" else (flat.block.value("GotoTag") or "A").strip()
+        # the names of the clock are channels of their own, those of parameters are taken
         if name in self.guesses.taken or name in CLOCK:
             name = f"{name}_in"
         self[name] = flat

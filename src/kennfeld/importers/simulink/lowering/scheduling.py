@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -18,21 +17,18 @@ from kennfeld.importers.simulink.signals import CONSTANT, CONTINUOUS, Bus, Exter
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.sample_times import SampleTime, sample_hit
 
-CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # block types with continuous states
-    {"Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole"}
-)
-
 _MIN_PERIOD = 1e-9  # s
 
 
 def explicit_sample_time(flat: FlatBlock, expressions: ParameterExpressions) -> SampleTime | None:
-    """Return the sample time that a block specifies, None if inherited; raises `EvaluationError`."""
+    """Evaluate the sample time in s that a block specifies, None if inherited; raises `EvaluationError`."""
     kind = BLOCK_TYPES.get(flat.type)
     key = kind.sample_of(flat.block) if kind is not None else "SampleTime"
     text = _of_chart(flat) or flat.block.value(key) or (kind.defaults.get(key) if kind is not None else None)
     if flat.type == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
         return None
     numbers = expressions.numbers(text, flat.scope).ravel()
+    # [period offset]; -1 is inherited, inf constant, 0 continuous
     period = float(numbers[0]) if numbers.size else -1.0
     offset = float(numbers[1]) if numbers.size > 1 else 0.0
     if period == -1.0:
@@ -69,6 +65,7 @@ class ModelClock:
         hit = sample_hit(builder, rate, self.step)
         if hit is None:
             return None
+        # minor steps of the solver have other times, but belong to the same hit
         return builder.node("hold", (hit,)) if self.continuous else hit
 
 
@@ -85,7 +82,7 @@ class SampleTimes:
         self.failures = failures
 
     def specified_sample_time(self, flat: FlatBlock) -> SampleTime | None:
-        """Return the sample time that a block specifies, None if inherited."""
+        """Evaluate the sample time in s that a block specifies, None if inherited."""
         try:
             return explicit_sample_time(flat, self.expressions)
         except EvaluationError as error:
@@ -106,12 +103,13 @@ class SampleTimes:
         return self.sample_time(flat).period
 
     def task_order(self, block: FlatBlock, other: FlatBlock) -> int:
-        """Return -1 if the first of two blocks is in a faster task, 1 if in a slower one, 0 if they may share one."""
+        """Compare the tasks of two blocks: -1 if that of the first is faster, 1 if slower, 0 if they may share one."""
         if not self.clock.multitasking:
             return 0
         periods = [self.specified_period(flat) for flat in (block, other)]
         if periods[0] is None or periods[1] is None or CONSTANT in periods:
             return 0
+        # rate-monotonic: the shorter the period, the higher the priority
         return (periods[0] > periods[1]) - (periods[0] < periods[1])
 
     def hit(self, rate: SampleTime) -> int | None:
@@ -124,12 +122,14 @@ class SampleTimes:
         return scalar(self.builder.const(1.0) if node is None else node, max(period, 0.0), self.builder)
 
     def sample(self, flat: FlatBlock, wired: SignalOrBus, remembers: bool) -> SignalOrBus:
-        """Return an output at the block's sample time, held between hits."""
+        """Sample an output at the block's sample time, held between hits."""
+        # a block without states follows its inputs, which are already held at an inherited sample time
         rate = self.sample_time(flat) if remembers else self.specified_sample_time(flat)
         if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, ExternalBus):
             return wired
         if isinstance(wired, Bus):
             return Bus({name: self.sample(flat, member, remembers) for name, member in wired.members.items()})
+        # such a signal changes at the hits only, so that holding it would add states in vain
         if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)
         return self.hold(flat, wired, rate)
@@ -147,6 +147,7 @@ class SampleTimes:
 
     def _hold_node(self, hit: int, node: int) -> int:
         before = self.builder.state()
+        # y = hit ? x : y', which begins with x
         y = self.builder.call("select", hit, node, before)
         self.builder.close(before, node, y)
         return y
@@ -196,7 +197,7 @@ class ExecutionConditions:
         return self.conjunction(active, self.timing.hit(self.timing.specified_sample_time(flat) or SampleTime(period)))
 
     def conjunction(self, *conditions: int | None) -> int | None:
-        """Return the conjunction of conditions, None if there are none."""
+        """Join conditions by "and", None if there are none."""
         conjunction: int | None = None
         for condition in conditions:
             if condition is not None:

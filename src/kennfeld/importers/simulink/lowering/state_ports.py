@@ -25,12 +25,13 @@ _MAX_ROUNDS = 100  # states whose initial values depend on each other
 
 
 def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int, int]) -> int | None:
-    """Return the node of a state's initial value, free of the state itself, or None if it depends on it.
+    """Resolve a state's initial value to a node free of the state itself, or None if it depends on it.
 
     `inits` are the initial value nodes of states as written, by state node.
     """
     node = inits[state]
     for _ in range(_MAX_ROUNDS):
+        # each round replaces the states behind the value by their initial values, which may depend on further states
         behind = set(ancestors(builder.nodes, [node]))
         if state not in behind:
             return node
@@ -43,9 +44,11 @@ def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int,
 
 def _replace_states(builder: GraphBuilder, root: int, behind: set[int], known: Mapping[int, int]) -> int:
     replaced = dict(known)
+    # arguments have lower numbers than the nodes that use them
     for at in sorted(behind - known.keys()):
         op, args, payload = builder.nodes[at]
         changed = tuple(replaced[a] for a in args)
+        # a constant need not be held
         if op == "hold" and builder.value(changed[0]) is not None:
             replaced[at] = changed[0]
         else:
@@ -93,15 +96,17 @@ class StatePorts:
                 self._states[flat] = np.array([self.builder.state() for _ in range(int(np.prod(shape)))]).reshape(shape)
             rate = self.timing.sample_time(flat)
             port = Signal(self._states[flat], rate.period, builder=self.builder)
+            # the state is written at hits with the value for the next one, which must not show before that
             slow = flat.type == "DiscreteIntegrator" and rate.period not in (CONTINUOUS, CONSTANT)
             self._shown[flat] = self.timing.hold(flat, port, rate) if slow else port
             self.agenda.add(flat)
         return self._shown[flat]
 
     def states(self, key: Key, first: Nodes, latency: int = 1) -> list[int]:
-        """Return new state nodes, or those created when the state port was read."""
+        """Create state nodes, or take those created when the state port was read."""
         flat, number = key
         if number == STATE_PORT and flat in self._states:
+            # the port was read before its block was lowered, as a scalar until a pass has told its size
             if self._states[flat].size == first.size:
                 return [int(node) for node in self._states[flat].ravel()]
             self.shapes.guesses.shape(key, first.shape)
@@ -111,7 +116,7 @@ class StatePorts:
         return states
 
     def resolve_initial_values(self, integrated: Sequence[ContinuousState]) -> list[ContinuousState]:
-        """Return continuous states whose initial values do not depend on the states themselves."""
+        """Resolve initial values of continuous states that depend on the states themselves."""
         reads = [self.builder.node("state", (), which) for which in range(len(self.builder.states))]
         inits = {read: s.init for read, s in zip(reads, self.builder.states, strict=True) if s.init >= 0}
         starts = self._resolved_initial_values(inits | {state.state: state.init for state in integrated})

@@ -30,10 +30,12 @@ _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
 
 _MAX_DEPTH = 60  # nested subsystems
 _NAMING = frozenset({"BlockType", "Name", "SID", "Ports", "ClassName", "PropName", "ObjectID"})
+# fields of a link itself, not of the block that it leads to
 _LINKING = frozenset({
     "AncestorBlock", "ContentPreviewEnabled", "LibraryVersion", "LinkData", "Position", "SourceBlock",
     "SourceProductBaseCode", "SourceProductName", "SourceType", "ZOrder",
 })  # fmt: skip
+# fields of the drawing, which each link has for itself
 _LOOKS = re.compile(
     r"(Font|Show|Name(Placement|Location)|(Fore|Back)groundColor|DropShadow|Block(Mirror|Rotation)|Mask)"
 )
@@ -41,13 +43,15 @@ _ADDRESS = re.compile(r"(.*)#([A-Za-z]+)(?::(\d{1,9}))?\s*\Z", re.DOTALL)
 _PORT = re.compile(r"\s*(?:([A-Za-z]+):?)?(\d{0,9})\s*\Z")
 _NUMBER = re.compile(r"\d{1,6}")
 _MODEL_KEYS = ("ModelNameDialog", "ModelFile", "ModelName")
+# other words for the same ports, by layout
 _SPECIAL = {"stateport": "state", "action": "ifaction"}
 _MAX_PORTS = 10_000  # of a block
 
 
 def read_mask(block: SectionNode) -> Mask | None:
-    """Return the mask in a block's section, None if it has none."""
+    """Read the mask in a block's section, None if it has none."""
     instance = block.first("InstanceData")
+    # a link keeps its mask within InstanceData
     element = block.first("Mask") or (instance.first("Mask") if instance is not None else None)
     if element is not None:
         return _mask(element, element.all("MaskParameter"))
@@ -92,6 +96,7 @@ def _flat(block: SectionNode) -> Mask:
     values = dict(enumerate(_split(keys.get("MaskValueString", "")), 1))
     styles = dict(enumerate(map(_style, split_arguments(keys.get("MaskStyleString", ""))), 1))
     parameters = []
+    # `gain=@1;note=&2;`: an expression (@) or a text (&), and the number of its value in MaskValueString
     for match in filter(None, map(_VARIABLE.match, keys.get("MaskVariables", "").split(";"))):
         at = int(match[3][:6])
         style, choices = styles.get(at, ("", ()))
@@ -130,7 +135,7 @@ class BlockReader:
     _used: set[str] = field(default_factory=set)
 
     def system(self, section: SectionNode, path: tuple[str, ...] = ()) -> System:
-        """Return the system of a section with everything below it."""
+        """Build the system of a section with everything below it."""
         name = section.keys.get("Ref")
         if name is not None:
             return self._separate(name, path)
@@ -169,6 +174,7 @@ class BlockReader:
         return ModelBlock(
             type=kind,
             name=name,
+            # SIDs are numbers and colons; the @ keeps those of older files apart from them
             sid=keys.get("SID") or f"{number + 1}@{path}",
             path=path,
             parameters=parameters,
@@ -220,13 +226,15 @@ class _Addresses:
 
     def __init__(self, blocks: list[ModelBlock]) -> None:
         self.by_sid = {block.sid: block for block in blocks}
+        # reversed, so that the first of several blocks with one name is kept
         self.by_name = {block.name: block for block in reversed(blocks)}
         self.unknown: list[str] = []
 
     def end(self, section: SectionNode, side: str) -> Endpoint | None:
-        """Return the source ("Src") or destination ("Dst") of a line or branch, None if it has none."""
+        """Read the source ("Src") or destination ("Dst") of a line or branch, None if it has none."""
         keys = section.keys
         if side in keys:
+            # newer layouts write "12#out:1", with the SID; older ones SrcBlock "Gain" and SrcPort 1
             match = _ADDRESS.match(keys[side])
             block = self.by_sid.get(match[1]) if match else None
             return self._endpoint(block, keys[side], match[2] if match else "", match[3] if match else "")
@@ -262,6 +270,7 @@ def _line(section: SectionNode, addresses: _Addresses) -> SignalLine:
         end = addresses.end(branch, "Dst")
         if end is not None:
             ends.append(end)
+        # reversed, so that the stack yields branches in file order
         waiting.extend(reversed(list(branch.all("Branch"))))
     return SignalLine(source, tuple(ends), normalize_name(section.keys.get("Name", "")) or addresses.name(source))
 
@@ -273,6 +282,7 @@ def _ports(block: SectionNode) -> Ports | None:
         return Ports(_count(counted.keys.get("in", "0")), _count(counted.keys.get("out", "0")))
     if "Ports" not in block.keys:
         return None
+    # further numbers of `Ports [2, 1, 0, 1]` count control and physical ports
     return Ports(*map(_count, _NUMBER.findall(block.keys["Ports"])[:2]))
 
 
@@ -303,10 +313,10 @@ def _lists(section: SectionNode) -> dict[str, tuple[str, ...]]:
 def _bus_element(section: SectionNode) -> dict[str, str]:
     """Return bus element fields of zip packages under their names in `.mdl` files."""
     lists = (node.keys for node in section.all("List") if node.keys.get("ListType") == "InterfaceData")
-    said = next(lists, {})
-    if said.get("IsComposite") != "1":
+    fields = next(lists, {})
+    if fields.get("IsComposite") != "1":
         return {}
-    return {"IsBusElementPort": "on", "Element": said.get("Element", ""), "PortName": said.get("PortName", "")}
+    return {"IsBusElementPort": "on", "Element": fields.get("Element", ""), "PortName": fields.get("PortName", "")}
 
 
 def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode | None) -> LibraryLink | None:
@@ -314,6 +324,7 @@ def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode |
     if kind != "Reference" or source is None:
         return None
     specific = instance.keys if instance is not None else {}
+    # what stands in InstanceData sets the library block, even if its name is like one of a look
     rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | specific
     rest = {key: value for key, value in rest.items() if key not in _LINKING}
     return LibraryLink(normalize_path(source), parameters.get("SourceType", ""), rest)

@@ -29,11 +29,12 @@ Content = list[tuple[SectionNode, str, str]]  # section, its id, the id of its p
 
 
 def read_charts(stateflow: SectionNode, load: Callable[[str], SectionNode | None]) -> dict[str, StoredChart]:
-    """Return the charts of a machine by block path; `load` returns a chart stored in a part of its own."""
+    """Read the charts of a machine by block path; `load` returns a chart stored in a part of its own."""
     machine = stateflow.first("machine")
     children = machine.first("Children") if machine is not None else None
     written = [*stateflow.all("chart"), *(children.all("chart") if children is not None else ())]
     sections = [load(chart.keys["Ref"]) if "Ref" in chart.keys else chart for chart in written]
+    # an instance links the number of a chart to the path of its block
     names = {instance.keys.get("chart", ""): instance.keys.get("name", "") for instance in stateflow.all("instance")}
     flat = _Flat(stateflow) if any(stateflow.all(*_TABLES)) else None
     charts = {}
@@ -95,12 +96,14 @@ class _Flat:
 
 def _chart(section: SectionNode, name: str, content: Content) -> StoredChart:
     keys = section.keys
+    # classic files link transitions by the numbers of the machine, XML by those within the chart (SSID)
     numbers = {part.keys["id"]: number for part, number, _ in content if "id" in part.keys}
     states = tuple(_state(*entry) for entry in _of(content, "state"))
     return StoredChart(
         id=keys.get("id", ""),
         name=name,
         kind=_KINDS.get(keys.get("type", ""), "Chart"),
+        # 2 is MATLAB, 1 is C with operators on bits, everything else C with logical ones
         language="MATLAB" if keys.get("actionLanguage") == "2" else "C",
         decomposition=keys.get("decomposition", "CLUSTER_CHART"),
         update=keys.get("updateMethod", ""),
@@ -154,6 +157,7 @@ def _output(section: SectionNode) -> str:
     output = section.first("activeStateOutput")
     if output is None:
         return ""
+    # without a name of its own, the output is called like the state
     return output.get("customName") or section.keys.get("labelString", "").split("\n")[0].strip().rstrip("/")
 
 

@@ -58,19 +58,20 @@ _MAX_BYTES = 1_000_000_000  # bytes
 
 
 def setting(model: SectionNode, key: str) -> str:
-    """Return a setting of the model or of one of its groups of settings, "" if there is none."""
+    """Look up a setting of the model or of one of its groups of settings, "" if there is none."""
+    # without systems and objects, in which the same keys belong to blocks and configurations
     groups = (model, *(part for part in model.parts if part.kind not in ("System", "Object", "Array")))
     return next((group.keys[key] for group in groups if key in group.keys), "")
 
 
 def callbacks_of(model: SectionNode) -> dict[str, str]:
-    """Return the code of non-empty callbacks by name."""
+    """Collect the code of non-empty callbacks by name."""
     callbacks = {name: setting(model, name) for name in _CALLBACKS}
     return {name: code for name, code in callbacks.items() if code.strip()}
 
 
 def read_block_defaults(*holders: SectionNode | None) -> dict[str, dict[str, str]]:
-    """Return the fields that a file specifies for all blocks of a type, by type."""
+    """Collect the fields that a file specifies for all blocks of a type, by type."""
     defaults: dict[str, dict[str, str]] = {}
     for holder in holders:
         table = holder.first("BlockParameterDefaults") if holder is not None else None
@@ -81,9 +82,10 @@ def read_block_defaults(*holders: SectionNode | None) -> dict[str, dict[str, str
 
 
 def active_configuration(model: SectionNode) -> SectionNode | None:
-    """Return the active configuration stored in the model's section, else the first."""
+    """Find the active configuration stored in the model's section, else the first."""
     classes = ("Simulink.ConfigSet", _ELSEWHERE)
     sets = [part for part in model.every() if (part.keys.get("ClassName") or part.kind) in classes]
+    # the property is the configuration itself, or an empty object with the number of the one meant
     properties = (p for p in (*sets, *model.every()) if p.keys.get("PropName") == "ActiveConfigurationSet")
     named = next(properties, None)
     full = [part for part in sets if part is not named or part.parts]
@@ -93,7 +95,7 @@ def active_configuration(model: SectionNode) -> SectionNode | None:
 
 
 def read_solver(configuration: SectionNode | None, model: SectionNode) -> StoredSolver:
-    """Return the solver of a configuration, or the model's own settings if there is none."""
+    """Read the solver of a configuration, or the model's own settings if there is none."""
     if configuration is None:
         return _solver(model.get) if any(key in model.keys for key in ("Solver", "StopTime")) else StoredSolver()
     elsewhere = next(configuration.classed(_ELSEWHERE), None)
@@ -104,11 +106,11 @@ def read_solver(configuration: SectionNode | None, model: SectionNode) -> Stored
 
 
 def solver_from(entry: SectionNode) -> StoredSolver:
-    """Return the solver of a configuration in a data dictionary, whose properties are sections."""
+    """Read the solver of a configuration in a data dictionary, whose properties are sections."""
     section = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
-    said = {part.keys.get("Name", ""): part.text for part in section.all("P")}
-    reference = said.get("SourceName") or said.get("WSVarName", "")
-    return replace(_solver(lambda key: said.get(key, "")), reference=reference)
+    properties = {part.keys.get("Name", ""): part.text for part in section.all("P")}
+    reference = properties.get("SourceName") or properties.get("WSVarName", "")
+    return replace(_solver(lambda key: properties.get(key, "")), reference=reference)
 
 
 def _solver(get: Callable[[str], str]) -> StoredSolver:
@@ -123,7 +125,7 @@ def _solver(get: Callable[[str], str]) -> StoredSolver:
 
 
 def read_workspace(model: SectionNode, stored: Callable[[], StoredWorkspace]) -> StoredWorkspace:
-    """Return the model workspace: code, another file, or what is `stored` in this one."""
+    """Locate the model workspace: code, another file, or what is `stored` in this one."""
     source = setting(model, "WSDataSource")
     code = setting(model, "WSMATLABCode") or setting(model, "WSMCode")
     if "Code" in source and code.strip():
@@ -158,7 +160,9 @@ def _workspace_bytes(text: str) -> bytes:
     """Decode 6-bit characters, offset by the blank; the back quote stands for the blank."""
     characters = np.frombuffer(text.encode("latin-1", "replace"), dtype=np.uint8)
     sixes = ((characters - 32) & 63).astype(np.uint32)
+    # an incomplete group at the end of a truncated record is dropped
     sixes = sixes[: sixes.size // 4 * 4].reshape(-1, 4)
+    # 24 bits of each group, the first character on top
     words = sixes[:, 0] << 18 | sixes[:, 1] << 12 | sixes[:, 2] << 6 | sixes[:, 3]
     return np.stack([words >> 16 & 255, words >> 8 & 255, words & 255], axis=1).astype(np.uint8).tobytes()
 
@@ -196,6 +200,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
+    # latin-1 decodes any bytes; the encoding that the file names follows further down
     if not CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf").decode("latin-1")):
         raise diagnostics.refuse("", "is not a Simulink file", _EXTENSION_REMEDY)
     top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), diagnostics)
@@ -243,11 +248,13 @@ def _no_diagram(package: ModelPackage, diagnostics: ReadDiagnostics) -> FileReje
 
 
 def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument:
+    # the fields of the diagram take precedence, as they are read last
     defaults = read_block_defaults(package.section("simulink/bddefaults.xml"), model)
     stateflow = package.section("simulink/stateflow/machine.xml") or package.section("simulink/stateflow.xml")
     charts = read_charts(stateflow, partial(_part, package, "stateflow")) if stateflow is not None else {}
     builder = BlockReader(diagnostics, partial(_part, package, "systems"), charts, defaults)
     configuration = _configuration(package)
+    # a part of its own in newer packages, within the diagram in older ones
     solver = read_solver(configuration if configuration is not None else active_configuration(model), model)
     stored = partial(_workspace_package, package)
     document = _document(model, path, _release(package), builder, solver, path.stem, stored)

@@ -61,10 +61,11 @@ class LibraryResolver:
         self._read: dict[Path, ModelDocument | InputError] = {}
 
     def find(self, name: str, beside: Path) -> Path | None:
-        """Return the file of a library or model, None if there is none."""
+        """Find the file of a library or model, None if there is none."""
         stem = re.sub(r"\.(slx|mdl)\Z", "", name)
         if not _NAME.match(stem):  # a path could name any local file
             return None
+        # a name with an extension means that file alone
         endings = _ENDINGS if stem == name else (name[len(stem) :],)
         places = (folder / (stem + ending) for folder in (beside, *self.folders) for ending in endings)
         return next((path for path in places if path.is_file()), None)
@@ -125,10 +126,12 @@ class _LinkCopier:
         if place.depth > _MAX_DEPTH:
             self._problem(place.here, f"has subsystems more than {_MAX_DEPTH} levels deep after resolving its links")
             return System()
+        # counted while copying: a library that uses another one twice, and so on, doubles at each level
         self.count += len(system.blocks)
         if self.count > _MAX_BLOCKS:
             self._problem("", f"has more than {_MAX_BLOCKS} blocks after resolving its links")
             return System()
+        # lines need no copy: they name blocks by their SIDs, which copies keep
         return System(tuple(self._block(block, place) for block in system.blocks), system.lines)
 
     def _block(self, block: ModelBlock, place: _Place) -> ModelBlock:
@@ -148,6 +151,7 @@ class _LinkCopier:
         assert block.reference is not None
         source = block.reference.source
         if source.startswith(f"{_OWN}/"):
+            # within a library, $bdroot is the library, not the model that uses it
             source = place.document.name.replace("/", "//") + source.removeprefix(_OWN)
         names = split_path(source)
         alone = replace(block, path=path)
@@ -169,6 +173,7 @@ class _LinkCopier:
         """Return the content behind a link: that of the library block, or of what that links to in turn."""
         if target.reference is not None and not is_of_simulink(target.reference.source):
             further = self._link(replace(linked, reference=target.reference), linked.path, there)
+            # a link behind the link that cannot be resolved leaves the block as the first one made it
             return replace(further, reference=linked.reference) if further.type != "Reference" else linked
         if target.system is not None:
             return replace(linked, system=self.system(target.system, there))
@@ -179,6 +184,7 @@ class _LinkCopier:
         assert block.reference is not None
         fields = block.reference.parameters
         masked = {parameter.name for parameter in target.mask.parameters} if target.mask is not None else set()
+        # a field named like a mask parameter is the value in the dialog, see `_set_mask`
         parameters = dict(target.parameters) | {key: fields[key] for key in fields if key not in masked}
         if block.mask is not None and block.mask.parameters and masked:
             message = "has a mask in addition to that of the library; only the library's is read"
@@ -219,6 +225,7 @@ class _LinkCopier:
         return replace(alone, mask=mask, system=self.system(document.root, inner))
 
     def _document(self, name: str, source: str, path: str, place: _Place) -> ModelDocument | None:
+        # a file may link to itself by its own name
         if name == place.document.name:
             return place.document
         file = self.libraries.find(name, place.document.path.parent)
@@ -248,6 +255,7 @@ class _LinkCopier:
     def _problem(self, path: str, message: str, remedy: str = "", severity: Severity = "error") -> None:
         if len(self.problems) < 100:
             location = Location(self.file, path=path[:120])
+            # by message: the same problem at several links is one
             self.problems.setdefault(message, Finding(location, message, remedy, severity=severity))
 
 

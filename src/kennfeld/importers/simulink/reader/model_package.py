@@ -14,6 +14,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
+# possessive quantifiers: a line that does not match is not tried again in other ways
 _PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]++(\S++)[ \t]*+([^\n]*+)\n", re.MULTILINE)
 _END = re.compile(rb"^__MWOPC_PACKAGE_END__", re.MULTILINE)
 _REMEDY = "Use a complete copy of the file."
@@ -40,7 +41,7 @@ class ModelPackage:
         yield from self.texts or self.members
 
     def raw(self, name: str) -> bytes | None:
-        """Return the bytes of a part, None if there is none or, with an error recorded, if it cannot be unpacked."""
+        """Unpack a part, None if there is none or, with an error recorded, if it cannot be unpacked."""
         if name in self.texts:
             return self.texts[name]
         if name not in self.members or self.archive is None:
@@ -54,6 +55,7 @@ class ModelPackage:
 
     def _unpack(self, member: zipfile.ZipInfo, archive: zipfile.ZipFile) -> bytes | None:
         with archive.open(member) as stream:
+            # counted while reading, because an archive may state smaller sizes than it unpacks to
             raw = stream.read(self.room + 1)
         self.room -= len(raw)
         if self.room < 0:
@@ -64,7 +66,7 @@ class ModelPackage:
         return raw
 
     def section(self, name: str, fold: bool = True) -> SectionNode | None:
-        """Return an XML or JSON part as a section, None if there is none or, with an error, if it is damaged."""
+        """Parse an XML or JSON part to a section, None if there is none or, with an error, if it is damaged."""
         raw = self.raw(name)
         if raw is None:
             return None
@@ -75,11 +77,12 @@ class ModelPackage:
 
 def is_zip(raw: bytes) -> bool:
     """Return True if bytes start like a zip archive."""
+    # the second is the begin of an empty archive
     return raw[:4] in (b"PK\3\4", b"PK\5\6")
 
 
 def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
-    """Return the members of a zip archive; none, with an error recorded, if it is damaged or a zip bomb."""
+    """Open a zip archive; it has no members, with an error recorded, if it is damaged or a zip bomb."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(raw))
         members = {member.filename.lstrip("/"): member for member in archive.infolist()}
@@ -91,17 +94,19 @@ def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
     if too_much:
         diagnostics.error("", f"expands to far more data than a model contains: {too_much}", _REMEDY)
         return ModelPackage(diagnostics)
+    # one budget for all parts together
     room = max(_BASE_UNPACKED_BYTES, _MAX_COMPRESSION_RATIO * len(raw))
     return ModelPackage(diagnostics, members, archive, room=room)
 
 
 def text_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
-    """Return the parts of a text package: a header line each, then XML text or base64 bytes."""
+    """Split a text package into its parts: a header line each, then XML text or base64 bytes."""
     end = _END.search(raw)
     if end is None:
         raise diagnostics.refuse("", "is truncated: the text package has no end", _REMEDY)
     release = _PACKAGE.search(raw)
     match = list(_PART.finditer(raw))
+    # a part ends where the header of the next one begins
     stops = [*(part.start() for part in match[1:]), end.start()]
     texts = {}
     for part, stop in zip(match, stops, strict=False):

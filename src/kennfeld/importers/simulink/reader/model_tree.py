@@ -127,7 +127,7 @@ class StoredChart:
 
 
 def join_path(*names: str) -> str:
-    """Return the path of a block from names; a slash within a name is doubled.
+    """Join names to the path of a block; a slash within a name is doubled.
 
     >>> join_path("Engine", "km/h")
     'Engine/km//h'
@@ -152,12 +152,13 @@ def split_arguments(text: str) -> tuple[str, ...]:
 
 
 def split_path(path: str) -> tuple[str, ...]:
-    """Return the names along a path, the inverse of `join_path`.
+    """Split a path into its names, the inverse of `join_path`.
 
     >>> split_path("Engine/km//h")
     ('Engine', 'km/h')
     """
     return tuple(
+        # a doubled slash is one within a name: it waits as a NUL, which no name contains, while the path is split
         normalize_name(name.replace("\0", "/"))
         for name in re.sub(r"//", "\0", path).split("/")
         if name or "/" not in path
@@ -165,7 +166,7 @@ def split_path(path: str) -> tuple[str, ...]:
 
 
 def normalize_path(path: str) -> str:
-    """Return a path with the white space of each name normalized, as the paths of blocks are.
+    """Normalize the white space of each name of a path, as in the paths of blocks.
 
     >>> normalize_path("Engine / km//h ")
     'Engine/km//h'
@@ -230,6 +231,7 @@ class MaskParameter:
             return self.expression
         if self.type == "checkbox":
             return {"on": "1", "off": "0"}.get(self.expression.strip(), self.expression)
+        # an evaluated choice is the number of its text, from 1
         chosen = self.type in ("popup", "radiobutton") and self.expression in self.options
         return str(self.options.index(self.expression) + 1) if chosen else self.expression
 
@@ -284,7 +286,7 @@ class ModelBlock:
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def listed(self, name: str) -> tuple[str, ...]:
-        """Return a field that is a list of texts, () if not specified.
+        """Read a field that is a list of texts, () if not specified.
 
         >>> ModelBlock("VariantSource", "V", "1", "V", {"VariantControls": "{'a==1','a==2'}"}).listed("VariantControls")
         ('a==1', 'a==2')
@@ -299,7 +301,7 @@ class ModelBlock:
         return (self.parameters.get("ReferencedSubsystem") or "").strip() if self.type == "SubSystem" else ""
 
     def value(self, name: str) -> str | None:
-        """Return a field as text: of the block, else of its type in the file; or None."""
+        """Read a field as text: of the block, else of its type in the file; or None."""
         return self.parameters.get(name, self.defaults.get(name))
 
 
@@ -330,6 +332,7 @@ class System:
 
     def every(self) -> Iterator[ModelBlock]:
         """Yield all blocks of this system and below, a subsystem before its content."""
+        # a stack of iterators, which keeps the order of the file
         waiting = [iter(self.blocks)]
         while waiting:
             block = next(waiting[-1], None)
@@ -341,7 +344,7 @@ class System:
                 waiting.append(iter(block.system.blocks))
 
     def at(self, path: str) -> ModelBlock | None:
-        """Return the block at a path ("Engine/Torque"), None if there is none."""
+        """Find the block at a path ("Engine/Torque"), None if there is none."""
         system: System | None = self
         block = None
         for name in split_path(path):

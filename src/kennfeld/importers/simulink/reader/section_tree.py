@@ -26,6 +26,7 @@ _MAX_FINDINGS = 50  # of each kind; a garbled file has thousands
 COMPLETE_COPY = "Use a complete copy of the file."
 _DAMAGED = "The file may be truncated or damaged: use a complete copy."
 
+# a key up to white space, a brace or a quote; the rest is its value
 _LINE = re.compile(r"([^\s{}\"]++)\s*+(.*)\Z", re.DOTALL)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"?', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
@@ -63,11 +64,11 @@ class SectionNode:
         return (part for part in self.parts if part.kind in kinds)
 
     def first(self, *kinds: str) -> "SectionNode | None":
-        """Return the first direct child section of one of the kinds."""
+        """Find the first direct child section of one of the kinds."""
         return next(self.all(*kinds), None)
 
     def get(self, key: str, default: str = "") -> str:
-        """Return the value of a key, or the text of a child section of that kind."""
+        """Look up the value of a key, or the text of a child section of that kind."""
         if key in self.keys:
             return self.keys[key]
         part = self.first(key)
@@ -121,12 +122,13 @@ class ReadDiagnostics:
 
 
 def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool = True) -> SectionNode | None:
-    """Return the root of an XML part, None with an error recorded if it is malformed or rejected.
+    """Parse an XML part to its root, None with an error recorded if it is malformed or rejected.
 
     `fold` turns `<P Name="key">value</P>` into a key of its parent; otherwise it stays a section.
     """
     builder = _XmlSectionBuilder(part, diagnostics, fold)
     try:
+        # expat refuses white space before the XML declaration
         builder.parser.Parse(raw.lstrip(), True)
     except FileRejectedError:
         return None
@@ -162,6 +164,7 @@ class _XmlSectionBuilder:
         if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
             self.key, self.stored = attributes["Name"], "Ref" not in attributes
             return
+        # without the prefix of a namespace
         section = SectionNode(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
         if self.open:
             self.open[-1].parts.append(section)
@@ -181,6 +184,7 @@ class _XmlSectionBuilder:
             self.pieces.clear()
             return
         section = self.open.pop()
+        # text between child elements is indentation
         if self.pieces and not section.parts:
             section.text = "".join(self.pieces)
         self.pieces.clear()
@@ -196,7 +200,7 @@ class _XmlSectionBuilder:
 
 
 def normalize_name(name: str) -> str:
-    r"""Return a name with each run of white space, line ends included, replaced by one blank.
+    r"""Replace each run of white space in a name, line ends included, by one blank.
 
     >>> normalize_name("engine +\n impeller")
     'engine + impeller'
@@ -208,6 +212,7 @@ def brace_text(raw: bytes) -> str:
     """Decode a classic file in the encoding it names; undecodable characters are replaced."""
     named = _ENCODING.search(raw[:_HEAD])
     encoding = _ENCODINGS.get(named[1].decode("ascii", "replace").lower(), "") if named else ""
+    # cp1252 lacks five bytes, latin-1 none
     for candidate in (encoding or "utf-8", "utf-8", "cp1252"):
         with contextlib.suppress(UnicodeDecodeError):
             return raw.decode(candidate)
@@ -215,7 +220,8 @@ def brace_text(raw: bytes) -> str:
 
 
 def brace_sections(text: str, diagnostics: ReadDiagnostics) -> list[SectionNode]:
-    """Return the top-level sections ("Model", "Stateflow", "MatData"); errors are recorded."""
+    """Parse the top-level sections ("Model", "Stateflow", "MatData"); errors are recorded."""
+    # not `splitlines`, which also ends lines at form feeds and separators of Unicode within a text
     reader = _BraceParser(re.split(r"\r\n|\r|\n", text), diagnostics)
     try:
         reader.read()
@@ -301,6 +307,7 @@ class _BraceParser:
         pieces = [value]
         while depth > 0 and self.at < min(len(self.lines), start + _MAX_MATRIX_LINES):
             line = self.lines[self.at].strip()
+            # the matrix was never closed: these belong to the sections around it
             if line in ("}", "") or line.endswith("{"):
                 break
             pieces.append(line)
@@ -325,7 +332,7 @@ def _piece(value: str) -> str:
 
 
 def json_section(raw: bytes, part: str, diagnostics: ReadDiagnostics) -> SectionNode | None:
-    """Return the root of a JSON part, None with an error recorded if it is malformed.
+    """Parse a JSON part to its root, None with an error recorded if it is malformed.
 
     A root with a single member is that member: `{"BlockDiagram": {...}}`.
     """
@@ -356,6 +363,7 @@ class _Converter:
         section = SectionNode(kind, 0)
         for key, value in members.items():
             if key == _PROPERTIES and isinstance(value, dict):
+                # properties in a group of their own become keys and parts of the object, as in XML
                 inner = self.section(kind, value, depth + 1)
                 section.keys |= inner.keys
                 section.parts += inner.parts
@@ -365,6 +373,7 @@ class _Converter:
 
     def _add(self, section: SectionNode, key: str, value: Any, depth: int) -> None:
         if key in (_CLASS, _NUMBER):
+            # the names that these have in XML and in the brace syntax
             section.keys["ClassName" if key == _CLASS else "ObjectID"] = str(value)
         elif isinstance(value, dict) and _VALUE in value:
             section.keys[key] = _text(value[_VALUE])
@@ -375,6 +384,7 @@ class _Converter:
                 section.parts.append(SectionNode("Array", 0, {"PropName": key}, objects))
                 return
             section.parts.append(self.section(key, value, depth + 1))
+            # as in XML, an object names the property whose value it is
             section.parts[-1].keys.setdefault("PropName", key)
         elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
             section.parts += [self.section(key, inner, depth + 1) for inner in value if isinstance(inner, dict)]

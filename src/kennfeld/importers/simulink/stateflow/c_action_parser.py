@@ -1,13 +1,15 @@
-"""The parser of the C action language of charts; it produces the syntax tree of `kennfeld.matlab.syntax`.
+"""The parser of the C action language of charts; it produces the syntax tree of `kennfeld.program.tree`.
 
 Array indices count from 0 in C and from 1 in the tree. `&`, `|`, `^` and `~` mean and, or, power and not, unless the
 chart enables bitwise operations, which are not supported.
 """
 
 import re
-from typing import NamedTuple
+from collections.abc import Iterable
 
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
+from kennfeld.program.operator_parser import OperatorParser, operator_levels
+from kennfeld.program.tokens import ScannedToken, scan_tokens
 
 _MAX_DEPTH = 60  # nested brackets
 _WORD = re.compile(
@@ -20,17 +22,10 @@ _WORD = re.compile(
     |(?P<bad>.)""",
     re.VERBOSE,
 )
-_LEVELS = (
-    ("||",),
-    ("&&",),
-    ("|",),
-    ("&",),
-    ("==", "!=", "~=", "<>"),
-    ("<", "<=", ">", ">="),
-    ("+", "-"),
-    ("*", "/", "%%"),
-)
-_BINARY = frozenset({item for level in _LEVELS for item in level} | {"^", "=", "+=", "-=", "*=", "/="})
+_LEVELS = operator_levels(
+    ("||",), ("&&",), ("|",), ("&",), ("==", "!=", "~=", "<>"), ("<", "<=", ">", ">="), ("+", "-"), ("*", "/", "%%")
+)  # fmt: skip
+_BINARY = frozenset({*_LEVELS, "^", "=", "+=", "-=", "*=", "/="})
 _WRITTEN = {"|": "||", "&": "&&", "!=": "~=", "<>": "~="}
 _BITS = frozenset({"&", "|", "^", "~", "<<", ">>", "&=", "|=", "^="})
 _CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/"}
@@ -41,23 +36,18 @@ class ActionSyntaxError(Exception):
     """Code that is not valid or not supported in charts."""
 
 
-class _Token(NamedTuple):
-    kind: str
-    text: str
-
-
 def parse_c_expression(text: str, bits: bool = False) -> m.Expression:
     """Parse an expression; raises `ActionSyntaxError`.
 
     >>> parse_c_expression("x[0] != 2") == m.Binary("~=", m.Call(m.Name("x"), (m.Number(1.0),)), m.Number(2.0))
     True
     """
-    reader = _ActionParser(text, bits)
-    reader.pass_lines()
-    tree = reader.expression()
-    reader.pass_lines()
-    if reader.token.kind != "over":
-        raise ActionSyntaxError(f"unexpected {reader.token.text!r} after the expression {text.strip()[:60]}")
+    parser = _ActionParser(text, bits)
+    parser.pass_lines()
+    tree = parser.expression()
+    parser.pass_lines()
+    if parser.token.kind != "end":
+        raise ActionSyntaxError(f"unexpected {parser.token.text!r} after the expression {text.strip()[:60]}")
     return tree
 
 
@@ -66,9 +56,9 @@ def parse_c_statements(text: str, bits: bool = False) -> m.Statements:
     return _ActionParser(text, bits).statements()
 
 
-def _join_lines(tokens: list[_Token]) -> list[_Token]:
+def _join_lines(tokens: Iterable[ScannedToken]) -> list[ScannedToken]:
     """Remove line ends in front of binary operators, which continue an expression."""
-    joined: list[_Token] = []
+    joined: list[ScannedToken] = []
     for token in tokens:
         if token.kind == "operator" and token.text in _BINARY:
             while joined and joined[-1].kind == "line":
@@ -77,62 +67,56 @@ def _join_lines(tokens: list[_Token]) -> list[_Token]:
     return joined
 
 
-class _ActionParser:
+class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
+    levels = _LEVELS
+    max_depth = _MAX_DEPTH
+
     def __init__(self, text: str, bits: bool) -> None:
-        matches = (match for match in _WORD.finditer(text) if match.lastgroup != "blank")
-        self.tokens = _join_lines([_Token(str(match.lastgroup), match[match.lastgroup or 0]) for match in matches])
-        self.tokens.append(_Token("over", "the end"))
-        self.bits, self.at, self.depth, self.text = bits, 0, 0, text
+        super().__init__([*_join_lines(scan_tokens(_WORD, text)), ScannedToken("end", "the end")])
+        self.bits, self.text = bits, text
 
-    @property
-    def token(self) -> _Token:
-        return self.tokens[self.at]
-
-    def take(self) -> _Token:
-        token = self.token
-        self.at += token.kind != "over"
-        return token
+    def fault(self, message: str) -> ActionSyntaxError:
+        return ActionSyntaxError(f"{message} in {self.text.strip()[:60]}")
 
     def pass_lines(self) -> None:
         while self.token.kind == "line":
             self.at += 1
 
-    def next_is(self, *words: str) -> bool:
-        return self.token.kind == "operator" and self.token.text in words
+    def missing(self, text: str) -> ActionSyntaxError:
+        return self.fault(f"{text} is missing before {self.token.text!r}")
 
-    def expect(self, word: str) -> None:
+    def too_deep(self) -> ActionSyntaxError:
+        return ActionSyntaxError(f"brackets are nested more than {_MAX_DEPTH} deep")
+
+    def close(self, bracket: str) -> None:
         self.pass_lines()
-        if not self.next_is(word):
-            raise ActionSyntaxError(f"{word} is missing before {self.token.text!r} in {self.text.strip()[:60]}")
-        self.at += 1
+        self.expect(bracket)
 
     # statements
 
     def statements(self) -> m.Statements:
         statements: list[m.Statement] = []
         while True:
-            while self.token.kind == "line" or self.next_is(";", ","):
+            while self.token.kind == "line" or self.is_at(";", ","):
                 self.at += 1
-            if self.token.kind == "over":
+            if self.token.kind == "end":
                 return tuple(statements)
             statements.append(self._statement())
-            if self.token.kind not in ("line", "over") and not self.next_is(";", ","):
-                raise ActionSyntaxError(
-                    f"unexpected {self.token.text!r} after the statement in {self.text.strip()[:60]}"
-                )
+            if self.token.kind not in ("line", "end") and not self.is_at(";", ","):
+                raise self.fault(f"unexpected {self.token.text!r} after the statement")
 
     def _statement(self) -> m.Statement:
-        if self.next_is("++", "--"):
+        if self.is_at("++", "--"):
             sign = self.take().text[0]
             return self._update(self._postfix(), sign, m.Number(1.0))
-        if self.next_is("[") and self._is_several():
+        if self.is_at("[") and self._is_several():
             return m.Assign(self._targets(), self._value())
         first = self.expression()
-        if self.next_is("=", ":="):
+        if self.is_at("=", ":="):
             return m.Assign((self._target(first),), self._value())
-        if self.next_is("++", "--"):
+        if self.is_at("++", "--"):
             return self._update(first, self.take().text[0], m.Number(1.0))
-        if self.next_is(*_CHANGES):
+        if self.is_at(*_CHANGES):
             return self._update(first, _CHANGES[self.take().text], self.expression())
         self._reject_bitwise()
         return m.Evaluate(first)
@@ -141,8 +125,8 @@ class _ActionParser:
         self.at += 1
         self.pass_lines()
         value = self.expression()
-        if self.next_is("=", ":="):
-            raise ActionSyntaxError(f"chained assignment in {self.text.strip()[:60]}")
+        if self.is_at("=", ":="):
+            raise self.fault("chained assignment")
         return value
 
     def _update(self, target: m.Expression, operator: str, by: m.Expression) -> m.Assign:
@@ -150,81 +134,70 @@ class _ActionParser:
 
     def _target(self, target: m.Expression) -> m.Expression:
         if not isinstance(target, (m.Name, m.Call, m.Field)):
-            raise ActionSyntaxError(f"cannot assign to the left side in {self.text.strip()[:60]}")
+            raise self.fault("cannot assign to the left side")
         return target
 
     def _is_several(self) -> bool:
         at = self.at
-        while self.tokens[at].kind != "over" and self.tokens[at].text != "]":
+        while self.tokens[at].kind != "end" and self.tokens[at].text != "]":
             at += 1
         return self.tokens[min(at + 1, len(self.tokens) - 1)].text == "="
 
     def _targets(self) -> m.Expressions:
         self.at += 1
         targets: list[m.Expression] = []
-        while not self.next_is("]"):
+        while not self.is_at("]"):
             targets.append(self._target(self._postfix()))
-            if self.next_is(","):
-                self.at += 1
+            self.accept(",")
         self.at += 1
         return tuple(targets)
 
     # expressions
 
     def expression(self) -> m.Expression:
-        self.depth += 1
-        if self.depth > _MAX_DEPTH:
-            raise ActionSyntaxError(f"brackets are nested more than {_MAX_DEPTH} deep")
-        tree = self._binary(0)
-        self.depth -= 1
-        return tree
+        return self.nested(self.operations)
 
     def _reject_bitwise(self) -> None:
-        if self.next_is(*_BITS) and (self.bits or self.token.text in ("<<", ">>", "&=", "|=", "^=")):
+        if self.is_at(*_BITS) and (self.bits or self.token.text in ("<<", ">>", "&=", "|=", "^=")):
             raise ActionSyntaxError(f"bitwise operator {self.token.text} is not supported")
 
-    def _binary(self, level: int) -> m.Expression:
-        if level == len(_LEVELS):
-            return self._unary()
-        left = self._binary(level + 1)
-        while self.next_is(*_LEVELS[level]):
-            self._reject_bitwise()
-            operator = self.take().text
-            self.pass_lines()
-            right = self._binary(level + 1)
-            left = (
-                m.Call(m.Name("rem"), (left, right))
-                if operator == "%%"
-                else m.Binary(_WRITTEN.get(operator, operator), left, right)
-            )
+    def level(self) -> int:
         self._reject_bitwise()
-        return left
+        return super().level()
 
-    def _unary(self) -> m.Expression:
-        if self.next_is("-", "+", "!", "~"):
+    def joined(self, left: m.Expression, level: int) -> m.Expression:
+        operator = self.take().text
+        self.pass_lines()
+        right = self.operations(level + 1)
+        if operator == "%%":
+            return m.Call(m.Name("rem"), (left, right))
+        return m.Binary(_WRITTEN.get(operator, operator), left, right)
+
+    def operand(self, lowest: int) -> m.Expression:
+        if self.is_at("-", "+", "!", "~"):
             self._reject_bitwise()
             operator = self.take().text
-            return m.Unary("~" if operator == "!" else operator, self._unary())
+            return m.Unary("~" if operator == "!" else operator, self.operand(lowest))
         left = self._postfix()
-        while self.next_is("^"):
+        while self.is_at("^"):
             self._reject_bitwise()
             self.at += 1
             left = m.Binary("^", left, self._signed())
         return left
 
     def _signed(self) -> m.Expression:
-        if self.next_is("-", "+"):
+        if self.is_at("-", "+"):
             return m.Unary(self.take().text, self._signed())
         return self._postfix()
 
     def _postfix(self) -> m.Expression:
         tree = self._primary()
         while True:
-            if self.next_is("("):
+            if self.is_at("("):
                 tree = self._call(tree)
-            elif self.next_is("["):
+            elif self.is_at("["):
                 tree = m.Call(tree, self._indices())
-            elif self.next_is(".") and self.tokens[self.at + 1].kind == "name":
+            elif self.is_at(".") and self.tokens[self.at + 1].kind == "name":
                 self.at += 1
                 tree = m.Field(tree, self.take().text)
             else:
@@ -243,23 +216,21 @@ class _ActionParser:
         self.at += 1
         arguments: list[m.Expression] = []
         self.pass_lines()
-        while not self.next_is(")"):
+        while not self.is_at(")"):
             arguments.append(self.expression())
             self.pass_lines()
-            if self.next_is(","):
-                self.at += 1
+            if self.accept(","):
                 self.pass_lines()
-            elif not self.next_is(")"):
-                self.expect(")")
+            elif not self.is_at(")"):
+                self.close(")")
         self.at += 1
         return tuple(arguments)
 
     def _indices(self) -> m.Expressions:
         indices: list[m.Expression] = []
-        while self.next_is("["):
-            self.at += 1
+        while self.accept("["):
             index = self.expression()
-            self.expect("]")
+            self.close("]")
             indices.append(
                 m.Number(index.value + 1) if isinstance(index, m.Number) else m.Binary("+", index, m.Number(1.0))
             )
@@ -277,6 +248,6 @@ class _ActionParser:
             case "operator", "(":
                 self.pass_lines()
                 tree = self.expression()
-                self.expect(")")
+                self.close(")")
                 return tree
-        raise ActionSyntaxError(f"unexpected {token.text!r} in {self.text.strip()[:60]}")
+        raise self.fault(f"unexpected {token.text!r}")

@@ -23,8 +23,6 @@ from kennfeld.importers.simulink.stateflow.guarded_variables import ActionContex
 from kennfeld.importers.simulink.stateflow.temporal_logic import CHANGES, TEMPORAL
 from kennfeld.importers.simulink.variables.enumerations import unqualified_member
 from kennfeld.importers.simulink.variables.mask_scope import Scope
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import expressions_in, field_path, map_children
 from kennfeld.models.imperative.element_access import assign_part
 from kennfeld.models.imperative.evaluation_context import LibraryFunction
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -34,6 +32,8 @@ from kennfeld.models.imperative.library import C_FUNCTIONS, SYMBOLIC_FUNCTIONS
 from kennfeld.models.imperative.library.function_registry import matlab_word
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, reduce_nodes
 from kennfeld.models.imperative.symbolic_values import as_array, force, integers
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import expressions_in, field_path, map_children
 
 _LIBRARIES: Final[Mapping[str, Mapping[str, LibraryFunction]]] = {
     "C": {**FIELD_FUNCTIONS, **{name: SYMBOLIC_FUNCTIONS[name] for name in ("cast", "isnan")}},

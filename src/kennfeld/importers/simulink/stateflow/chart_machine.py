@@ -15,9 +15,9 @@ from kennfeld.importers.simulink.stateflow.chart_model import (
     TransitionEdge,
 )
 from kennfeld.importers.simulink.stateflow.guarded_variables import ActionContext, Guard, GuardedVariables, GuardLogic
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.program import tree as m
 
 _MAX_WORK = 30_000
 _MAX_DEPTH = 12  # nested events and calls

@@ -18,7 +18,7 @@ from kennfeld.importers.simulink.stateflow.label_parser import (
     parse_transition_label,
     strip_comments,
 )
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 _MAX_DEPTH = 40  # nested states
 

@@ -15,10 +15,10 @@ from kennfeld.importers.simulink.stateflow.chart_expressions import ChartExpress
 from kennfeld.importers.simulink.stateflow.chart_machine import ChartMachine, ChartPart
 from kennfeld.importers.simulink.stateflow.chart_model import ChartFunction
 from kennfeld.importers.simulink.stateflow.guarded_variables import ActionContext, Guard
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.program import tree as m
 
 _Jumps: TypeAlias = dict[str, list[Guard | None]]  # the guards of `break` and `continue` in a loop
 Condition: TypeAlias = Callable[[ActionContext, Guard], int]  # returns the node of a condition under a guard

@@ -15,8 +15,8 @@ from kennfeld.importers.simulink.stateflow.c_action_parser import (
     parse_c_expression,
     parse_c_statements,
 )
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression, parse_script
+from kennfeld.program import tree as m
 
 _STEP = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*(\+\+|--)[ \t]*(?=$|[;,\n])")
 _CHANGE = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*([-+*/])=(?!=)([^;\n]*)")

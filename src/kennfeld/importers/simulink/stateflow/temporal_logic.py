@@ -18,8 +18,8 @@ from kennfeld.importers.simulink.stateflow.chart_model import (
     TransitionEdge,
 )
 from kennfeld.importers.simulink.stateflow.guarded_variables import ActionContext, Guard
-from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import calls_in
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import calls_in
 
 TEMPORAL = frozenset({"after", "before", "at", "every", "temporalCount", "elapsed", "et", "duration", "count"})
 CHANGES = frozenset({"hasChanged", "hasChangedFrom", "hasChangedTo"})

@@ -19,9 +19,9 @@ from kennfeld.importers.simulink.stateflow.chart_model import (
 )
 from kennfeld.importers.simulink.stateflow.guarded_variables import ActionContext, Guard
 from kennfeld.importers.simulink.stateflow.temporal_logic import SECONDS, TEMPORAL, TICKS, temporal_unit
-from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.program import tree as m
 
 _IMPLICIT = {"en": "entry", "enter": "entry", "entry": "entry", "ex": "exit", "exit": "exit"}
 _CHANGED = ("change", "chg")

@@ -60,7 +60,7 @@ _TYPE_CLASSES = frozenset(
 
 
 def text_chunks(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
-    """Return the chunks of a text dictionary; errors are recorded."""
+    """Parse the chunks of a text dictionary; errors are recorded."""
     try:
         parts = json.loads(raw)[_PARTS]
         contents = [parts[name][_CONTENT] for name in sorted(parts) if name.startswith(_PART)]
@@ -99,6 +99,7 @@ def _section(
 
 
 def _text_value(name: str, value: Any) -> SectionNode:
+    # before int, of which bool is a subclass
     if isinstance(value, bool):
         return _section(name, "logical", str(int(value)))
     if isinstance(value, int | float):
@@ -112,6 +113,7 @@ def _text_value(name: str, value: Any) -> SectionNode:
 
 def _list_section(name: str, values: list[Any]) -> SectionNode:
     """Return the section of a row of numbers, a text, or a cell array."""
+    # ["text"] is a string of MATLAB, which is not a cell array
     if len(values) == 1 and isinstance(values[0], str):
         return _section(name, "string", values[0])
     if not all(isinstance(value, int | float) for value in values):
@@ -153,6 +155,7 @@ def _typed_numbers(name: str, kind: str, written: str) -> SectionNode:
     """
     match = _MATRIX.match(written)
     body = match[3] if match else written
+    # what remains without the numbers must be separators: `1 + 2i` is not the row 1, 2
     if not _BETWEEN.fullmatch(_NUMBER.sub("", body)):
         return _section(name, kind, body)
     numbers = [number.lower() for number in _NUMBER.findall(body)]
@@ -160,6 +163,7 @@ def _typed_numbers(name: str, kind: str, written: str) -> SectionNode:
         return _section(name, kind, " ".join(numbers), "" if len(numbers) == 1 else f"1*{len(numbers)}")
     rows, columns = int(match[1]), int(match[2])
     if rows * columns == len(numbers):
+        # element (row, column) is at row * columns + column in the text, at column * rows + row in XML
         numbers = [numbers[row * columns + column] for column in range(columns) for row in range(rows)]
     return _section(name, kind, " ".join(numbers), f"{rows}*{columns}")
 
@@ -180,7 +184,7 @@ class Dictionary:
     enumerations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def merged_with(self, further: "Dictionary") -> "Dictionary":
-        """Return this dictionary with the entries of another one added; its own take precedence."""
+        """Add the entries of another dictionary to those of this one, which take precedence."""
         return replace(
             self,
             data=StoredVariables(
@@ -218,8 +222,10 @@ def read_dictionary(
     read, seen = _read_once(path, known), {path.resolve()}
     waiting = [(path.parent, name) for name in read.references] if follow else []
     while waiting:
+        # breadth first: of several entries with one name, that with the fewest references in between wins
         folder, name = waiting.pop(0)
         file = find_beside(name, (folder, *folders)) or folder / file_name(name)
+        # dictionaries may refer to each other in a circle
         if file.resolve() in seen or file.name in given:
             continue
         seen.add(file.resolve())
@@ -230,7 +236,7 @@ def read_dictionary(
 
 
 def file_name(written: str) -> str:
-    r"""Return the name of a file without folders, however they are separated.
+    r"""Strip a name of a file of its folders, however they are separated.
 
     >>> file_name("data\\engine.sldd")
     'engine.sldd'
@@ -239,7 +245,8 @@ def file_name(written: str) -> str:
 
 
 def find_beside(name: str, folders: Iterable[Path]) -> Path | None:
-    """Return the file of a name in the first folder that contains it; folders within the name are ignored."""
+    """Find the file of a name in the first folder that contains it; folders within the name are ignored."""
+    # a folder within the name could lead to any file of the machine
     plain = file_name(name)
     return next((path for folder in folders if plain and (path := folder / plain).is_file()), None)
 
@@ -291,13 +298,14 @@ def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
     solvers: dict[str, StoredSolver] = {}
     types: list[str] = []
     enumerations: dict[str, Mapping[str, float]] = {}
-    for thing in (part for root in roots for part in root.all("Object")):
-        kind, said = thing.keys.get("Class", ""), _properties(thing)
+    for entry in (part for root in roots for part in root.all("Object")):
+        kind, properties = entry.keys.get("Class", ""), _properties(entry)
         if kind == "DD.DICTIONARYREFERENCE":
-            references += [said[key].text for key in ("Subdictionary", "Name") if key in said][:1]
-        if kind != "DD.ENTRY" or "Value" not in said:
+            references += [properties[key].text for key in ("Subdictionary", "Name") if key in properties][:1]
+        if kind != "DD.ENTRY" or "Value" not in properties:
             continue
-        name, section = said["Name"].text if "Name" in said else "", said["Value"]
+        name, section = properties["Name"].text if "Name" in properties else "", properties["Value"]
+        # an object is the value itself, or its only element
         classes = {part.keys.get("Class", "") for part in (section, *section.all("Element"))}
         if not classes.isdisjoint(_NOT_DATA):
             solvers[name] = solver_from(section)
@@ -390,6 +398,7 @@ def _several(values: tuple[Value, ...], section: SectionNode) -> Value:
 
 def _numbers(section: SectionNode) -> Value:
     """Return an array stored by columns."""
+    # the i of an imaginary part, not that of Inf
     if section.keys.get("IsComplex") in ("1", "true") or "i" in section.text.replace("Inf", "").replace("inf", ""):
         raise UnusableValueError("it is complex")
     written = section.text.split()
@@ -398,11 +407,13 @@ def _numbers(section: SectionNode) -> Value:
         shape = tuple(int(n) for n in section.keys["Dimension"].split("*")) if "Dimension" in section.keys else None
     except ValueError:
         raise UnusableValueError(f"its numbers cannot be read: {section.text.strip()[:40]}") from None
+    # without a size: a number, a row, or nothing
     shape = shape or ((1, 1) if values.size == 1 else (min(values.size, 1), values.size))
     if (
         len(shape) > 30
         or min(shape) < 0
         or max(shape) > _MAX_DIMENSION
+        # as a float, which cannot overflow
         or values.size != int(np.prod(shape, dtype=float))
     ):
         raise UnusableValueError(f"it has {values.size} numbers for a size of {section.keys.get('Dimension', '')[:40]}")

@@ -14,13 +14,13 @@ _MAX_HEAD_BYTES = 4096  # in which the word classdef stands
 
 
 def enumerals(definition: SectionNode) -> dict[str, float]:
-    """Return the members of a dictionary enumeration that have numbers."""
+    """Collect the members of a dictionary enumeration that have numbers."""
     members: dict[str, float] = {}
     for part in definition.every():
-        said = {inner.keys.get("Name", ""): inner.text.strip() for inner in part.all("P")}
-        value = number_of(said.get("Value"))
-        if said.get("Name") and value is not None:
-            members[said["Name"]] = value
+        properties = {inner.keys.get("Name", ""): inner.text.strip() for inner in part.all("P")}
+        value = number_of(properties.get("Value"))
+        if properties.get("Name") and value is not None:
+            members[properties["Name"]] = value
     return members
 
 

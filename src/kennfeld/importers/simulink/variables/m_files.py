@@ -23,7 +23,6 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     VariableTable,
     equal_values,
 )
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.enumerations import enumeration_of, is_class
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
@@ -31,10 +30,11 @@ from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
-from kennfeld.matlab.traversal import names_read
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, text
 from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import names_read
 
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _MAX_FILE_BYTES = 2_000_000  # bytes
@@ -51,7 +51,7 @@ class FunctionFiles:
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
 
     def find(self, name: str) -> Mapping[str, m.FunctionDefinition]:
-        """Return the functions of the file `name.m`, its first one under that name; {} for a script."""
+        """Read the functions of the file `name.m`, its first one under that name; {} for a script."""
         if name not in self._read:
             path = self._path(name)
             self._read[name] = _functions(path) if path is not None else {}
@@ -60,6 +60,7 @@ class FunctionFiles:
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):
             return None
+        # a file that the user names precedes those in folders
         places = [self._files[name]] if name in self._files else [folder / f"{name}.m" for folder in self._folders]
         return next((path for path in places if path.is_file()), None)
 
@@ -77,15 +78,17 @@ def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
         raise ProgramError(f"the file {path.name} cannot be read: {error.strerror or error}") from None
     except InputError as error:
         raise ProgramError(str(error.findings[0])) from None
+    # a file with statements outside of its functions is a script
     if not script.functions or script.statements:
         return {}
+    # MATLAB calls the first function by the name of the file, whatever its own name is
     return {**{function.name: function for function in script.functions}, path.stem: script.functions[0]}
 
 
 def evaluate_numerically(
     tree: m.Expression, variable: Callable[[str], ParameterValue | None]
 ) -> tuple[ParameterValue, tuple[str, ...]]:
-    """Return the value of an expression and the variables it uses, over those that `variable` returns.
+    """Evaluate an expression over the variables that `variable` returns; return its value and those it uses.
 
     Raises:
         EvaluationError: if the expression has no value.
@@ -94,6 +97,7 @@ def evaluate_numerically(
     try:
         result = supported_value(evaluate(tree, values, {"get_param": _get_param, "eval": _evaluate_text}))
     except MatlabError as error:
+        # names of functions need no value
         missing = [name for name in sorted(names_read(tree)) if name not in values and name not in NUMERIC_FUNCTIONS]
         raise EvaluationError(error.findings[0].message, missing[0] if missing else "") from None
     if result is None:
@@ -102,7 +106,7 @@ def evaluate_numerically(
 
 
 def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -> dict[str, ParameterValue]:
-    """Return the variables that mask code assigns, given those that `variable` returns."""
+    """Run mask code over the variables that `variable` returns; return those that it assigns."""
     script, _ = parse_leniently(code)
     wanted = sorted(names_read(script.statements))
     known_values = {name: value for name in wanted if (value := variable(name)) is not None}
@@ -112,10 +116,10 @@ def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -
 
 
 def _get_param(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
-    said = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
-    if said is None:
-        raise MatlabError.at("mask", m.SourcePosition(), f"get_param({text(key)[:40]}) requires Simulink")
-    return said
+    value = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
+    if value is None:
+        raise MatlabError.at("mask", m.TextPosition(), f"get_param({text(key)[:40]}) requires Simulink")
+    return value
 
 
 def _evaluate_text(written: MatlabValue) -> MatlabValue:
@@ -124,13 +128,13 @@ def _evaluate_text(written: MatlabValue) -> MatlabValue:
 
 
 def supported_value(value: Any) -> ParameterValue | None:
-    """Return a MATLAB value as a block parameter, None if unsupported."""
+    """Convert a MATLAB value to a block parameter, None if unsupported."""
     variable = to_variable(value, "")
     return variable.value if variable is not None else None
 
 
 def to_variable(value: Any, source: str) -> Variable | None:
-    """Return a variable with the limits, unit and description of its object."""
+    """Convert a value to a variable with the limits, unit and description of its object."""
     meant = to_calibration_parameter(value)
     if meant is not None:
         parameter_value: ParameterValue = (
@@ -152,6 +156,7 @@ def _plain(value: Any) -> ParameterValue | None:
     if isinstance(value, MatlabStruct):
         return _struct(value)
     if isinstance(value, MatlabCell):
+        # by columns, as MATLAB numbers cells
         parts = [supported_value(part) for part in value.values.ravel(order="F")]
         return tuple(part for part in parts if part is not None)
     if not isinstance(value, np.ndarray):
@@ -208,12 +213,14 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
                 Finding(Location(name, path=key), "its type is not supported", severity="warning")
             )
             continue
+        # a script returns all variables: those it left unchanged keep their source, limits and unit
         before = variables.get(key)
         if before is None or not equal_values(before.value, result.value):
             comment = result.description or outcome.comments.get(key, "")
             variables[key] = replace(result, description=comment)
     for key, why in outcome.undefined.items():
         variables.undefined[key] = why
+        # an old value must not stand for one that the script fails to compute
         if key in variables and variables[key].source != USER_SOURCE:
             del variables[key]
 
@@ -234,6 +241,6 @@ def _load_file(folder: Path, name: str) -> bytes | None:
 
 
 def read_file(path: Path) -> bytes:
-    """Return the content of a file; raise `InputError` if it cannot be read."""
+    """Read the content of a file; raise `InputError` if it cannot be read."""
     with convert_errors(path, "the file cannot be read", missing="file not found", advice="Check the path."):
         return path.read_bytes()

@@ -11,12 +11,12 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, StoredSolver, split_arguments
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
-from kennfeld.matlab.traversal import names_assigned, names_read
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
+from kennfeld.program import tree as m
+from kennfeld.program.traversal import names_assigned, names_read
 
 ParameterValue: TypeAlias = Union[Numbers, str, "Mapping[str, ParameterValue]", "tuple[ParameterValue, ...]"]
 
@@ -41,8 +41,9 @@ class Variable:
     fixed: bool = False
 
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
-        """Return the variable with limits, None for none; limits that its own value violates are ignored."""
+        """Add limits to the variable, None for none; limits that its own value violates are ignored."""
         lowest, highest = -np.inf if lower is None else lower, np.inf if upper is None else upper
+        # limits of a table object are those of its table, not of its breakpoints
         value = self.value.get("Table") if isinstance(self.value, Mapping) else self.value
         if not isinstance(value, np.ndarray) or not np.all((value >= lowest) & (value <= highest)):
             return self
@@ -81,12 +82,13 @@ class Scope:
     outer: "Scope | None" = None
 
     def within(self, block: ModelBlock) -> "Scope":
-        """Return the scope with the mask of a block added."""
+        """Add the mask of a block to the scope."""
         if block.mask is None or not (block.mask.parameters or block.mask.initialization.strip()):
             return self
         inside = Scope(self.variables, {}, self)
         for parameter in block.mask.parameters:
             field = f"{block.path}:{parameter.name}"
+            # evaluated outside of the mask: a parameter K may be set to a variable K
             inside.masked[parameter.name] = MaskVariable(
                 parameter.meaning, self, parameter.evaluated, field, parameter.expression
             )
@@ -105,23 +107,24 @@ class Scope:
         variables = {
             name: MaskVariable(text, around, True, f"{block.path}:{name}", text) for name, text in arguments.items()
         }
+        # arguments hide the variables of the referenced model that have their names
         return Scope(own.variables, {**variables}, own) if variables else own
 
     def shown(self) -> dict[str, str]:
-        """Return the dialog values of the enclosing masks by parameter name; inner ones take precedence."""
+        """Collect the dialog values of the enclosing masks by parameter name; inner ones take precedence."""
         values: dict[str, str] = {}
         here: Scope | None = self
         while here is not None:
-            said = {
+            dialog = {
                 name: variable.written
                 for name, variable in here.masked.items()
                 if isinstance(variable, MaskVariable) and variable.field
             }
-            values, here = {**said, **values}, here.outer
+            values, here = {**dialog, **values}, here.outer
         return values
 
     def find(self, name: str) -> "MaskVariable | MaskCodeVariable | Variable | None":
-        """Return the meaning of a name, None if it is undefined."""
+        """Look up the meaning of a name, None if it is undefined."""
         here: Scope | None = self
         while here is not None:
             if name in here.masked:
@@ -130,7 +133,7 @@ class Scope:
         return self.variables.get(name)
 
     def part(self, path: Sequence[str]) -> Variable | None:
-        """Return the struct field that a calibration file sets by its full name, "Control.Gain"."""
+        """Look up the struct field that a calibration file sets by its full name, "Control.Gain"."""
         return self.variables.get(".".join(path)) if len(path) > 1 else None
 
 
@@ -149,15 +152,19 @@ def _run_mask_code(scope: Scope, code: str) -> Scope:
     Variables assigned by other statements, and those that depend on them, are taken from running all of the code.
     """
     script, _ = parse_leniently(code)
-    inside, left = scope, set[str]()
+    inside, computed = scope, set[str]()
     for statement in script.statements:
         name = _assigned_name(statement)
-        if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *names_read(statement.value)}):
+        # `computed` holds names that only running the code gives, and spreads to what is computed from them
+        if name and isinstance(statement, m.Assign) and computed.isdisjoint({name, *names_read(statement.value)}):
+            # a layer per statement: `K = 2*K` reads the K of the layer outside
             inside = Scope(scope.variables, {name: MaskVariable(format_expression(statement.value), inside)}, inside)
         else:
-            left |= names_assigned(statement)
+            computed |= names_assigned(statement)
     return (
-        Scope(scope.variables, {name: MaskCodeVariable(name, code, scope) for name in left}, inside) if left else inside
+        Scope(scope.variables, {name: MaskCodeVariable(name, code, scope) for name in computed}, inside)
+        if computed
+        else inside
     )
 
 
@@ -168,13 +175,13 @@ def _assigned_name(statement: m.Statement) -> str:
 
 
 def names_assigned_by_functions(code: str) -> frozenset[str]:
-    """Return the variables that the functions in a code assign."""
+    """Collect the variables that the functions in a code assign."""
     script, _ = parse_leniently(code)
     return names_assigned(script.functions)
 
 
 def to_parameter_value(value: Any) -> ParameterValue | None:
-    """Return a value as array of float64, text, struct or tuple, None if unsupported.
+    """Convert a value to an array of float64 of at least one dimension, text, struct or tuple, None if unsupported.
 
     >>> to_parameter_value(3), to_parameter_value({"a": [1, 2]})
     (array([3.]), {'a': array([1., 2.])})
@@ -187,6 +194,7 @@ def to_parameter_value(value: Any) -> ParameterValue | None:
     try:
         array = None if value is None or np.iscomplexobj(value) else np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
+        # lists of texts or of different lengths, which numpy refuses, are cell arrays
         if not isinstance(value, tuple | list):
             return None
         elements = [to_parameter_value(element) for element in value]
@@ -196,7 +204,7 @@ def to_parameter_value(value: Any) -> ParameterValue | None:
 
 
 def declared_store(variable: Variable | None) -> dict[str, str] | None:
-    """Return initial value and dimensions of a data store that a Simulink.Signal declares, None for any other value."""
+    """Read initial value and dimensions of a data store that a Simulink.Signal declares, None for any other value."""
     fields = variable.value if variable is not None else None
     if not isinstance(fields, Mapping) or "InitialValue" not in fields:
         return None
@@ -214,7 +222,7 @@ def _field_text(value: ParameterValue | None) -> str:
 
 
 def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
-    """Return the struct field at the end of a path; raises `EvaluationError`."""
+    """Look up the struct field at the end of a path; raises `EvaluationError`."""
     for at, name in enumerate(path[1:], 1):
         if not isinstance(value, Mapping) or name not in value:
             raise EvaluationError(f"{'.'.join(path[:at])} has no field {name}", ".".join(path))
@@ -244,6 +252,7 @@ def equal_values(value: ParameterValue, other: ParameterValue) -> bool:
     if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
         if not (isinstance(value, np.ndarray) and isinstance(other, np.ndarray)):
             return False
+        # 3, [3] and [[3]] are the same value in MATLAB
         return np.array_equal(np.atleast_2d(value), np.atleast_2d(other), equal_nan=True)
     if isinstance(value, Mapping) and isinstance(other, Mapping):
         return value.keys() == other.keys() and all(equal_values(value[key], other[key]) for key in value)

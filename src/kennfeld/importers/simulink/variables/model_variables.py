@@ -64,17 +64,18 @@ class FileSearch:
         return frozenset(path.name for path in self.given)
 
     def dictionary(self, path: Path) -> Dictionary:
-        """Return a data dictionary with those it refers to."""
+        """Read a data dictionary with those it refers to, once."""
         return read_dictionary(
             path, folders=self.folders, given=self.given_names - {path.name}, known=self._dictionaries
         )
 
     def enumerations(self, folder: Path) -> dict[str, Variable]:
-        """Return the enumerations whose class files are given, in a folder or in the further ones, in this order."""
+        """Read the enumerations whose class files are given, in a folder or in the further ones, in this order."""
         enumerations = enumeration_files((), [path for path in self.given if path.suffix == ".m"])
         for place in (folder, *self.folders):
             if place not in self._enumerations:
                 self._enumerations[place] = enumeration_files([place])
+            # earlier places take precedence
             enumerations = {**self._enumerations[place], **enumerations}
         return enumerations
 
@@ -104,6 +105,7 @@ def collect_variables(
                 variables[name] = Variable(value, source=USER_SOURCE)
         else:
             parameter_sets += _add_file(variables, Path(source), search)
+    # taken before the workspace is read, which may override them
     by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
     _workspace(variables, document, search)
     variables.findings += [
@@ -112,9 +114,11 @@ def collect_variables(
         if not equal_values(variable.value, variables[name].value)
     ]
     overriding = {parameter.name: parameter for values in parameter_sets for parameter in values.values()}
+    # `Control.Gain` may be a field of the struct `Control`
     variables.strangers = ParameterSet(
         parameter for name, parameter in overriding.items() if name.partition(".")[0] not in variables
     )
+    # last, so that they override the workspace as well
     variables.update({name: _with_parameter(variables.get(name), parameter) for name, parameter in overriding.items()})
     return variables
 
@@ -175,6 +179,7 @@ def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[
 
 def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
     read = search.dictionary(path)
+    # before the entries, whose enumerated values are members of these
     variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
@@ -191,6 +196,7 @@ def _workspace(variables: VariableTable, document: ModelDocument, search: FileSe
         for name in before.keys() - variables.keys():  # the user may give what is missing
             variables[name] = before[name]
     elif kind == "file":
+        # next to the model, whatever folder the file names
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
             _add_file(variables, path, search)
@@ -275,6 +281,7 @@ def _with_parameter(known: Variable | None, parameter: Parameter) -> Variable:
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
     if known is not None and isinstance(known.value, np.ndarray) and _sizes(known.value) == _sizes(value):
+        # a curve of a calibration file has one dimension, a variable of the model is a row or a column
         value = value.reshape(known.value.shape)
     description = parameter.description or (known.description if known is not None else "")
     lower: float | Numbers = known.lower if known is not None else -np.inf
@@ -290,9 +297,10 @@ def _sizes(values: Numbers) -> list[int]:
 
 
 def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[StoredSolver, str]:
-    """Return the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
+    """Look up the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
     settings, seen = document.solver, set[str]()
     while settings.reference:
+        # a configuration may refer to another one, and by mistake in a circle
         name = settings.reference
         if name in seen or name not in variables.solvers:
             why = "refers to itself" if name in seen else "was not found"
@@ -303,9 +311,9 @@ def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[
 
 
 def model_properties(document: ModelDocument, variables: VariableTable) -> dict[str, Variable]:
-    """Return the properties that `get_param` may query of a model, as structs of texts."""
+    """Collect the properties that `get_param` may query of a model, as structs of texts."""
     settings, _ = solver_settings(document, variables)
-    said = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
-    said |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
-    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in said.items() if text}}
+    texts = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
+    texts |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
+    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in texts.items() if text}}
     return {name: Variable(value, source="the model itself", fixed=True) for name in _NAMES if name not in variables}

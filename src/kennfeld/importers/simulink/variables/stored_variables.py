@@ -64,7 +64,7 @@ class UnusableValueError(Exception):
 
 
 def stored_variable(kind: str, properties: Mapping[str, Value]) -> StoredVariable:
-    """Return an object by its properties: those used for calibration by name, the rest as they are."""
+    """Build an object from its properties: those used for calibration by name, the rest as they are."""
     table, axes = properties.get("Table"), properties.get("Breakpoints")
     if table is not None:
         breakpoints = tuple(
@@ -73,6 +73,7 @@ def stored_variable(kind: str, properties: Mapping[str, Value]) -> StoredVariabl
         )
         return replace(_plain("", kind, _part(table)), breakpoints=breakpoints, properties=properties)
     inner = _several(axes)
+    # a Simulink.Breakpoint holds its value one level down, in `Breakpoints`
     if inner and "Value" not in properties:
         properties = {**properties, **_part(inner[0])}
     return _plain("", kind, properties)
@@ -118,7 +119,7 @@ def _limit(value: Value) -> float | None:
 
 
 def workspace_variables(workspace: StoredWorkspace) -> StoredVariables:
-    """Return the variables stored in the model file itself, none if they are code or in another file.
+    """Decode the variables stored in the model file itself, none if they are code or in another file.
 
     `unreadable` lists what cannot be read; the name "" stands for the whole workspace.
     """
@@ -128,7 +129,7 @@ def workspace_variables(workspace: StoredWorkspace) -> StoredVariables:
 
 
 def mxarray_value(raw: bytes) -> Value:
-    """Return the value of a single `.mxarray` array; raises `MatFileError` if there is none."""
+    """Decode the value of a single `.mxarray` array; raises `MatFileError` if there is none."""
     try:
         return _NodeDecoder().value(read_array(raw, _MAX_BYTES), "")
     except UnusableValueError as why:
@@ -136,7 +137,7 @@ def mxarray_value(raw: bytes) -> Value:
 
 
 def mxarray_variables(raw: bytes) -> StoredVariables:
-    """Return the variables in the bytes of a `.mxarray` part."""
+    """Decode the variables in the bytes of a `.mxarray` part."""
     try:
         return _data(read_workspace(raw, _MAX_BYTES), "the model workspace cannot be read")
     except n.MatFileError as error:
@@ -144,7 +145,7 @@ def mxarray_variables(raw: bytes) -> StoredVariables:
 
 
 def mat_variables(raw: bytes) -> StoredVariables:
-    """Return the variables in the bytes of a MAT-file of any version."""
+    """Decode the variables in the bytes of a MAT-file of any version."""
     return _data(load_nodes(raw, _MAX_BYTES, _MAX_ARRAYS), "the MAT-file cannot be read")
 
 
@@ -153,9 +154,11 @@ def _data(loaded: n.MatFileContent, message: str) -> StoredVariables:
     reader, entries = _NodeDecoder(), {}
     for name, node in loaded.variables.items():
         try:
+            # one value that cannot be used leaves the others usable
             entries[name] = _entry(name, node, reader.value(node, name))
         except UnusableValueError as why:
             reader.unreadable[name] = str(why)
+    # a file that is cut off still gives the variables before the cut
     if loaded.lost:
         whole = message if not entries else f"{message} whole"
         reader.unreadable[""] = f"{whole}: {loaded.lost}"
@@ -180,12 +183,13 @@ class _NodeDecoder:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def value(self, node: n.Node, path: str) -> Value:
-        """Return the value of a node; raise `UnusableValueError` if it is unsupported."""
+        """Convert a node to its value; raise `UnusableValueError` if it is unsupported."""
         match node:
             case n.MatNumbers():
                 with np.errstate(invalid="ignore"):  # some single-precision NaNs warn
                     return readonly(node.values)
             case n.MatText():
+                # several rows of characters are a tuple of texts
                 return node.rows or node.text
             case n.MatStruct():
                 return stored_variable(node.kind, self._properties(node)) if node.kind else self._fields(node, path)
@@ -213,6 +217,7 @@ class _NodeDecoder:
         properties = {}
         for name, inner in node.fields.items():
             try:
+                # a decoder of its own: what it skips within a property is not reported
                 properties[name] = _NodeDecoder().value(inner, name)
             except UnusableValueError:
                 if name in _NEEDED:

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError
 from kennfeld.matlab.evaluator import NumericEvaluator
@@ -19,6 +18,7 @@ from kennfeld.models.imperative.evaluation_context import MAX_NODES, SymbolicEva
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function, matlab_word
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.program import tree as m
 
 _FILLED: Final = ("zeros", "ones", "inf", "Inf", "nan", "NaN", "true", "false", "eye", "cell")
 # functions by the number of leading arguments of which only size and class matter; the others are constants
@@ -141,7 +141,7 @@ def call_numerically(args: SymbolicArguments, values: Sequence[v.Value]) -> list
     evaluator = NumericEvaluator({}, {}, Budget(elements=MAX_NODES), "")
     try:
         with np.errstate(all="ignore"):
-            return evaluator.call(args.name, values, args.wanted, m.SourcePosition())
+            return evaluator.call(args.name, values, args.wanted, m.TextPosition())
     except MatlabError as error:
         raise EvaluationError(error.findings[0].message) from None
     except LimitError:

@@ -1,28 +1,24 @@
-"""The syntax tree of the MATLAB language, made of frozen nodes; positions in the text are not compared.
+"""The syntax tree of imperative code, made of frozen nodes; positions in the text are not compared.
 
-`f(x)` is a `Call` whether f is a function or an array: that depends on the variables in scope.
+MATLAB is parsed to it, and ESDL, C, Python and the actions of charts are translated to it, so that one interpreter
+evaluates them all. `f(x)` is a `Call` whether f is a function or an array: that depends on the variables in scope.
 """
 
 from dataclasses import field
-from typing import NamedTuple
 
 from kennfeld.base.lazy_dataclass import dataclass
-
-
-class SourcePosition(NamedTuple):
-    """Line and column of a position in a text, both counted from 1."""
-
-    line: int = 1
-    column: int = 1
+from kennfeld.program.positions import TextPosition as TextPosition
 
 
 @dataclass(frozen=True)
-class _Node:
-    place: SourcePosition = field(default=SourcePosition(), compare=False, repr=False, kw_only=True)
+class Node:
+    """A part of a tree, with its position in the text."""
+
+    place: TextPosition = field(default=TextPosition(), compare=False, repr=False, kw_only=True)
 
 
 @dataclass(frozen=True)
-class Number(_Node):
+class Number(Node):
     """A number as written; `suffix` is "i" if it is imaginary, "u8" to "s64" for the class of a 0x or 0b literal."""
 
     value: float
@@ -30,7 +26,7 @@ class Number(_Node):
 
 
 @dataclass(frozen=True)
-class Text(_Node):
+class Text(Node):
     """A character vector `'a'`, or a string `"a"` if `is_string`."""
 
     value: str
@@ -38,24 +34,24 @@ class Text(_Node):
 
 
 @dataclass(frozen=True)
-class Name(_Node):
+class Name(Node):
     """A variable, or a function called without arguments."""
 
     name: str
 
 
 @dataclass(frozen=True)
-class Colon(_Node):
+class Colon(Node):
     """A bare `:` as an index: all elements along the dimension."""
 
 
 @dataclass(frozen=True)
-class End(_Node):
+class End(Node):
     """`end` within an index."""
 
 
 @dataclass(frozen=True)
-class Field(_Node):
+class Field(Node):
     """`of.name`."""
 
     of: "Expression"
@@ -63,7 +59,7 @@ class Field(_Node):
 
 
 @dataclass(frozen=True)
-class DynamicField(_Node):
+class DynamicField(Node):
     """`of.(name)`."""
 
     of: "Expression"
@@ -71,7 +67,7 @@ class DynamicField(_Node):
 
 
 @dataclass(frozen=True)
-class Call(_Node):
+class Call(Node):
     """`of(arguments)`: a function call or an index into an array."""
 
     of: "Expression"
@@ -79,7 +75,7 @@ class Call(_Node):
 
 
 @dataclass(frozen=True)
-class CellIndex(_Node):
+class CellIndex(Node):
     """`of{arguments}`."""
 
     of: "Expression"
@@ -87,7 +83,7 @@ class CellIndex(_Node):
 
 
 @dataclass(frozen=True)
-class Range(_Node):
+class Range(Node):
     """`first:last` or `first:step:last`."""
 
     first: "Expression"
@@ -96,7 +92,7 @@ class Range(_Node):
 
 
 @dataclass(frozen=True)
-class Unary(_Node):
+class Unary(Node):
     """`-x`, `+x` or `~x`."""
 
     operator: str
@@ -104,7 +100,7 @@ class Unary(_Node):
 
 
 @dataclass(frozen=True)
-class Binary(_Node):
+class Binary(Node):
     """`left operator right`: an arithmetic, relational or logical operation."""
 
     operator: str
@@ -113,8 +109,8 @@ class Binary(_Node):
 
 
 @dataclass(frozen=True)
-class Conditional(_Node):
-    """`condition ? yes : no`, of which one side is evaluated; MATLAB has none, other languages use it in this tree."""
+class Conditional(Node):
+    """`condition ? yes : no`, of which one side is evaluated; MATLAB has none, other languages use it."""
 
     condition: "Expression"
     yes: "Expression"
@@ -122,7 +118,7 @@ class Conditional(_Node):
 
 
 @dataclass(frozen=True)
-class Transpose(_Node):
+class Transpose(Node):
     """`x'`, or `x.'` if not `conjugate`; both are the same for real numbers."""
 
     operand: "Expression"
@@ -130,21 +126,21 @@ class Transpose(_Node):
 
 
 @dataclass(frozen=True)
-class Matrix(_Node):
+class Matrix(Node):
     """`[a b; c d]`: the elements of each row."""
 
     rows: tuple[tuple["Expression", ...], ...]
 
 
 @dataclass(frozen=True)
-class CellArray(_Node):
+class CellArray(Node):
     """`{a, b; c, d}`."""
 
     rows: tuple[tuple["Expression", ...], ...]
 
 
 @dataclass(frozen=True)
-class AnonymousFunction(_Node):
+class AnonymousFunction(Node):
     """`@(parameters) body`."""
 
     parameters: tuple[str, ...]
@@ -152,21 +148,26 @@ class AnonymousFunction(_Node):
 
 
 @dataclass(frozen=True)
-class FunctionHandle(_Node):
+class FunctionHandle(Node):
     """`@name`."""
 
     name: str
 
 
+@dataclass(frozen=True)
+class LanguageExpression(Node):
+    """Base of the expressions that one language adds; its translator replaces them, so that no evaluator meets them."""
+
+
 Expression = (
     Number | Text | Name | Colon | End | Field | DynamicField | Call | CellIndex | Range | Unary | Binary | Transpose
-    | Matrix | CellArray | AnonymousFunction | FunctionHandle | Conditional
+    | Matrix | CellArray | AnonymousFunction | FunctionHandle | Conditional | LanguageExpression
 )  # fmt: skip
 Expressions = tuple[Expression, ...]
 
 
 @dataclass(frozen=True)
-class Assign(_Node):
+class Assign(Node):
     """`target = value` or `[a, ~, b] = value`, where None stands for `~`; `comment` ends its last line."""
 
     targets: tuple[Expression | None, ...]
@@ -175,14 +176,14 @@ class Assign(_Node):
 
 
 @dataclass(frozen=True)
-class Evaluate(_Node):
+class Evaluate(Node):
     """An expression statement: a function called for its effect."""
 
     expression: Expression
 
 
 @dataclass(frozen=True)
-class Command(_Node):
+class Command(Node):
     """A call in command syntax, `name word word`, such as `close all`."""
 
     name: str
@@ -190,7 +191,7 @@ class Command(_Node):
 
 
 @dataclass(frozen=True)
-class Branch(_Node):
+class Branch(Node):
     """A condition, or the value of a case, with the statements that depend on it."""
 
     condition: Expression
@@ -198,7 +199,7 @@ class Branch(_Node):
 
 
 @dataclass(frozen=True)
-class If(_Node):
+class If(Node):
     """`if` and each `elseif`, with the statements of `else`."""
 
     branches: tuple[Branch, ...]
@@ -206,7 +207,7 @@ class If(_Node):
 
 
 @dataclass(frozen=True)
-class For(_Node):
+class For(Node):
     """`for target = values`: runs the body once per column."""
 
     target: Expression
@@ -215,7 +216,7 @@ class For(_Node):
 
 
 @dataclass(frozen=True)
-class While(_Node):
+class While(Node):
     """`while condition`."""
 
     condition: Expression
@@ -223,7 +224,7 @@ class While(_Node):
 
 
 @dataclass(frozen=True)
-class Switch(_Node):
+class Switch(Node):
     """`switch subject` with its cases and the statements of `otherwise`."""
 
     subject: Expression
@@ -232,7 +233,7 @@ class Switch(_Node):
 
 
 @dataclass(frozen=True)
-class Try(_Node):
+class Try(Node):
     """`try` and `catch`, with the name of the exception if it has one."""
 
     body: tuple["Statement", ...]
@@ -241,14 +242,14 @@ class Try(_Node):
 
 
 @dataclass(frozen=True)
-class Jump(_Node):
+class Jump(Node):
     """`break`, `continue` or `return`."""
 
     kind: str
 
 
 @dataclass(frozen=True)
-class Declaration(_Node):
+class Declaration(Node):
     """`global a b` or `persistent a b`."""
 
     kind: str
@@ -256,7 +257,7 @@ class Declaration(_Node):
 
 
 @dataclass(frozen=True)
-class FunctionDefinition(_Node):
+class FunctionDefinition(Node):
     """`function [results] = name(parameters)`; an ignored parameter is `~`."""
 
     name: str

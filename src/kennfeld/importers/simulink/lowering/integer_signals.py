@@ -6,33 +6,14 @@ from dataclasses import replace
 from typing import Final
 
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, SignalSource
+from kennfeld.importers.simulink.lowering.registry import output_type_of
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 
 _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
 _MAX_TRACED_BLOCKS = 200
-# inputs whose type the output has unless the file specifies another one, by block type
-_LIKE_INPUT = {
-    **dict.fromkeys(
-        (
-            "ArithShift", "Bit Clear", "Bit Set", "Bitwise Operator", "ConditionalOutput", "Delay", "Memory", "Outport",
-            "RateTransition", "Selector", "SignalConversion", "SignalSpecification", "UnitDelay", "ZeroOrderHold",
-        ),
-        (0,),
-    ),
-    "Switch": (0, 2),
-}  # fmt: skip
-# types whose output is a floating-point number if all inputs are, unless the file specifies another type
-_COMPUTES_LIKE_INPUT: Final = frozenset({
-    "Abs", "ArithShift", "Bias", "Clock", "Constant", "DeadZone", "Delay", "DiscreteIntegrator", "Fcn", "Gain",
-    "Inport", "Integrator", "Lookup", "Lookup_n-D", "Math", "Memory", "MinMax", "Outport", "Product", "RateTransition",
-    "Rounding", "Saturate", "Selector", "SignalConversion", "Sin", "Sqrt", "Step", "Sum", "Switch", "Trigonometry",
-    "UnaryMinus", "UnitDelay", "ZeroOrderHold",
-})  # fmt: skip
 _LITERAL = re.compile(r"[-+.\deE\[\]\s,;]*")  # numbers that no variable gives a type
 _FLOATING: Final = ("double", "single", "half")
 _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
-# types that specify an integer type without converting: their values are integers already
-_ONLY_STATING: Final = frozenset({*_LIKE_INPUT, "Constant", "Inport", "DataStoreMemory", "DataStoreRead", "Merge"})
 _ASSIGNED: Final = ("LOCAL_DATA", "OUTPUT_DATA")
 
 
@@ -76,7 +57,7 @@ def is_floating(source: SignalSource | None) -> bool:
         written = _specified_type(flat)
         if written in _FLOATING:
             continue
-        if written or flat.type not in _COMPUTES_LIKE_INPUT:
+        if written or not output_type_of(flat).floating:
             return False
         if flat.type == "Constant" and not _LITERAL.fullmatch(flat.block.value("Value") or "1"):
             return False
@@ -103,7 +84,7 @@ def _type_inputs(flat: FlatBlock) -> tuple[int, ...]:
     """Return the inputs whose type the output has."""
     if (flat.block.value("OutDataTypeStr") or "").strip() in _SAME:
         return (0,)
-    return _LIKE_INPUT.get(flat.type, ())
+    return output_type_of(flat).inputs
 
 
 def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
@@ -127,7 +108,7 @@ def find_integer_conversions(blocks: Iterable[FlatBlock]) -> tuple[str, ...]:
 
 def _converts(flat: FlatBlock) -> bool:
     """Return True if a block converts to integers: by its output type, a cast in its code, or a chart variable."""
-    if flat.type in _ONLY_STATING:
+    if not output_type_of(flat).converts:
         return False
     if specified_integer_type(flat) is not None or _CAST.search(flat.block.script):
         return True

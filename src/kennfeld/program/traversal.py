@@ -1,4 +1,4 @@
-"""Walks over the syntax trees of `kennfeld.matlab.syntax`.
+"""Walks over the syntax trees of `kennfeld.program.tree`.
 
 A tree is an expression, a statement, or a tuple of them.
 """
@@ -8,7 +8,7 @@ from dataclasses import fields, is_dataclass, replace
 from itertools import takewhile
 from typing import Any
 
-from kennfeld.matlab import syntax as m
+from kennfeld.program import tree as m
 
 
 def children(node: m.Expression) -> Iterator[m.Expression]:
@@ -65,9 +65,10 @@ def names_assigned(tree: object) -> frozenset[str]:
 def paths_assigned(tree: object) -> frozenset[str]:
     """Return what statements assign to: variables, and fields `a.b` of structs if they assign no more than these.
 
-    >>> from kennfeld.matlab.parser import parse_script
-    >>> sorted(paths_assigned(parse_script("a.b.c(2) = 1; d(3).e = 2; f = 3;").statements))
-    ['a.b.c', 'd', 'f']
+    >>> field, index = m.Field(m.Name("a"), "b"), (m.Number(2.0),)
+    >>> targets = m.Call(field, index), m.Field(m.Call(m.Name("c"), index), "d"), m.Name("e")
+    >>> sorted(paths_assigned(m.Assign(targets, m.Number(1.0))))
+    ['a.b', 'c', 'e']
     """
     return frozenset(path for target in _targets(tree) if (path := assigned_path(target)))
 
@@ -101,9 +102,9 @@ def assigned_name(target: m.Expression) -> str:
 def names_read(tree: object) -> frozenset[str]:
     """Return the names in a tree, of variables and of functions, without parameters of anonymous functions.
 
-    >>> from kennfeld.matlab.parser import parse_expression
-    >>> sorted(names_read(parse_expression("K*interp1(x, y, u) + arrayfun(@(a) a*b, u)")))
-    ['K', 'arrayfun', 'b', 'interp1', 'u', 'x', 'y']
+    >>> product = m.Binary("*", m.Name("a"), m.Name("b"))
+    >>> sorted(names_read(m.Call(m.Name("arrayfun"), (m.AnonymousFunction(("a",), product), m.Name("u")))))
+    ['arrayfun', 'b', 'u']
     """
     if isinstance(tree, m.Name):
         return frozenset({tree.name})

@@ -1,0 +1,53 @@
+"""Runs of a session: those that have ended, and the running or last one as it is shown."""
+
+from collections.abc import Mapping
+from dataclasses import field
+
+from kennfeld.analysis.extrapolation import Extrapolation
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.optimize.fit.result import Result, TraceLine
+from kennfeld.optimize.problem.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run that has ended.
+
+    Attributes:
+        number: counted from 1.
+        before: the values at its start.
+        result: its result.
+        problem: what was calibrated, None if it is the present problem.
+        extrapolation: use of surrogates outside their training data; None if it is not computed yet.
+    """
+
+    number: int
+    before: ParameterSet
+    result: Result
+    problem: Problem | None = None
+    extrapolation: tuple[Extrapolation, ...] | None = None
+
+
+@dataclass
+class Job:
+    """The running or last calibration, as it is shown.
+
+    Attributes:
+        state: idle, running, stopping, or the status of the last result.
+        message: a sentence on it.
+        began: monotonic time of its start, in s.
+        seconds: how long it has run.
+        trace: the steps so far.
+        preview: values of the best step so far, by parameter.
+        problem: what is calibrated.
+    """
+
+    state: str = "idle"
+    message: str = ""
+    began: float = 0.0
+    seconds: float = 0.0
+    trace: list[TraceLine] = field(default_factory=list)
+    preview: Mapping[str, Float] = field(default_factory=dict)
+    problem: Problem | None = None
