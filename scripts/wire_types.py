@@ -163,7 +163,6 @@ def _member(name: str, alternatives: Sequence[str]) -> Iterable[str]:
 
 def _comment(text: str, indent: str) -> list[str]:
     """Return the lines of a comment of TypeScript."""
-    text = text.replace("`", "")
     text = text[:1].upper() + text[1:]
     if not text:
         return []

@@ -19,7 +19,7 @@ export interface TableReply {
   table: EditedTable;
 }
 
-/** A parameter as the editor shows it; lists are in C order: values[i * ny + j] is at x[i], y[j]. */
+/** A parameter as the editor shows it; lists are in C order: `values[i * ny + j]` is at x[i], y[j]. */
 export interface EditedTable {
   name: string;
   kind: string;
@@ -46,7 +46,7 @@ export interface AxisPoints {
   points: number[];
 }
 
-/** Signals over a stretch of a dataset; only limits the samples, brush lights some of them. */
+/** Signals over a stretch of a dataset; `only` limits the samples, `brush` lights some of them. */
 export interface AskedStrip {
   dataset: number;
   signals: SignalName[];
@@ -71,7 +71,7 @@ export interface SignalName {
 }
 
 /**
- * Samples of a dataset: those between two positions at which every signal is within its range. With point, only those
+ * Samples of a dataset: those between two positions at which every signal is within its range. With `point`, only those
  * whose lookup gives this value of a table a weight.
  */
 export interface SampleSelection {
@@ -105,7 +105,7 @@ export interface StripReply {
 
 /** The arrays of StripReply. */
 export interface StripArrays {
-  /** Positions, counted from begin. */
+  /** Positions, counted from `begin`. */
   x: Float32Array;
   /** Above 0 where the brush selects a sample. */
   lit: Float32Array;
@@ -113,7 +113,7 @@ export interface StripArrays {
   [name: string]: Float32Array;
 }
 
-/** Signals over the samples of a dataset that brush selects, or from begin to end. */
+/** Signals over the samples of a dataset that `brush` selects, or from `begin` to `end`. */
 export interface AskedStatistics {
   dataset: number;
   signals: SignalName[];
@@ -136,7 +136,7 @@ export interface StatisticsRow {
   rms: number | null;
 }
 
-/** The sample of a dataset nearest to a position, moved on by step samples. */
+/** The sample of a dataset nearest to a position, moved on by `step` samples. */
 export interface AskedCursor {
   dataset: number;
   position: number;
@@ -151,7 +151,7 @@ export interface CursorReply {
   values: (number | null)[];
 }
 
-/** The errors of a criterion on a dataset; both fits the bins to those at the start, too. */
+/** The errors of a criterion on a dataset; `both` fits the bins to those at the start, too. */
 export interface AskedScatter {
   dataset: number;
   criterion?: number;
@@ -174,7 +174,7 @@ export interface ScatterArrays {
   brushed: Float32Array;
 }
 
-/** Signals of a dataset at samples to draw over each other, most of them. */
+/** Signals of a dataset at samples to draw over each other, `most` of them. */
 export interface AskedPoints {
   dataset: number;
   signals: SignalName[];
@@ -193,13 +193,13 @@ export interface PointsReply {
 export interface PointsArrays {
   /** 1 at samples that the brush selects. */
   lit: Float32Array;
-  /** Of the samples, counted from begin. */
+  /** Of the samples, counted from `begin`. */
   position: Float32Array;
   /** The signals that the dataset has, by their numbers. */
   [name: string]: Float32Array;
 }
 
-/** A dataset by its number, from 0 on. */
+/** A dataset by its number, which counts from 0. */
 export interface AskedSignals {
   dataset: number;
 }
@@ -218,7 +218,7 @@ export interface SignalRow {
   group: string;
 }
 
-/** The value cell of a parameter, by its number in C order, and the criterion whose errors are shown. */
+/** The value `cell` of a parameter, by its number in C order, and the criterion whose errors are shown. */
 export interface AskedInforming {
   name: string;
   cell: number;
@@ -255,7 +255,7 @@ export interface InformingArrays {
   weight?: Float32Array;
 }
 
-/** The samples of a dataset that brush selects, or those from begin to end. */
+/** The samples of a dataset that `brush` selects, or those from `begin` to `end`. */
 export interface AskedPassed {
   dataset: number;
   begin?: number;
@@ -273,13 +273,13 @@ export interface PassedArrays {
   [name: string]: Float32Array;
 }
 
-/** The samples of a dataset that brush selects. */
+/** The samples of a dataset that `brush` selects. */
 export interface AskedConditions {
   dataset: number;
   brush: SampleSelection;
 }
 
-/** What a project file can say of brushed samples; a text that it cannot say is empty. */
+/** Conditions of a project file for brushed samples; one that it cannot express is empty. */
 export interface BrushedConditions {
   /** Condition that keeps only these samples, in addition to the one that the dataset has. */
   where: string;
@@ -287,9 +287,9 @@ export interface BrushedConditions {
   outside: string;
   /** Condition for the weights of a criterion. */
   region: string;
-  /** Why where and outside are empty. */
+  /** Why `where` and `outside` are empty. */
   reason: string;
-  /** Why region is empty. */
+  /** Why `region` is empty. */
   regionReason: string;
 }
 
@@ -309,7 +309,7 @@ export interface CoverageArrays {
   y?: Float32Array;
 }
 
-/** The sample of a dataset nearest to a position, moved on by step samples, and a criterion. */
+/** The sample of a dataset nearest to a position, moved on by `step` samples, and a criterion. */
 export interface AskedSplit {
   dataset: number;
   position: number;
@@ -389,7 +389,7 @@ export interface WorstSamples {
   rmse: number | null;
 }
 
-/** A sample with a large error; start is the one at the start. */
+/** A sample with a large error; `start` is the one at the start. */
 export interface WorstRow {
   sample: number;
   position: number;
@@ -399,7 +399,7 @@ export interface WorstRow {
   start: number | null;
 }
 
-/** The course of the running or last calibration; lines are called rmse 0, cost 0, by start. */
+/** The course of the running or last calibration; `lines` are called `rmse 0`, `cost 0`, by start. */
 export interface RunProgress {
   starts: StartRow[];
   tables: CoarseTable[];
@@ -418,7 +418,7 @@ export interface StartRow {
   seconds: number;
 }
 
-/** A coarse picture of a table; start are the initial values of a curve. */
+/** A coarse picture of a table; `start` are the initial values of a curve. */
 export interface CoarseTable {
   name: string;
   unit: string;
@@ -449,7 +449,7 @@ export interface RunOutcome {
   validation: FoldsTable | null;
 }
 
-/** What a run has found, and what it remarks. */
+/** The result of a run, and its remarks. */
 export interface RunResult {
   run: number;
   status: string;
@@ -559,7 +559,7 @@ export interface AskedChoice {
   cells: Record<string, number[] | null>;
 }
 
-/** The errors with the chosen values; unit is that of the first criterion. */
+/** The errors with the chosen values; `unit` is that of the first criterion. */
 export interface ChoiceScores {
   scores: ChoiceScore[];
   unit: string;
@@ -572,7 +572,7 @@ export interface ChoiceScore {
   rmse: number | null;
 }
 
-/** What the data of the last run cannot determine; without a run, only empty lists. */
+/** Values that the data of the last run cannot determine; without a run, only empty lists. */
 export interface TrustReply {
   directions: UndeterminedDirection[];
   remedies: RemedyRow[];
@@ -604,7 +604,7 @@ export interface UndeterminedDirection {
   parameters: string[];
 }
 
-/** A remedy as changes of the project file; applied if the file has them already. */
+/** A remedy as changes of the project file; `applied` if the file has them already. */
 export interface RemedyRow {
   kind: string;
   title: string;
@@ -763,7 +763,7 @@ export interface RecordingFile {
   note?: string;
 }
 
-/** A channel of a file with the range of its values; group names the table if there are several. */
+/** A channel of a file with the range of its values; `group` names the table if there are several. */
 export interface ChannelRow {
   name: string;
   group: string;
@@ -772,7 +772,7 @@ export interface ChannelRow {
   greatest: number | null;
 }
 
-/** An input of the function, or the target of the criterion number, with its channel. */
+/** An input of the function, or the target of the criterion `number`, with its channel. */
 export interface MappedInput {
   name: string;
   role: "input" | "target";
@@ -781,7 +781,7 @@ export interface MappedInput {
   number?: number;
 }
 
-/** What the project lacks. */
+/** Proposals for all that the project lacks. */
 export interface ProposalRows {
   proposals: ProposalRow[];
 }
@@ -793,9 +793,9 @@ export interface ProposalRow {
   choice: KeyChoice | null;
 }
 
-/** A key whose value the user chooses. */
+/** A key, by path, whose value the user chooses among options. */
 export interface KeyChoice {
-  path: Path;
+  path: (string | number)[];
   options: string[];
 }
 
@@ -853,7 +853,7 @@ export interface ImportedFunction {
   places?: SourcePlace[];
 }
 
-/** What the project chooses of an ASCET model: a class with its methods, or tasks. */
+/** The part of an ASCET model that the project chooses: a class with its methods, or tasks. */
 export interface ImportChoice {
   class: string;
   methods: string[];
@@ -913,7 +913,7 @@ export interface NamedUnit {
 }
 
 /**
- * A parameter that can be calibrated: kind, shape, range of values, limits (None for none) and origin. A locked
+ * A parameter that can be calibrated: kind, shape, range of values, limits (None for none) and origin. A `locked`
  * parameter keeps its values unless it is selected by name.
  */
 export interface CalibratableParameter {
@@ -929,7 +929,7 @@ export interface CalibratableParameter {
   source: string;
 }
 
-/** A block that is not supported; undefined are variables that it lacks. */
+/** A block that is not supported; `undefined` are variables that it lacks. */
 export interface BlockingBlock {
   path: string;
   type: string;
@@ -1000,7 +1000,7 @@ export interface FunctionFlow {
   outputs: string[];
 }
 
-/** A node with what computes it; kind is that of its table, or its operation. */
+/** A node with what computes it; `kind` is that of its table, or its operation. */
 export interface FlowNode {
   name: string;
   sources: string[];
@@ -1041,7 +1041,7 @@ export interface ReadChannel {
   guess: string;
 }
 
-/** The function of the project in a file; what follows problems is known if it can be read. */
+/** The function of the project in a file; what follows `problems` is known if it can be read. */
 export interface ProjectFunction {
   file: string;
   reference: string;
@@ -1068,7 +1068,7 @@ export interface ProjectFunction {
   lines?: FormulaLine[];
 }
 
-/** An input of a function; later tells that only later samples use its value. */
+/** An input of a function; `later` tells that only later samples use its value. */
 export interface FunctionPort {
   name: string;
   unit: string;
@@ -1081,7 +1081,7 @@ export interface CallableFunctions {
   functions: CalledFunction[];
 }
 
-/** A function that formula text may call; memory tells if it has states, as far as it can be read. */
+/** A function that formula text may call; `memory` tells if it has states, as far as it can be read. */
 export interface CalledFunction {
   file: string;
   reference: string;
@@ -1122,7 +1122,7 @@ export interface SurrogateRows {
   surrogates: SurrogateRow[];
 }
 
-/** A surrogate of the project, or a training file beside it; what follows problem is known of a trained one. */
+/** A surrogate of the project, or a training file beside it; what follows `problem` is known of a trained one. */
 export interface SurrogateRow {
   name: string;
   file: string;
@@ -1198,7 +1198,7 @@ export interface ExportFormats {
   stored: boolean;
 }
 
-/** What is written into the results folder. */
+/** Files that are written into the results folder. */
 export interface ExportCommand {
   /** Extensions of files with the present values. */
   formats?: string[];
@@ -1272,7 +1272,7 @@ export interface SourceName {
   a2l?: string | null;
 }
 
-/** The labels of a set of values, count of them, and what was skipped. */
+/** The labels of a set of values, `count` of them, and what was skipped. */
 export interface SetContents {
   label: string;
   rows: LabelRow[];
@@ -1301,7 +1301,7 @@ export interface AskedDifferences {
   relative?: number | null;
 }
 
-/** The labels that differ in two sets, count of them, of those that were compared. */
+/** The labels that differ in two sets, `count` of them, of those that were compared. */
 export interface SetDifferences {
   labels: [string, string];
   rows: LabelDifference[];
@@ -1323,7 +1323,7 @@ export interface LabelDifference {
   only: "" | "first" | "second";
   /** Largest difference of values. */
   largest: number | null;
-  /** Number of values that differ, of total. */
+  /** Number of values that differ, of `total`. */
   differ: number;
   total: number;
   /** Of the largest difference. */
@@ -1399,7 +1399,7 @@ export interface LabelChange {
   details: string;
 }
 
-/** Values of a parameter; cells are their numbers in C order. Edits of one drag are one entry of the history. */
+/** Values of a parameter; `cells` are their numbers in C order. Edits of one `drag` are one entry of the history. */
 export interface ValueEdit {
   name: string;
   cells: number[];
@@ -1408,7 +1408,7 @@ export interface ValueEdit {
   drag?: string;
 }
 
-/** Keys of the project file with their new values. Edits of one drag are one entry of the history. */
+/** Keys of the project file with their new values. Edits of one `drag` are one entry of the history. */
 export interface KeysEdit {
   changes: [Path, Toml | null][];
   title: string;
@@ -1422,7 +1422,7 @@ export interface TomlEdit {
   title: string;
 }
 
-/** The text of the function, or of the project file if file is empty. */
+/** The text of the function, or of the project file if `file` is empty. */
 export interface TextEdit {
   file: string;
   text: string;
@@ -1461,7 +1461,7 @@ export interface FunctionNames {
   names: string[];
 }
 
-/** A surrogate of a channel by others; kind is dynamic or static. */
+/** A surrogate of a channel by others; `kind` is dynamic or static. */
 export interface NewSurrogate {
   name: string;
   inputs: string[];
@@ -1479,7 +1479,7 @@ export interface TrainCommand {
   file: string;
 }
 
-/** With force, files that another program has changed are replaced. */
+/** With `force`, files that another program has changed are replaced. */
 export interface SaveCommand {
   force?: boolean;
 }
@@ -1496,7 +1496,7 @@ export interface Conflict {
   own: string;
 }
 
-/** With discard, the edits are forgotten. */
+/** With `discard`, the edits are forgotten. */
 export interface RecoverCommand {
   discard?: boolean;
 }
@@ -1506,7 +1506,7 @@ export interface HistoryStep {
   title: string;
 }
 
-/** How a calibration is started. */
+/** A calibration from the present values. */
 export interface RunCommand {
   /** Continue an interrupted run from its checkpoints. */
   resume?: boolean;
@@ -1530,7 +1530,7 @@ export interface AddedFiles {
   files: string[];
 }
 
-/** What each file is for. */
+/** The role of each file in the project. */
 export interface FileKinds {
   kinds: Record<string, string>;
 }
@@ -1555,7 +1555,7 @@ export interface KnownProjects {
   version: string;
 }
 
-/** A project that was opened before; the summary that follows open may lack any of its parts. */
+/** A project that was opened before; the summary that follows `open` may lack any of its parts. */
 export interface RecentRow {
   path: string;
   name: string;
@@ -1636,7 +1636,7 @@ export interface StateNews {
   state: AppState | NoProject;
 }
 
-/** What all pages show of the open project; numbers follow once it can be evaluated. */
+/** The open project as all pages show it; numbers follow once it can be evaluated. */
 export interface AppState {
   project: OpenProject;
   /** Changes with what the model shows, not with the progress of a run. */
@@ -1682,7 +1682,7 @@ export interface FindingRow {
   file: string;
   line: number;
   column: number;
-  /** Place within the file: [model] step. */
+  /** Place within the file: `[model] step`. */
   path: string;
   /** The screen on which it is solved. */
   screen: "data" | "function" | "parameters" | "optimization" | "results";
@@ -1718,7 +1718,7 @@ export interface RunRow {
   status: string;
 }
 
-/** The file of the function, and the screen that shows it: formula, or the one of its importer. */
+/** The file of the function, and the screen that shows it: `formula`, or the one of its importer. */
 export interface ShownFunction {
   file: string;
   screen: string;
@@ -1751,7 +1751,7 @@ export interface ParameterRow {
   thumbnail: number[][];
 }
 
-/** A dataset; pieces are the positions at which its pieces but the first begin. */
+/** A dataset; `pieces` are the positions at which its pieces but the first begin. */
 export interface DatasetRow {
   name: string;
   use: string;

@@ -28,6 +28,7 @@ KeyChange = tuple[KeyPath, Toml | None]  # null removes the key
 
 SHOWN = 100  # characters of a wrong value in a message
 _PLAIN = (str, int, float, NoneType)
+_NUMBERS: Mapping[Any, set[type]] = {int: {int}, float: {int, float}}  # types of JSON that are such numbers
 _PHRASES = {str: "a text", int: "an integer", float: "a number", bool: "true or false"}
 
 
@@ -146,9 +147,8 @@ def from_json(kind: Any, value: Any, place: str) -> Any:
     Raises:
         ArgumentError: the value is of another type, a key is missing, or there is no such key.
 
-    >>> from_json(Sequence[int], [1, "two"], "table.cells")
-    Traceback (most recent call last):
-    kennfeld.base.errors.ArgumentError: table.cells[1] must be an integer, got 'two'
+    >>> from_json(Mapping[str, Sequence[int] | None], {"MapX": [1, 2.0], "MapY": None}, "accept.cells")
+    {'MapX': (1, 2), 'MapY': None}
     """
     kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     origin = get_origin(kind)
@@ -190,7 +190,7 @@ def _alternative(kind: Any, value: Any, place: str) -> Any:
     others = [each for each in members(kind) if each not in (NoneType, Absent)]
     if len(others) == 1:
         return from_json(others[0], value, place)
-    for each in others:
+    for each in others:  # the first that has the value, in the order of the annotation
         try:
             return from_json(each, value, place)
         except ArgumentError:
@@ -203,12 +203,24 @@ def _sequence(kinds: tuple[Any, ...], value: Any, place: str) -> tuple[Any, ...]
     if not isinstance(value, list | tuple):
         raise ArgumentError(f"{place} must be a list, got {_shown(value)}")
     if len(kinds) == 1 or kinds[1] is ...:
+        if _are_numbers(kinds[0], value):  # a drag sends all values of a table with every move
+            return tuple(value)
         kinds = (kinds[0],) * len(value)
     if len(kinds) != len(value):
         raise ArgumentError(f"{place} must have {len(kinds)} elements, got {len(value)}")
     return tuple(
         from_json(kind, each, f"{place}[{k}]") for k, (kind, each) in enumerate(zip(kinds, value, strict=True))
     )
+
+
+def _are_numbers(kind: Any, values: Sequence[Any]) -> bool:
+    """Return True if a type of numbers has all values as they are; others are looked at one by one."""
+    if kind not in _NUMBERS or not {*map(type, values)} <= _NUMBERS[kind]:
+        return False
+    try:
+        return all(map(math.isfinite, values))
+    except OverflowError:
+        return False
 
 
 def _object(value: Any, place: str) -> Mapping[str, Any]:
@@ -218,7 +230,10 @@ def _object(value: Any, place: str) -> Mapping[str, Any]:
 
 
 def _number_of(kind: Any, value: Any) -> int | float | None:
-    """Return a number, whole ones of any notation as int; None if it is of another kind or not finite."""
+    """Return a number, a whole one of any notation if it is to be an int; None for all else.
+
+    Python reads NaN and infinities from JSON, which has neither; they would reach tables and datasets.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

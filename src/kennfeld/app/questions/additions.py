@@ -26,7 +26,7 @@ class AddedFiles:
 
 @dataclass(frozen=True)
 class FileKinds:
-    """What each file is for."""
+    """The role of each file in the project."""
 
     kinds: Mapping[str, str]
 

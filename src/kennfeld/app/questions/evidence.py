@@ -93,7 +93,7 @@ class AskedConditions:
 
 @dataclass(frozen=True)
 class BrushedConditions:
-    """What a project file can say of brushed samples; a text that it cannot say is empty.
+    """Conditions of a project file for brushed samples; one that it cannot express is empty.
 
     Attributes:
         where: condition that keeps only these samples, in addition to the one that the dataset has.

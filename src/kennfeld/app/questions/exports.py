@@ -63,7 +63,7 @@ class ExportFormats:
 
 @dataclass(frozen=True)
 class ExportCommand:
-    """What is written into the results folder.
+    """Files that are written into the results folder.
 
     Attributes:
         formats: extensions of files with the present values.

@@ -19,7 +19,7 @@ from kennfeld.models.quantities import CalibratableParameter
 
 @dataclass(frozen=True)
 class ImportChoice:
-    """What the project chooses of an ASCET model: a class with its methods, or tasks."""
+    """The part of an ASCET model that the project chooses: a class with its methods, or tasks."""
 
     class_: str
     methods: Sequence[str]

@@ -164,7 +164,7 @@ class ShownFunction:
 
 @dataclass(frozen=True)
 class AppState:
-    """What all pages show of the open project; numbers follow once it can be evaluated.
+    """The open project as all pages show it; numbers follow once it can be evaluated.
 
     Attributes:
         revision: changes with what the model shows, not with the progress of a run.

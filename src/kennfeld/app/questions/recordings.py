@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from kennfeld.app.answer import finite
-from kennfeld.app.session.proposal import Range, propose
+from kennfeld.app.session.proposal import KeyChoice, Range, propose
 from kennfeld.app.session.session import Session
-from kennfeld.app.wire import ABSENT, Absent, KeyChange, KeyPath
+from kennfeld.app.wire import ABSENT, Absent, KeyChange
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.formatting import count_noun
@@ -93,14 +93,6 @@ class DataFiles:
 
 
 @dataclass(frozen=True)
-class KeyChoice:
-    """A key whose value the user chooses."""
-
-    path: KeyPath
-    options: Sequence[str]
-
-
-@dataclass(frozen=True)
 class ProposalRow:
     """Something that the project lacks, with the keys that provide it; one of them may be chosen."""
 
@@ -111,7 +103,7 @@ class ProposalRow:
 
 @dataclass(frozen=True)
 class ProposalRows:
-    """What the project lacks."""
+    """Proposals for all that the project lacks."""
 
     proposals: Sequence[ProposalRow]
 
@@ -228,13 +220,7 @@ def proposals(session: Session) -> ProposalRows:
     if function is None:
         return ProposalRows([])
     lacking = propose(function, session.settings, session.initial_names, channel_ranges(session))
-    choices = [(each, each.choice) for each in lacking]
-    return ProposalRows(
-        [
-            ProposalRow(each.title, each.changes, None if choice is None else KeyChoice(choice.path, choice.options))
-            for each, choice in choices
-        ]
-    )
+    return ProposalRows([ProposalRow(each.title, each.changes, each.choice) for each in lacking])
 
 
 def _file(folder: Path, path: str, databases: tuple[DatabaseFile, ...]) -> RecordingFile:

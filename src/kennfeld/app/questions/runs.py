@@ -32,7 +32,7 @@ MAX_RECORDINGS = 500  # rows that are listed
 
 @dataclass(frozen=True)
 class RunCommand:
-    """How a calibration is started.
+    """A calibration from the present values.
 
     Attributes:
         resume: continue an interrupted run from its checkpoints.
@@ -121,7 +121,7 @@ class MovedAxis:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run has found, and what it remarks.
+    """The result of a run, and its remarks.
 
     Attributes:
         quality: rows of text, the heading first.

@@ -10,7 +10,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 
 @dataclass(frozen=True)
 class AskedSignals:
-    """A dataset by its number, from 0 on."""
+    """A dataset by its number, which counts from 0."""
 
     dataset: int
 

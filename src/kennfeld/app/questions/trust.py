@@ -49,7 +49,7 @@ class NoiseRow:
 
 @dataclass(frozen=True)
 class TrustReply:
-    """What the data of the last run cannot determine; without a run, only empty lists.
+    """Values that the data of the last run cannot determine; without a run, only empty lists.
 
     Attributes:
         coupled: sentences on values that are determined together only.
