@@ -21,7 +21,7 @@ LARGEST = 300_000  # bytes of a real file that is damaged as well
 def samples(seed: int, folder: Path | None = None) -> list[Sample]:
     """Some files a kind, and the small ones of a folder as kind `real`."""
     sys.path.append(str(ROOT))  # for `tests`, which write files
-    collected = [sample for maker in _MAKERS for sample in maker(seed)]
+    collected = [sample for maker in (*CORE, *GUESTS) for sample in maker(seed)]
     return collected + ([] if folder is None else list(_real(folder)))
 
 
@@ -210,7 +210,8 @@ output = "Torque"
 [[dataset]]
 files = "bench.csv"
 """
-_MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
+Makers = tuple[Callable[[int], Iterator[Sample]], ...]
+CORE: Makers = (
     _calibrations,
     _images,
     _tunes,
@@ -218,11 +219,13 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     recordings,
     diadem,
     bus_logs,
+    _projects,
+)
+GUESTS: Makers = (  # what importers read
     models,
     functions,
     fmus,
     stored_networks,
     classes,
     components,
-    _projects,
 )

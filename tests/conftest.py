@@ -38,7 +38,7 @@ os.environ.setdefault(
     "KENNFELD_CACHE", str(Path(tempfile.gettempdir()) / f"kennfeld-tests-{os.getuid() if hasattr(os, 'getuid') else 0}")
 )
 
-pytest_plugins = ["tests.costs", "tests.doctests"]
+pytest_plugins = ["tests.costs", "tests.doctests", "tests.guests"]
 
 PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 

@@ -101,6 +101,7 @@ def test_every_picture_is_small_and_shown(image, shown):
     assert image.resolve() in shown
 
 
+@pytest.mark.guests
 def test_the_architecture_names_files_that_exist():
     names = re.findall(r"`([\w./]+(?:\.py|/|\.tsx?))`", (DOCS / "architecture.md").read_text(encoding="utf-8"))
     folders = (ROOT / "src" / "kennfeld", ROOT)

@@ -54,7 +54,7 @@ QUICK = ("air-flow", "nox", "simulink")  # examples
 STARTS = {"exhaust.md": "exhaust-temperature", "simulink.md": "simulink"}
 
 LONG = {  # documents whose fits take several seconds
-    *("commands.md", "get-started.md", "installation.md", "results.md"),
+    *("commands.md", "get-started.md", "installation.md", "results.md", "simulink-example.md"),
     *(
         "how-to/ci.md",
         "how-to/delay.md",
@@ -67,10 +67,23 @@ LONG = {  # documents whose fits take several seconds
     *("tutorials/torque.md", "tutorials/two-days.md"),
 }
 LONGEST = {  # documents with several fits
-    *("commands.md", "get-started.md", "results.md", "how-to/delay.md", "how-to/smoothness.md"),
+    *("commands.md", "get-started.md", "results.md", "simulink-example.md"),
+    *("how-to/delay.md", "how-to/smoothness.md"),
     *("tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md", "tutorials/torque.md"),
     *("how-to/ci.md", "how-to/monotonic-maps.md", "how-to/trust.md", "how-to/weights.md"),
 }
+
+# whose models importers read
+IMPORTING_EXAMPLES = {"nox", "simulink"}
+IMPORTING_COMMANDS = {"README.md", "ascet.md", "formats.md", "simulink.md", "simulink-example.md"}
+IMPORTING_PYTHON = {"ascet.md", "simulink.md"}
+IMPORTING_PROJECTS = {"simulink-example.md"}
+
+
+def marked(path, name, importing, is_slow=False):
+    """Return an example or a document as parameter of a test, with its marks."""
+    marks = [*([pytest.mark.slow] if is_slow else []), *([pytest.mark.guests] if name in importing else [])]
+    return pytest.param(path, marks=marks, id=document_name(path) if path.suffix == ".md" else name)
 
 
 def document_name(path):
@@ -229,7 +242,7 @@ def blocks(document, language):
     return re.findall(rf"^```{language}\n(.*?)^```", document.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("project", PROJECTS, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("project", [marked(path, path.parent.name, IMPORTING_EXAMPLES) for path in PROJECTS])
 def test_every_example_is_free_of_warnings(project, tmp_path, capsys):
     for package in NEEDS.get(project.parent.name, ()):
         pytest.importorskip(package)
@@ -241,10 +254,7 @@ def test_every_example_is_free_of_warnings(project, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     "project",
-    [
-        pytest.param(path, marks=() if path.parent.name in QUICK else pytest.mark.slow, id=path.parent.name)
-        for path in PROJECTS
-    ],
+    [marked(path, path.parent.name, IMPORTING_EXAMPLES, path.parent.name not in QUICK) for path in PROJECTS],
 )
 def test_every_example_is_calibrated_to_its_noise(project, tmp_path):
     for package in NEEDS.get(project.parent.name, ()):
@@ -387,11 +397,10 @@ LONGEST_DOCUMENTS = [ROOT / "docs" / name for name in sorted(LONGEST)]
 @pytest.mark.parametrize(
     "document",
     [
-        pytest.param(path, marks=pytest.mark.slow if path.name == "surrogates.md" else ())
+        marked(path, path.name, IMPORTING_COMMANDS, path.name == "surrogates.md")
         for path in WITH_COMMANDS
         if path not in LONG_DOCUMENTS
     ],
-    ids=document_name,
 )
 def test_commands_shown_work(document, workplace, monkeypatch, demos):
     run_all(document, workplace(document), monkeypatch, demos)
@@ -399,15 +408,14 @@ def test_commands_shown_work(document, workplace, monkeypatch, demos):
 
 @pytest.mark.parametrize(
     "document",
-    [pytest.param(path, marks=pytest.mark.slow if path in LONGEST_DOCUMENTS else ()) for path in LONG_DOCUMENTS],
-    ids=document_name,
+    [marked(path, path.name, IMPORTING_COMMANDS, path in LONGEST_DOCUMENTS) for path in LONG_DOCUMENTS],
 )
 def test_commands_of_long_documents_work_in_short_runs(document, workplace, monkeypatch, short_demos):
     shorten_runs(monkeypatch)
     run_all(document, workplace(document), monkeypatch, short_demos)
 
 
-@pytest.mark.parametrize("document", LONGEST_DOCUMENTS, ids=document_name)
+@pytest.mark.parametrize("document", [marked(path, path.name, IMPORTING_COMMANDS) for path in LONGEST_DOCUMENTS])
 def test_commands_of_the_longest_documents_are_accepted(document, workplace, monkeypatch, written_demos):
     shorten_runs(monkeypatch)
     run_all(document, workplace(document), monkeypatch, written_demos, accept)
@@ -415,11 +423,7 @@ def test_commands_of_the_longest_documents_are_accepted(document, workplace, mon
 
 @pytest.mark.parametrize(
     "document",
-    [
-        pytest.param(path, marks=pytest.mark.slow if path.name in ("python.md", "surrogates.md") else ())
-        for path in DOCUMENTS
-    ],
-    ids=document_name,
+    [marked(path, path.name, IMPORTING_PYTHON, path.name in ("python.md", "surrogates.md")) for path in DOCUMENTS],
 )
 def test_python_shown_works(document, workplace, monkeypatch):
     texts = blocks(document, "python")
@@ -439,7 +443,7 @@ def test_formulas_shown_can_be_read(document):
         assert formula(text).graph.names
 
 
-@by_name
+@pytest.mark.parametrize("document", [marked(path, path.name, IMPORTING_PROJECTS) for path in DOCUMENTS])
 def test_project_files_shown_are_right(document, workplace, tmp_path):
     texts = blocks(document, "toml")
     if is_tutorial(document):  # its project files are read, and run, by the commands that follow them

@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.guests
 def test_imports_fall_one_way(tmp_path):
     program = shutil.which("lint-imports", path=Path(sys.executable).parent)
     if program is None:
@@ -35,6 +36,7 @@ def test_the_map_for_contributors_describes_every_package_from_top_to_bottom():
         del rows[: len(layer)]
 
 
+@pytest.mark.guests
 def test_the_architecture_names_files_that_exist():
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     paths = re.findall(r"`([\w/]+\.py)`", text)

@@ -9,7 +9,7 @@ import pytest
 from fuzz import Campaign, main, put, read
 from fuzz_models import stored_networks
 from fuzz_sample import Sample
-from fuzz_samples import _MAKERS
+from fuzz_samples import CORE, GUESTS
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "fuzz.py"
 GAIN, SPEED = (
@@ -25,7 +25,11 @@ def run(*arguments):
     return done.returncode, done.stdout.strip().splitlines()
 
 
-@pytest.mark.parametrize("maker", _MAKERS, ids=lambda maker: maker.__name__.strip("_"))
+@pytest.mark.parametrize(
+    "maker",
+    [*CORE, *(pytest.param(maker, marks=pytest.mark.guests) for maker in GUESTS)],
+    ids=lambda maker: maker.__name__.strip("_"),
+)
 def test_a_damaged_file_of_every_kind_ends_in_data_or_findings(maker, tmp_path):
     samples = list(maker(12))
     for number in range(len({sample.kind for sample in samples})):
@@ -40,10 +44,11 @@ def test_many_damaged_files_of_every_kind_end_in_data_or_findings():
     assert status == 0
 
 
+@pytest.mark.guests
 def test_damaged_networks_end_in_a_network_or_one_message(tmp_path):
     pytest.importorskip("onnx", reason="the package onnx is not installed")
     networks = list(stored_networks(3))
-    for number in range(40):
+    for number in range(15):
         _, path = put(networks, 3, number, tmp_path / str(number))
         read(path)
 

@@ -8,7 +8,6 @@ import pytest
 from kennfeld.app.folders import plain_name
 from kennfeld.base.errors import Findings
 from kennfeld.domain import file_spans
-from kennfeld.importers.c.preprocessing import preprocess
 from kennfeld.models import function_files, importer_registry
 from kennfeld.preprocessing import recording_sources, recordings
 
@@ -38,6 +37,7 @@ def test_the_colon_of_a_drive_does_not_separate_a_function(reference, parts):
     assert function_files.split_reference(reference) == parts
 
 
+@pytest.mark.guests
 def test_the_kind_of_a_function_file_does_not_depend_on_its_drive():
     assert function_files.importer_of_function(r"D:\a\KNOCK.ONNX").endings == (".onnx",)
     assert function_files.importer_of_function(r"D:\a.onnx\engine") is None
@@ -65,8 +65,11 @@ def test_a_dataset_is_named_after_its_file():
     assert recordings.default_name([r"D:\a\run_1.csv", r"D:\a\run_2.csv"], r"a\run_*.csv") == "run"
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize("name", [r"..\secret.h", r"D:\secret.h", "D:secret.h", "../secret.h"])
 def test_c_code_includes_files_of_its_own_folder_only(name, tmp_path):
+    from kennfeld.importers.c.preprocessing import preprocess
+
     folder = tmp_path / "code"
     folder.mkdir()
     literal = [folder / name] if os.name == "posix" else []  # a name as Windows would resolve it

@@ -12,6 +12,7 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # type checkers take this name for true; the module `typing` would cost 10 ms
 if TYPE_CHECKING:
+    from types import ModuleType
     from typing import Any
 
     from kennfeld import report
@@ -161,9 +162,20 @@ def __getattr__(name: str) -> "Any":
         from kennfeld.base.formatting import nearest
 
         raise AttributeError(f"module 'kennfeld' has no attribute {name!r}. {nearest(name, __all__)}".strip())
-    value = getattr(import_module(f"kennfeld.{_MODULE_OF[name]}"), _NAME_THERE.get(name, name))
+    value = getattr(_module_of(name), _NAME_THERE.get(name, name))
     globals()[name] = value
     return value
+
+
+def _module_of(name: str) -> "ModuleType":
+    module = f"kennfeld.{_MODULE_OF[name]}"
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        guest = ".".join(module.split(".")[:3])
+        if not module.startswith("kennfeld.importers.") or error.name not in ("kennfeld.importers", guest):
+            raise
+        raise AttributeError(f"kennfeld.{name} needs the importer {guest}, which is not installed") from None
 
 
 def __dir__() -> list[str]:

@@ -15,7 +15,7 @@ def slowly(error, edges, lag):
     return np.mean([x * y for x, y in pairs]) if pairs else 0.0
 
 
-@few_or_many(st.integers(0, 10_000), st.integers(8, 60), st.integers(8, 40), st.floats(0, 0.4), few=12, many=100)
+@few_or_many(st.integers(0, 10_000), st.integers(8, 60), st.integers(8, 40), st.floats(0, 0.4), few=6, many=100)
 def test_is_the_mean_over_all_pairs_within_a_piece(seed, first, second, missing):
     rng = np.random.default_rng(seed)
     error = rng.normal(size=first + second) + 3.0

@@ -31,6 +31,7 @@ def states(session: Session) -> dict[str, str]:
     return {block["path"]: block["state"] for block in QUESTIONS["diagram"](session, {}).head["blocks"]}
 
 
+@pytest.mark.guests
 def test_the_diagram_has_all_blocks_and_the_lines_that_come_from_them(sensor: Session) -> None:
     own = QUESTIONS["diagram"](sensor, {}).head
     blocks = {block["path"]: block for block in own["blocks"]}
@@ -47,6 +48,7 @@ def test_the_diagram_has_all_blocks_and_the_lines_that_come_from_them(sensor: Se
     assert own["problems"] == []
 
 
+@pytest.mark.guests
 def test_without_its_binding_and_its_script_the_diagram_says_what_is_missing(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None), (("model", "parameters"), None))
     own = QUESTIONS["diagram"](sensor, {}).head
@@ -66,6 +68,7 @@ def test_without_its_binding_and_its_script_the_diagram_says_what_is_missing(sen
     }  # fmt: skip
 
 
+@pytest.mark.guests
 def test_a_part_can_be_imported_alone(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None))
     [part] = QUESTIONS["parts"](sensor, {}).head["parts"]
@@ -77,6 +80,8 @@ def test_a_part_can_be_imported_alone(sensor: Session) -> None:
     assert "Sensor" in own["subsystems"]
 
 
+@pytest.mark.guests
+@pytest.mark.guests
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
@@ -121,6 +126,7 @@ def write_model(folder: Path, **options: str) -> Path:
     return folder / "kennfeld.toml"
 
 
+@pytest.mark.guests
 def test_a_remark_on_the_model_does_not_stop_it(tmp_path: Path) -> None:
     project = write_model(tmp_path)
     project.write_text(f"{project.read_text()}[parameters.K]\ninitial = 1.0\n")
@@ -132,6 +138,7 @@ def test_a_remark_on_the_model_does_not_stop_it(tmp_path: Path) -> None:
     assert "y = K * u" in {line["text"] for line in own["lines"]}
 
 
+@pytest.mark.guests
 def test_a_solver_is_named_for_models_with_continuous_states(sensor: Session, tmp_path: Path) -> None:
     project = write_model(tmp_path / "discrete")
     project.write_text(f"{project.read_text()}[parameters.K]\ninitial = 1.0\n")
@@ -139,12 +146,14 @@ def test_a_solver_is_named_for_models_with_continuous_states(sensor: Session, tm
     assert solvers == ["ode3", ""]
 
 
+@pytest.mark.guests
 def test_a_missing_dictionary_is_named_with_what_stops_the_import(tmp_path: Path) -> None:
     own = QUESTIONS["diagram"](Session(write_model(tmp_path, dictionary="plant.sldd")), {}).head
     assert [each["name"] for each in own["undefined"]] == ["K"]
     assert [problem["message"] for problem in own["stopped"]] == ["needs plant.sldd, which was not found"]
 
 
+@pytest.mark.guests
 def test_an_unknown_block_is_named_and_the_blocks_are_still_shown(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind", "Sensor/Radiaton"), "1"))
     own = QUESTIONS["diagram"](sensor, {}).head
@@ -152,6 +161,7 @@ def test_an_unknown_block_is_named_and_the_blocks_are_still_shown(sensor: Sessio
     assert len(own["blocks"]) == 24
 
 
+@pytest.mark.guests
 def test_settings_of_another_kind_are_no_reason_to_fail(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), 3), (("model", "parameters"), 4), (("calibration", "initial"), 5))
     source = ImportSource.of(sensor.settings, sensor.path)
@@ -159,6 +169,7 @@ def test_settings_of_another_kind_are_no_reason_to_fail(sensor: Session) -> None
     assert (source.request.options.bind, source.request.options.parameters) == ((), ())
 
 
+@pytest.mark.guests
 def test_formula_text_that_a_model_is_converted_to_gives_the_same_errors(sensor: Session) -> None:
     before = sensor.require_view().now
     answer = COMMANDS["convert-function"](sensor, {})
@@ -174,12 +185,14 @@ def test_formula_text_that_a_model_is_converted_to_gives_the_same_errors(sensor:
     assert not sensor.stale
 
 
+@pytest.mark.guests
 def test_a_model_that_is_stopped_cannot_be_converted(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None))
     with pytest.raises(InputError, match="Sensor/Radiation"):
         COMMANDS["convert-function"](sensor, {})
 
 
+@pytest.mark.guests
 def test_new_formula_text_is_the_function_until_it_is_undone(sensor: Session) -> None:
     answer = COMMANDS["new-function"](sensor, {})
     assert answer.head["file"] == "function.kf"
@@ -192,6 +205,7 @@ def test_new_formula_text_is_the_function_until_it_is_undone(sensor: Session) ->
     assert sensor.settings["model"]["file"] == "exhaust.mdl"
 
 
+@pytest.mark.guests
 def test_a_model_that_was_changed_on_disk_is_read_again(sensor: Session) -> None:
     path = sensor.path.parent / "exhaust.m"
     path.write_text(path.read_text("utf-8").replace("KRetard", "KLate"))
@@ -200,6 +214,7 @@ def test_a_model_that_was_changed_on_disk_is_read_again(sensor: Session) -> None
     assert [each["name"] for each in QUESTIONS["diagram"](sensor, {}).head["undefined"]] == ["KRetard"]
 
 
+@pytest.mark.guests
 def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
     read = QUESTIONS["formula-reads"](sensor, {"text": "0.15 * (t_wund - Speed)"}).head
     unknown, known = read["channels"]
@@ -209,6 +224,7 @@ def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
     assert "unclosed" in QUESTIONS["formula-reads"](sensor, {"text": "(1 + 2"}).head["problem"]
 
 
+@pytest.mark.guests
 def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> None:
     nodes = {node["name"]: node for node in QUESTIONS["flow"](Session(torque), {}).head["nodes"]}
     assert nodes["etaSpark"]["sources"] == ["deltaSpark"]

@@ -53,6 +53,7 @@ def test_a_misspelt_table_is_underlined_and_corrected(torque: Path) -> None:
         assert "MapOptTorque(Speed, Rel_Airmass))" in editor.inner_text()
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_a_simulink_model_is_unbound_bound_and_converted(tmp_path: Path) -> None:
     shutil.copytree(EXAMPLE, tmp_path / "sensor")
@@ -87,6 +88,7 @@ def test_a_simulink_model_is_unbound_bound_and_converted(tmp_path: Path) -> None
         page.wait_for_selector("[role=tree]")
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_a_broken_model_is_one_message_and_the_page_lives_on(torque: Path) -> None:
     broken = torque.parent / "engine.slx"
@@ -99,6 +101,7 @@ def test_a_broken_model_is_one_message_and_the_page_lives_on(torque: Path) -> No
         page.wait_for_selector("[data-split=error]")
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
     with project_page(torque, "function") as page:
@@ -110,6 +113,7 @@ def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
         page.wait_for_selector("[data-missing]", state="detached")
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
     with started(None, tmp_path) as (address, _), browser_page(address) as page:
@@ -121,6 +125,7 @@ def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
     assert (tmp_path / "exhaust" / "exhaust.mdl").is_file()
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_a_project_begins_with_the_files_of_an_ascet_application(tmp_path: Path) -> None:
     paths = [tmp_path / "ascet" / Path(name).name for name in BATTERY]
@@ -141,6 +146,7 @@ def test_a_project_begins_with_the_files_of_an_ascet_application(tmp_path: Path)
     assert (tmp_path / "Battery/Cell/Accu.esdl").is_file()
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_a_project_begins_with_the_folders_of_an_ascet_project(tmp_path: Path) -> None:
     folder = write_project(tmp_path / "ascet", BATTERY)
@@ -157,6 +163,7 @@ def test_a_project_begins_with_the_folders_of_an_ascet_project(tmp_path: Path) -
     assert not list((tmp_path / "Battery").rglob("*.bd"))
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_a_class_shows_its_values_at_the_cursor_and_its_errors_at_the_line(tmp_path: Path) -> None:
     folder = write_project(tmp_path, BATTERY)
@@ -178,6 +185,7 @@ def test_a_class_shows_its_values_at_the_cursor_and_its_errors_at_the_line(tmp_p
         assert page.is_disabled("button:text-is('Edit as formula text')")
 
 
+@pytest.mark.guests
 @pytest.mark.slow
 def test_tasks_are_chosen_by_boxes(tmp_path: Path) -> None:
     folder = write_project(tmp_path, BATTERY)

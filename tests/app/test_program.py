@@ -15,6 +15,8 @@ from tests.importers.ascet.amd_files import write_archive
 from tests.importers.ascet.component_samples import LOW_PASS, plant_component
 from tests.importers.ascet.esdl_projects import BATTERY, LIBRARY, write_project
 
+pytestmark = pytest.mark.guests
+
 TOML = """[model]
 file = "Battery/Cell/Accu.esdl"
 [[dataset]]

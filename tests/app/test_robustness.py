@@ -195,11 +195,11 @@ def test_a_symbolic_link_out_of_the_folder_is_not_followed(server: Served, torqu
 
 
 def test_an_upload_that_is_too_large_is_refused_and_leaves_nothing(torque: Path, tmp_path: Path) -> None:
-    before = {path.name for path in torque.parent.iterdir()}
+    before = {path.name for path in torque.parent.iterdir()} | {".kennfeld"}  # the cache of what is slow to read
     with served(torque, tmp_path, "import kennfeld.app.server.server as own; own.MAX_UPLOAD = 1000") as own:
         headers = {"Cookie": own.cookie, "Origin": f"http://{own.host}"}
         assert own.request("PUT", "/upload/large.csv", headers, b"x" * 1001)[0] == 413
-        assert {path.name for path in torque.parent.iterdir()} == before
+        assert {path.name for path in torque.parent.iterdir()} <= before
         assert own.request("PUT", "/upload/small.csv", headers, b"x" * 1000)[0] == 200
 
 

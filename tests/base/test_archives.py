@@ -25,7 +25,7 @@ def fault(path):
 BOMB = [bytes(1_000_000)] * (most_unpacked(100_000) // 1_000_000 + 1)
 
 
-def test_a_member_that_unpacks_to_a_hundred_times_its_size_is_told(tmp_path):
+def test_a_member_that_unpacks_to_a_hundred_times_its_size_is_refused(tmp_path):
     assert fault(packed(tmp_path / "a.zip", BOMB)).startswith("sheet.xml holds 42 MB or more, packed into 0.0 MB")
 
 
@@ -38,7 +38,7 @@ def test_a_large_member_that_is_not_packed_is_fine(tmp_path):
     assert fault(packed(tmp_path / "a.zip", BOMB, zipfile.ZIP_STORED)) == ""
 
 
-def test_a_member_that_hides_its_size_is_told(tmp_path, monkeypatch):
+def test_a_member_that_hides_its_size_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 400)
     path = packed(tmp_path / "a.zip", [bytes(10_000)] * 2000)
     with zipfile.ZipFile(path) as archive:
@@ -57,14 +57,14 @@ def test_a_member_that_claims_to_be_longer_than_the_file_or_is_garbled_comes_to_
         assert find_oversized(archive) == ""
 
 
-def test_a_workbook_that_claims_more_texts_than_it_has_room_for_is_told(tmp_path):
-    for count, said in ((3, ""), (10**9, "xl/sharedStrings.xml claims to hold 1000000000 texts")):
+def test_a_workbook_that_claims_more_texts_than_it_has_room_for_is_refused(tmp_path):
+    for count, message in ((3, ""), (10**9, "xl/sharedStrings.xml claims to hold 1000000000 texts")):
         with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
             archive.writestr("xl/sharedStrings.xml", f'<sst count="3" uniqueCount="{count}"><si><t>a</t></si></sst>')
-        assert fault(tmp_path / "a.zip") == said
+        assert fault(tmp_path / "a.zip") == message
 
 
-def test_members_that_share_their_packed_bytes_are_told_together(tmp_path, monkeypatch):
+def test_members_that_share_their_packed_bytes_are_reported_together(tmp_path, monkeypatch):
     monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 400)
     path = packed(tmp_path / "a.zip", [bytes(900_000)])
     with zipfile.ZipFile(path) as archive:

@@ -145,7 +145,7 @@ def test_a_block_that_fails_leaves_the_old_file(file):
     assert names_in(file.parent) == ["a.txt"]
 
 
-def test_what_a_killed_process_left_is_no_obstacle(file):
+def test_remains_of_a_killed_process_are_ignored(file):
     with replace_atomically(file) as beside:
         pass
     file.write_text("old", encoding="utf-8")

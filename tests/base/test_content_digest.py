@@ -35,6 +35,6 @@ def test_other_processes_compute_the_same():
     assert run.stdout.strip() == digest_of(frozenset("cba"), {"x": (1.5, None)})
 
 
-def test_what_has_no_contents_has_no_digest():
+def test_a_function_has_no_digest():
     with pytest.raises(TypeError, match="a function has no digest"):
         digest_of(lambda: None)

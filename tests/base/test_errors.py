@@ -30,7 +30,7 @@ def test_a_finding_reads_as_place_problem_and_mend(finding, text):
     assert str(finding) == text
 
 
-def test_a_finding_is_an_error_unless_it_says_warning():
+def test_a_finding_is_an_error_unless_it_is_marked_as_a_warning():
     assert Finding(Location("a"), "b").severity == "error"
     assert Finding(Location("a"), "b", severity="warning").severity == "warning"
 
@@ -77,7 +77,7 @@ def test_characters_that_act_on_a_terminal_become_escapes(text, shown):
     assert str(InputError.of(Location("a"), text)) == f"a: {shown}"
 
 
-def test_the_nearest_of_very_many_names_is_found():
+def test_the_nearest_of_very_many_names_is_suggested():
     names = [f"Channel_{i}" for i in range(20_000)]
     assert nearest("Chanel_17321", names) == "Did you mean Channel_17321?"
     assert nearest("Torque", names) == ""

@@ -92,7 +92,7 @@ def test_other_arguments_are_another_result(reader):
     assert reader.look(reader.file, factor=3) == 3
 
 
-def test_what_changes_while_it_is_read_is_not_kept(reader):
+def test_content_that_changes_while_it_is_read_is_not_kept(reader):
     def read(path):
         text = path.read_text()
         path.write_text(text + "1", encoding="utf-8")
@@ -126,7 +126,7 @@ def test_errors_are_not_kept(tmp_path):
     assert look(tmp_path / "a.txt") == "1"
 
 
-def test_the_least_used_result_goes(reader):
+def test_the_least_used_result_is_removed(reader):
     for factor in (1, 2, 3, 1):
         reader.look(reader.file, factor)
     assert reader.reads == 4

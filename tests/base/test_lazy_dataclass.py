@@ -78,7 +78,7 @@ def test_any_fields_give_the_methods_of_the_standard_library(described, frozen, 
     assert vars(first) == vars(expected)
 
 
-def test_required_fields_must_be_given():
+def test_required_fields_must_be_set():
     with pytest.raises(TypeError, match=r"Point\.__init__\(\) missing 1 required positional argument: 'x'"):
         Point()
 

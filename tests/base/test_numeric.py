@@ -15,9 +15,9 @@ from kennfeld.base.numeric import array, number, truths
     [2, 2.0, np.int8(2), np.float32(2), np.uint64(2), np.array(2), np.array(2.0, ">f8"), Fraction(2), Decimal(2)],
 )
 def test_a_number_of_any_type_becomes_a_float(given):
-    found = number(given, "weight", "dataset bench", least=0)
-    assert type(found) is float
-    assert found == 2.0
+    weight = number(given, "weight", "dataset bench", least=0)
+    assert type(weight) is float
+    assert weight == 2.0
 
 
 def test_a_truth_value_counts_as_a_number():
@@ -41,7 +41,7 @@ def test_a_truth_value_counts_as_a_number():
         (np.int64(-1), "-1"),
     ],
 )
-def test_what_is_no_number_or_out_of_range_is_refused(given, shown):
+def test_other_types_and_numbers_out_of_range_are_refused(given, shown):
     with pytest.raises(ArgumentError, match=f"weight={shown}.* of dataset bench must be a finite number >= 0"):
         number(given, "weight", "dataset bench", least=0)
 
@@ -71,10 +71,10 @@ def test_a_limit_itself_may_be_left_out():
     ],
 )
 def test_numbers_become_doubles(given, expected):
-    found = array(given, "Gain")
-    assert found.dtype == np.float64
-    assert found.dtype.isnative
-    np.testing.assert_array_equal(found, expected)
+    gain = array(given, "Gain")
+    assert gain.dtype == np.float64
+    assert gain.dtype.isnative
+    np.testing.assert_array_equal(gain, expected)
 
 
 def test_doubles_are_not_copied():
@@ -95,7 +95,7 @@ def test_doubles_are_not_copied():
         ("high", "Gain must be numbers, got 'high'"),
     ],
 )
-def test_what_is_no_numbers_is_told(given, message):
+def test_arrays_of_other_types_are_refused(given, message):
     with pytest.raises(ArgumentError) as error:
         array(given, "Gain")
     assert str(error.value) == message
@@ -104,8 +104,8 @@ def test_what_is_no_numbers_is_told(given, message):
 def test_columns_of_tables_with_types_of_their_own_are_read():
     pandas = pytest.importorskip("pandas")
     for kind in ("Int64", "Float32", "boolean"):
-        found = array(pandas.Series([1, None, 0], dtype=kind), "Gain")
-        np.testing.assert_array_equal(found, [1, np.nan, 0])
+        gain = array(pandas.Series([1, None, 0], dtype=kind), "Gain")
+        np.testing.assert_array_equal(gain, [1, np.nan, 0])
     np.testing.assert_array_equal(array(pandas.Series([1, 2]).astype("category"), "Gain"), [1, 2])
     with pytest.raises(ArgumentError, match="Gain must be numbers, got 'high' at position 2"):
         array(pandas.Series([1, "high"], dtype="category"), "Gain")
@@ -114,9 +114,9 @@ def test_columns_of_tables_with_types_of_their_own_are_read():
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.int16, object])
-def test_what_a_masked_array_masks_is_missing(kind):
-    given = np.ma.array([[1, 999], [3, 4]], mask=[[0, 1], [0, 0]], dtype=kind)
-    np.testing.assert_array_equal(array(given, "Gain"), [[1, np.nan], [3, 4]])
+def test_masked_values_are_missing(kind):
+    masked = np.ma.array([[1, 999], [3, 4]], mask=[[0, 1], [0, 0]], dtype=kind)
+    np.testing.assert_array_equal(array(masked, "Gain"), [[1, np.nan], [3, 4]])
 
 
 def test_numbers_are_taken_while_another_thread_loads_masked_arrays(monkeypatch):
@@ -147,7 +147,7 @@ def test_truth_values_may_be_numbers():
         (np.ma.array([True, True], mask=[0, 1]), "locked of Gain must be true or false, but a value is missing"),
     ],
 )
-def test_what_is_neither_true_nor_false_is_told(given, message):
+def test_values_other_than_true_and_false_are_refused(given, message):
     with pytest.raises(ArgumentError) as error:
         truths(given, "locked of Gain")
     assert str(error.value) == message

@@ -43,7 +43,7 @@ def test_no_part_may_be_a_link(project: Path, name: str) -> None:
 
 
 @links
-def test_what_the_user_names_outside_may_be_a_link(project: Path, tmp_path: Path) -> None:
+def test_files_named_by_the_user_may_be_links(project: Path, tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path)
     (project / "link").symlink_to(tmp_path)
     assert below(project, tmp_path / "link" / "a") == tmp_path / "link" / "a"

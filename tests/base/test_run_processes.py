@@ -53,7 +53,7 @@ def is_running(number):
     return False
 
 
-def test_a_process_that_left_its_session_ends_with_the_run(run):
+def test_a_process_outside_its_session_ends_with_the_run(run):
     processes, process, runaway = run(RUNAWAY)
     process.wait()
     assert [each.number for each in processes.find()] == [runaway]
@@ -87,7 +87,7 @@ def test_processes_of_kennfeld_are_not_surplus(run):
     assert not processes.takes_more_than(1 << 40)
 
 
-def test_a_program_may_be_told_to_outlive_the_run(monkeypatch):
+def test_a_program_may_be_allowed_to_outlive_the_run(monkeypatch):
     monkeypatch.setenv(MARK, "above")
     with unmarked():
         assert MARK not in os.environ

@@ -15,8 +15,8 @@ SHARES = (0.0, 0.001, 0.25, 0.5, 0.95, 1.0)
 
 def quantiles(parts):
     search = gather(Ranks.of, parts).search(SHARES)
-    found = gather(search.part, parts)
-    return [found.quantile(share) for share in SHARES]
+    quantile_search = gather(search.part, parts)
+    return [quantile_search.quantile(share) for share in SHARES]
 
 
 @few_or_many(NUMBERS, CUTS, few=20, many=100)

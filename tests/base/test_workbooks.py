@@ -23,7 +23,7 @@ def test_the_rectangle_holds_all_cells(text, extent):
     assert extent_of_text(lambda: iter([raw])) == extent
 
 
-def test_a_place_that_is_cut_by_the_end_of_a_part_is_seen():
+def test_a_place_cut_by_the_end_of_a_part_is_detected():
     raw = b'<row r="1"><c r="A1"/>' + b" " * 200 + b'<c s="0" r="B77"/></row>'
     for cut in range(200, len(raw)):
         assert extent_of_text(lambda: iter([raw[:cut], raw[cut - OVERLAP :]]))[1] >= 77  # noqa: B023

@@ -48,7 +48,7 @@ def test_a_flag_is_a_word_or_a_digit():
         ('<!DOCTYPE a SYSTEM "b.dtd"><a>&c;</a>', "uses the undeclared entity c"),
     ],
 )
-def test_what_is_damaged_or_beyond_the_limits_is_refused(text, message):
+def test_damaged_archives_and_those_beyond_the_limits_are_refused(text, message):
     with pytest.raises(InputError, match=message):
         parse(text)
 

@@ -84,17 +84,17 @@ def read(raw, memory):
     """The parameters, and the remarks."""
     a2l, remarks = parsed(raw)
     findings = FileFindings("ecu.a2l")
-    found = read_parameters(a2l, image_of(memory), findings)
-    return found, remarks + [str(one) for one in findings.finish()]
+    parameters = read_parameters(a2l, image_of(memory), findings)
+    return parameters, remarks + [str(one) for one in findings.finish()]
 
 
 def write(raw, memory, change):
     """The image after writing what `change` makes of the parameters, and the remarks; raises `InputError`."""
     a2l, _ = parsed(raw)
     image = image_of(memory)
-    given = change(read_parameters(a2l, image, FileFindings("")))
+    current = change(read_parameters(a2l, image, FileFindings("")))
     findings = FileFindings("new.hex")
-    content = write_values(a2l, image, given, findings)
+    content = write_values(a2l, image, current, findings)
     remarks = [str(one) for one in findings.finish()]
     again = FileFindings("")
     return read_image(content, "new.hex", again), remarks

@@ -69,5 +69,5 @@ def _map(draw, name, axes, **attributes):
 
 
 def _cube(draw, name, axes, **attributes):
-    made = [draw(axes) for _ in range(draw(st.sampled_from([3, 4])))]
-    return Cube(name, made, draw(values(*map(len, made))), **attributes)
+    axes_drawn = [draw(axes) for _ in range(draw(st.sampled_from([3, 4])))]
+    return Cube(name, axes_drawn, draw(values(*map(len, axes_drawn))), **attributes)

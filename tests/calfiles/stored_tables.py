@@ -33,8 +33,8 @@ def stored_in_dcm(path):
         elif word == "WERT" and name:
             rows += map(float, rest)
         elif word == "END" and name:
-            given, width = [axis for axis in axes.values() if axis], len(axes["x"])
-            tables[name] = _pair(given, lambda i, j=0, rows=rows, width=width: rows[j * width + i])
+            stored_axes, width = [axis for axis in axes.values() if axis], len(axes["x"])
+            tables[name] = _pair(stored_axes, lambda i, j=0, rows=rows, width=width: rows[j * width + i])
             name = ""
     return tables
 

@@ -12,16 +12,16 @@ MAP_AXES = axis("STD_AXIS", 3) + axis("STD_AXIS", 2)
 
 def one(*blocks, memory, common=None):
     """The only label of these blocks, which is read without a remark."""
-    found, remarks = read(module(*blocks) if common is None else module(*blocks, common=common), memory)
+    parameters, remarks = read(module(*blocks) if common is None else module(*blocks, common=common), memory)
     assert remarks == []
-    [member] = found.parameters
+    [member] = parameters.parameters
     return member
 
 
 def aside(*blocks, memory=bytes(64)):
     """Why the only label of these blocks is left aside."""
-    found, remarks = read(module(*blocks), memory)
-    assert "L" not in found
+    parameters, remarks = read(module(*blocks), memory)
+    assert "L" not in parameters
     return "\n".join(remarks)
 
 
@@ -42,8 +42,8 @@ def aside(*blocks, memory=bytes(64)):
     ],
 )
 def test_every_data_type_is_read(kind, content, value):
-    found = one(layout(f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"), label("VALUE"), memory=content)
-    assert (found.kind, found.value) == ("scalar", value)
+    member = one(layout(f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"), label("VALUE"), memory=content)
+    assert (member.kind, member.value) == ("scalar", value)
 
 
 @pytest.mark.parametrize(
@@ -62,11 +62,11 @@ def test_every_byte_order_is_read(order, content):
     assert one(blocks[0], label("VALUE"), memory=content, common=common).value == 0x01020304
 
 
-def test_an_order_that_two_versions_name_differently_is_told():
+def test_an_order_that_two_versions_name_differently_is_reported():
     common = '/begin MOD_COMMON "" BYTE_ORDER BIG_ENDIAN /end MOD_COMMON'
     blocks = module(layout("FNC_VALUES 1 UWORD ROW_DIR DIRECT"), label("VALUE"), common=common)
-    found, remarks = read(blocks, b"\x01\x02")
-    assert found["L"].value == 0x0102
+    parameters, remarks = read(blocks, b"\x01\x02")
+    assert parameters["L"].value == 0x0102
     assert "BYTE_ORDER BIG_ENDIAN is read as MSB_FIRST" in remarks[0]
 
 
@@ -85,8 +85,8 @@ def test_rows_run_along_x_and_columns_along_y():
     entries += ["AXIS_PTS_Y 4 UBYTE INDEX_INCR DIRECT"]
     rows = one(layout(*entries, "FNC_VALUES 5 UBYTE ROW_DIR DIRECT"), label("MAP", MAP_AXES), memory=content)
     columns = one(layout(*entries, "FNC_VALUES 5 UBYTE COLUMN_DIR DIRECT"), label("MAP", MAP_AXES), memory=content)
-    for found in (rows, columns):
-        assert [list(one.breakpoints) for one in found.axes] == [[10, 20, 30], [1, 2]]
+    for member in (rows, columns):
+        assert [list(one.breakpoints) for one in member.axes] == [[10, 20, 30], [1, 2]]
     assert rows.values.tolist() == [[11, 14], [12, 15], [13, 16]]
     assert columns.values.tolist() == [[11, 12], [13, 14], [15, 16]]
 
@@ -128,21 +128,21 @@ def test_rows_and_columns_may_alternate_with_the_points_of_one_axis():
         "FNC_VALUES 3 UBYTE ALTERNATE_WITH_X DIRECT",
     )
     content = bytes([1, 2, 10, 11, 12, 20, 13, 14, 30, 15, 16])
-    found = one(by_x, label("MAP", MAP_AXES), memory=content)
-    assert [list(one.breakpoints) for one in found.axes] == [[10, 20, 30], [1, 2]]
-    assert found.values.tolist() == [[11, 12], [13, 14], [15, 16]]
+    member = one(by_x, label("MAP", MAP_AXES), memory=content)
+    assert [list(one.breakpoints) for one in member.axes] == [[10, 20, 30], [1, 2]]
+    assert member.values.tolist() == [[11, 12], [13, 14], [15, 16]]
     by_y = layout(*entries, "FNC_VALUES 3 UWORD ALTERNATE_WITH_Y DIRECT")
     content = bytes([10, 20, 30, 1, 11, 0, 12, 0, 13, 0, 2, 0, 14, 0, 15, 0, 16, 0])
-    found = one(by_y, label("MAP", MAP_AXES), memory=content)
-    assert found.values.tolist() == [[11, 14], [12, 15], [13, 16]]
+    member = one(by_y, label("MAP", MAP_AXES), memory=content)
+    assert member.values.tolist() == [[11, 14], [12, 15], [13, 16]]
 
 
-def test_curves_that_share_memory_are_left_aside():
+def test_curves_that_share_memory_are_skipped():
     blocks = layout("FNC_VALUES 1 UBYTE ALTERNATE_CURVES DIRECT"), label("CURVE", axis("FIX_AXIS", 2))
     assert "ALTERNATE_CURVES does not state how many curves share the memory; skipped" in aside(*blocks)
 
 
-def test_parts_that_say_nothing_to_calibration_take_their_room():
+def test_parts_without_calibration_data_take_their_room():
     entries = [
         "IDENTIFICATION 1 UWORD",
         "SRC_ADDR_X 2 ULONG",
@@ -156,8 +156,8 @@ def test_parts_that_say_nothing_to_calibration_take_their_room():
     ]
     # identification at 0, address aligned to 4, count at 8, reserved at 9, address at 10, points at 12, values at 16
     content = bytes(8) + b"\x02\x99\xaa\xaa" + b"\x05\x06\x99" + b"\x00" + struct.pack("<2h", -7, 8) + bytes(2)
-    found = one(layout(*entries), label("CURVE", axis("STD_AXIS", 4)), memory=content)
-    assert (list(found.axes[0].breakpoints), list(found.values)) == ([5, 6], [-7, 8])
+    member = one(layout(*entries), label("CURVE", axis("STD_AXIS", 4)), memory=content)
+    assert (list(member.axes[0].breakpoints), list(member.values)) == ([5, 6], [-7, 8])
 
 
 def test_positions_count_and_not_the_order_of_the_lines():
@@ -180,8 +180,8 @@ def test_the_layout_comes_before_the_module_in_alignment(border, common, values)
     content = bytearray(32)
     content[0] = 5
     content[values] = 77
-    found = one(blocks, label("CURVE", axis("STD_AXIS", 1)), memory=bytes(content), common=head)
-    assert list(found.values) == [77]
+    member = one(blocks, label("CURVE", axis("STD_AXIS", 1)), memory=bytes(content), common=head)
+    assert list(member.values) == [77]
 
 
 def test_a_table_closes_up_behind_its_points_unless_the_layout_is_static():
@@ -189,8 +189,8 @@ def test_a_table_closes_up_behind_its_points_unless_the_layout_is_static():
     curve = label("CURVE", axis("STD_AXIS", 4))
     assert list(one(layout(*entries), curve, memory=bytes([2, 1, 2, 7, 8])).values) == [7, 8]
     for static in ("STATIC_RECORD_LAYOUT", "STATIC_ADDRESS_OFFSETS"):
-        found = one(layout(*entries, static), curve, memory=bytes([2, 1, 2, 0, 0, 7, 8, 0, 0]))
-        assert list(found.values) == [7, 8]
+        member = one(layout(*entries, static), curve, memory=bytes([2, 1, 2, 0, 0, 7, 8, 0, 0]))
+        assert list(member.values) == [7, 8]
 
 
 def test_rows_of_a_static_map_keep_their_distance():
@@ -198,11 +198,11 @@ def test_rows_of_a_static_map_keep_their_distance():
     points = ["AXIS_PTS_X 3 UBYTE INDEX_INCR DIRECT", "AXIS_PTS_Y 4 UBYTE INDEX_INCR DIRECT"]
     values = "FNC_VALUES 5 UBYTE ROW_DIR DIRECT"
     content = bytes([2, 2, 1, 2, 0, 1, 2, 11, 12, 0, 13, 14, 0])
-    found = one(layout(*counts, *points, values, "STATIC_RECORD_LAYOUT"), label("MAP", MAP_AXES), memory=content)
-    assert found.values.tolist() == [[11, 13], [12, 14]]
+    member = one(layout(*counts, *points, values, "STATIC_RECORD_LAYOUT"), label("MAP", MAP_AXES), memory=content)
+    assert member.values.tolist() == [[11, 13], [12, 14]]
     content = bytes([2, 2, 1, 2, 0, 1, 2, 11, 12, 13, 14, 0, 0])
-    found = one(layout(*counts, *points, values, "STATIC_ADDRESS_OFFSETS"), label("MAP", MAP_AXES), memory=content)
-    assert found.values.tolist() == [[11, 13], [12, 14]]
+    member = one(layout(*counts, *points, values, "STATIC_ADDRESS_OFFSETS"), label("MAP", MAP_AXES), memory=content)
+    assert member.values.tolist() == [[11, 13], [12, 14]]
 
 
 def test_numbers_of_points_may_stand_behind_them_in_a_static_layout():
@@ -215,12 +215,12 @@ def test_numbers_of_points_may_stand_behind_them_in_a_static_layout():
 
 def test_a_number_of_points_may_be_fixed_by_the_layout():
     entries = ["FIX_NO_AXIS_PTS_X 2", "AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"]
-    found = one(layout(*entries), label("CURVE", axis("STD_AXIS", 9)), memory=bytes([1, 2, 7, 8]))
-    assert list(found.values) == [7, 8]
+    member = one(layout(*entries), label("CURVE", axis("STD_AXIS", 9)), memory=bytes([1, 2, 7, 8]))
+    assert list(member.values) == [7, 8]
 
 
 @pytest.mark.parametrize("count", [0, 5, 255])
-def test_a_number_of_points_that_cannot_be_is_told(count):
+def test_an_impossible_number_of_points_is_reported(count):
     entries = ["NO_AXIS_PTS_X 1 UBYTE", "AXIS_PTS_X 2 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 3 UBYTE ROW_DIR DIRECT"]
     message = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 4)), memory=bytes([count, *range(40)]))
     assert f"states {count} axis points in direction X, but at most 4 are allowed; skipped" in message
@@ -237,16 +237,16 @@ def test_a_number_of_points_that_cannot_be_is_told(count):
 def test_a_fixed_axis_is_counted_in_raw_numbers(entry, points):
     curve = label("CURVE", axis("FIX_AXIS", 4, entry, conversion="CM", quantity="Speed"))
     blocks = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), method("CM", "LINEAR", "COEFFS_LINEAR 0.5 1", "rpm")
-    found = one(*blocks, curve, memory=bytes([1, 2, 3, 4]))
-    assert list(found.axes[0].breakpoints) == [0.5 * point + 1 for point in points]
-    assert (found.axes[0].unit, found.axes[0].input) == ("rpm", "Speed")
+    member = one(*blocks, curve, memory=bytes([1, 2, 3, 4]))
+    assert list(member.axes[0].breakpoints) == [0.5 * point + 1 for point in points]
+    assert (member.axes[0].unit, member.axes[0].input) == ("rpm", "Speed")
 
 
 @pytest.mark.parametrize(("distance", "points"), [("DIST_OP_X", [5, 8, 11]), ("SHIFT_OP_X", [5, 13, 21])])
 def test_a_fixed_axis_may_be_stated_in_the_memory(distance, points):
     entries = "OFFSET_X 1 UBYTE", f"{distance} 2 UBYTE", "FNC_VALUES 3 UBYTE ROW_DIR DIRECT"
-    found = one(layout(*entries), label("CURVE", axis("FIX_AXIS", 3)), memory=bytes([5, 3, 7, 8, 9]))
-    assert list(found.axes[0].breakpoints) == points
+    member = one(layout(*entries), label("CURVE", axis("FIX_AXIS", 3)), memory=bytes([5, 3, 7, 8, 9]))
+    assert list(member.axes[0].breakpoints) == points
 
 
 COMMON_AXIS = layout("NO_AXIS_PTS_X 1 UBYTE", "AXIS_PTS_X 2 UBYTE INDEX_INCR DIRECT", name="RA")
@@ -256,34 +256,34 @@ def test_tables_take_common_breakpoints_and_their_number():
     blocks = COMMON_AXIS, shared_axis(9, conversion="CM"), method("CM", "LINEAR", "COEFFS_LINEAR 10 0", "rpm")
     curve = label("CURVE", axis("COM_AXIS", 9, "AXIS_PTS_REF A"))
     memory = {ADDRESS: bytes([7, 8, 9]), 0x2000: bytes([3, 1, 2, 4])}
-    found, remarks = read(module(*blocks, curve, layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")), memory)
+    parameters, remarks = read(module(*blocks, curve, layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")), memory)
     assert remarks == []
-    [group] = found.axes
+    [group] = parameters.axes
     assert (group.name, group.unit, list(group.breakpoints)) == ("A", "rpm", [10, 20, 40])
-    assert found["L"].axes[0] == group
-    assert list(found["L"].values) == [7, 8, 9]
+    assert parameters["L"].axes[0] == group
+    assert list(parameters["L"].values) == [7, 8, 9]
 
 
 def test_breakpoints_may_be_kept_as_distances():
     blocks = layout("AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT")
     curve = label("CURVE", axis("STD_AXIS", 3, "DEPOSIT DIFFERENCE"))
-    found = one(blocks, curve, memory=bytes([10, 5, 20, 1, 2, 3]))
-    assert list(found.axes[0].breakpoints) == [10, 15, 35]
+    member = one(blocks, curve, memory=bytes([10, 5, 20, 1, 2, 3]))
+    assert list(member.axes[0].breakpoints) == [10, 15, 35]
 
 
 @pytest.mark.parametrize("order", ["INDEX_INCR", "INDEX_DECR"])
 def test_a_falling_axis_is_turned_with_its_values(order):
     entries = f"AXIS_PTS_X 1 UBYTE {order} DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"
-    found = one(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=bytes([30, 20, 10, 3, 2, 1]))
-    assert (list(found.axes[0].breakpoints), list(found.values)) == ([10, 20, 30], [1, 2, 3])
+    member = one(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=bytes([30, 20, 10, 3, 2, 1]))
+    assert (list(member.axes[0].breakpoints), list(member.values)) == ([10, 20, 30], [1, 2, 3])
 
 
 def test_a_falling_common_axis_turns_the_tables_that_use_it():
     axes = axis("COM_AXIS", 3, "AXIS_PTS_REF A") + axis("FIX_AXIS", 2, "FIX_AXIS_PAR_DIST 0 1 2")
     blocks = COMMON_AXIS, shared_axis(3), label("MAP", axes), layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
-    found, _ = read(module(*blocks), {ADDRESS: bytes([1, 2, 3, 4, 5, 6]), 0x2000: bytes([3, 9, 8, 7])})
-    assert list(found.axes[0].breakpoints) == [7, 8, 9]
-    assert found["L"].values.tolist() == [[3, 6], [2, 5], [1, 4]]
+    parameters, _ = read(module(*blocks), {ADDRESS: bytes([1, 2, 3, 4, 5, 6]), 0x2000: bytes([3, 9, 8, 7])})
+    assert list(parameters.axes[0].breakpoints) == [7, 8, 9]
+    assert parameters["L"].values.tolist() == [[3, 6], [2, 5], [1, 4]]
 
 
 RESCALE = layout("NO_RESCALE_X 1 UBYTE", "RESERVED 2 BYTE", "AXIS_RESCALE_X 3 UBYTE 5 INDEX_INCR DIRECT", name="RA")
@@ -294,11 +294,11 @@ def test_a_rescale_axis_gives_breakpoints_where_every_pair_is_a_column(positions
     pairs = bytes([3, 0, 10, positions[0], 20, positions[1], 30, positions[2]])
     curve = label("CURVE", axis("RES_AXIS", 3, "AXIS_PTS_REF A"))
     blocks = RESCALE, shared_axis(5), curve, layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
-    found, remarks = read(module(*blocks), {ADDRESS: bytes([1, 2, 3, 4, 5]), 0x2000: pairs})
+    parameters, remarks = read(module(*blocks), {ADDRESS: bytes([1, 2, 3, 4, 5]), 0x2000: pairs})
     if read_in:
-        assert list(found["L"].axes[0].breakpoints) == [10, 20, 30]
+        assert list(parameters["L"].axes[0].breakpoints) == [10, 20, 30]
     else:
-        assert "L" not in found
+        assert "L" not in parameters
         assert "has breakpoints that cannot be derived from the positions of A; skipped" in remarks[1]
 
 
@@ -307,9 +307,9 @@ def test_a_curve_gives_breakpoints_where_every_point_is_a_column(positions, read
     curve = label("CURVE", axis("FIX_AXIS", 3, "FIX_AXIS_PAR_DIST 10 10 3"), name="C", address=0x2000)
     table = label("CURVE", axis("CURVE_AXIS", 3, "CURVE_AXIS_REF C"))
     blocks = curve, table, layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
-    found, _ = read(module(*blocks), {ADDRESS: bytes([1, 2, 3]), 0x2000: bytes(positions)})
-    assert ("L" in found) == read_in
-    assert not read_in or list(found["L"].axes[0].breakpoints) == [10, 20, 30]
+    parameters, _ = read(module(*blocks), {ADDRESS: bytes([1, 2, 3]), 0x2000: bytes(positions)})
+    assert ("L" in parameters) == read_in
+    assert not read_in or list(parameters["L"].axes[0].breakpoints) == [10, 20, 30]
 
 
 def test_curves_that_give_each_other_their_axes_end():
@@ -319,8 +319,8 @@ def test_curves_that_give_each_other_their_axes_end():
     good = label("CURVE", axis("CURVE_AXIS", 2, "CURVE_AXIS_REF F"), name="Good")
     fixed = label("CURVE", axis("FIX_AXIS", 2, "FIX_AXIS_PAR_DIST 5 5 2"), name="F")
     blocks = *curves, good, fixed, layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
-    found, remarks = read(module(*blocks), bytes([0, 1]))
-    assert list(found) == ["Good", "F"]
+    parameters, remarks = read(module(*blocks), bytes([0, 1]))
+    assert list(parameters) == ["Good", "F"]
     assert "300 labels" in remarks[0]
 
 
@@ -330,10 +330,10 @@ def test_blocks_and_texts_are_read():
     rows = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("VAL_BLK", "MATRIX_DIM 2 3 1")
     assert one(*rows, memory=bytes(range(6))).values.tolist() == [[0, 2, 4], [1, 3, 5]]
     assert list(one(rows[0], label("VAL_BLK", "NUMBER 4"), memory=bytes(range(4))).values) == [0, 1, 2, 3]
-    found, _ = read(module(rows[0], label("ASCII", "NUMBER 6")), b"Gr\xfc\xdfe\0")
-    assert found.texts[0].text == "Grüße"
-    found, _ = read(module(rows[0], label("ASCII", "MATRIX_DIM 6 ENCODING UTF8")), "Süß".encode() + b"\0")
-    assert found.texts[0].text == "Süß"
+    parameters, _ = read(module(rows[0], label("ASCII", "NUMBER 6")), b"Gr\xfc\xdfe\0")
+    assert parameters.texts[0].text == "Grüße"
+    parameters, _ = read(module(rows[0], label("ASCII", "MATRIX_DIM 6 ENCODING UTF8")), "Süß".encode() + b"\0")
+    assert parameters.texts[0].text == "Süß"
     assert "contains bytes that are not text" in aside(rows[0], label("ASCII", "NUMBER 3"), memory=b"a\x07b")
 
 
@@ -372,44 +372,44 @@ def test_blocks_and_texts_are_read():
         ),
     ],
 )
-def test_what_cannot_be_read_is_left_aside_with_its_reason(blocks, message):
-    said = aside(*blocks)
-    assert message in said
-    assert said.endswith("; skipped")
+def test_unreadable_labels_are_skipped_with_the_reason(blocks, message):
+    messages = aside(*blocks)
+    assert message in messages
+    assert messages.endswith("; skipped")
 
 
-def test_labels_with_variants_in_the_memory_are_left_aside():
+def test_labels_with_variants_in_the_memory_are_skipped():
     variants = "/begin VARIANT_CODING /begin VAR_CHARACTERISTIC L Engine /end VAR_CHARACTERISTIC /end VARIANT_CODING"
     message = aside(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), variants, label("VALUE"))
     assert "(L): is variant-coded: it is stored once per variant; skipped" in message
 
 
-def test_breakpoints_that_repeat_are_told():
+def test_repeated_breakpoints_are_reported():
     entries = "AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"
     message = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=bytes([1, 5, 5, 1, 2, 3]))
     assert "has breakpoints that are not monotonic: number 2 is 5, number 3 is 5; skipped" in message
 
 
-def test_many_labels_with_one_reason_are_told_in_one_remark():
+def test_many_labels_with_one_reason_share_one_remark():
     labels = [label("VALUE", name=f"L{i}", conversion="C") for i in range(25)]
-    found, remarks = read(module(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), *labels), bytes(4))
-    assert not found
+    parameters, remarks = read(module(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), *labels), bytes(4))
+    assert not parameters
     [warning] = remarks
     assert "skipped 25 labels (L0, L1, L2, L3, L4 and 20 more): each has the conversion C, which is" in warning
 
 
-def test_labels_that_are_not_in_the_image_are_told_once():
+def test_labels_outside_the_image_are_reported_once():
     labels = [label("VALUE", name=f"L{i}", address=0x9000 + i) for i in range(8)]
-    found, remarks = read(module(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), *labels, label("VALUE")), bytes(4))
-    assert list(found) == ["L"]
+    parameters, remarks = read(module(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), *labels, label("VALUE")), bytes(4))
+    assert list(parameters) == ["L"]
     [warning] = remarks
     assert "skipped 8 labels (L0, L1, L2, L3, L4 and 3 more): address not in ecu.hex" in warning
 
 
 @pytest.mark.parametrize("size", ["MATRIX_DIM 65535 65535", "NUMBER 4000000000", "MATRIX_DIM 65535 65535 65535 65535"])
 def test_a_size_beyond_all_memory_takes_no_memory(size):
-    said = aside(layout("FNC_VALUES 1 FLOAT64_IEEE ROW_DIR DIRECT"), label("VAL_BLK", size))
-    assert "address not in ecu.hex" in said
+    messages = aside(layout("FNC_VALUES 1 FLOAT64_IEEE ROW_DIR DIRECT"), label("VAL_BLK", size))
+    assert "address not in ecu.hex" in messages
 
 
 def test_an_axis_beyond_all_memory_takes_no_memory():
@@ -422,20 +422,20 @@ def test_an_axis_beyond_all_memory_takes_no_memory():
 def test_limits_become_bounds_unless_they_are_those_of_the_data_type():
     blocks = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), method("CM", "LINEAR", "COEFFS_LINEAR 0.5 0")
     for limits, bounds in [("0 50", (0, 50)), ("0 127.5", (-np.inf, np.inf)), ("0 0", (-np.inf, np.inf))]:
-        found = one(*blocks, label("VALUE", conversion="CM", limits=limits), memory=b"\x01")
-        assert (float(found.lower), float(found.upper)) == bounds
+        member = one(*blocks, label("VALUE", conversion="CM", limits=limits), memory=b"\x01")
+        assert (float(member.lower), float(member.upper)) == bounds
 
 
 def test_a_label_brings_its_function_short_name_unit_and_lock():
     function = '/begin FUNCTION F "" /begin DEF_CHARACTERISTIC L /end DEF_CHARACTERISTIC /end FUNCTION'
     entries = 'DISPLAY_IDENTIFIER short READ_ONLY PHYS_UNIT "1/min"'
-    found = one(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), function, label("VALUE", entries), memory=b"\x01")
-    assert (found.functions, found.display_name, found.unit) == (("F",), "short", "1/min")
-    assert found.locked.all()
-    assert found.description == "words"
+    member = one(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), function, label("VALUE", entries), memory=b"\x01")
+    assert (member.functions, member.display_name, member.unit) == (("F",), "short", "1/min")
+    assert member.locked.all()
+    assert member.description == "words"
 
 
-def test_an_image_of_another_program_is_told():
+def test_an_image_of_another_program_is_reported():
     identity = '/begin MOD_PAR "" EPK "PROG2" ADDR_EPK 0x1010 /end MOD_PAR'
     blocks = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("VALUE")
     content = bytes(16) + b"PROG1"

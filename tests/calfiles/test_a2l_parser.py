@@ -20,12 +20,12 @@ def errors(raw, include=None):
 def only(*blocks):
     a2l, remarks = parsed(module(*blocks))
     assert remarks == []
-    [found] = a2l.characteristics.values()
-    return found
+    [characteristic] = a2l.characteristics.values()
+    return characteristic
 
 
-def test_a_characteristic_has_what_its_block_says():
-    found = only(
+def test_a_characteristic_has_the_entries_of_its_block():
+    characteristic = only(
         label(
             "VALUE",
             'EXTENDED_LIMITS -1 1e3 BIT_MASK 0x0FF0 FORMAT "%4.1" PHYS_UNIT "rpm" READ_ONLY '
@@ -34,10 +34,19 @@ def test_a_characteristic_has_what_its_block_says():
             conversion="CM",
         )
     )
-    assert (found.name, found.description, found.type, found.address) == ("L", "words", "VALUE", 0x1000)
-    assert (found.lower, found.upper, found.extended_limits) == (0.5, 100.0, (-1.0, 1000.0))
-    assert (found.bit_mask, found.phys_unit, found.read_only) == (0xFF0, "rpm", True)
-    assert (found.display_identifier, found.byte_order, found.conversion) == ("short.name", "MSB_FIRST", "CM")
+    assert (characteristic.name, characteristic.description, characteristic.type, characteristic.address) == (
+        "L",
+        "words",
+        "VALUE",
+        0x1000,
+    )
+    assert (characteristic.lower, characteristic.upper, characteristic.extended_limits) == (0.5, 100.0, (-1.0, 1000.0))
+    assert (characteristic.bit_mask, characteristic.phys_unit, characteristic.read_only) == (0xFF0, "rpm", True)
+    assert (characteristic.display_identifier, characteristic.byte_order, characteristic.conversion) == (
+        "short.name",
+        "MSB_FIRST",
+        "CM",
+    )
 
 
 @pytest.mark.parametrize(
@@ -64,19 +73,19 @@ def test_comments_may_stand_anywhere():
     assert only(text + "\n/end /* six */ CHARACTERISTIC").address == 0x1000
 
 
-def test_the_encoding_is_found():
+def test_the_encoding_is_detected():
     for raw in (module(label("VALUE").replace("words", "Öl °C")),):
         assert parsed(raw.decode().encode("cp1252"))[0].characteristics["L"].description == "Öl °C"
         assert parsed(b"\xef\xbb\xbf" + raw)[0].characteristics["L"].description == "Öl °C"
 
 
-def test_what_belongs_to_tools_is_passed_over():
+def test_entries_for_tools_are_skipped():
     tools = (
         '/begin A2ML block "IF_DATA" struct { char[10]; } /* " */ "/begin" /end A2ML',
         '/begin IF_DATA XCP /begin SEGMENT 1 "/end IF_DATA" /end SEGMENT VALUE 3 /end IF_DATA',
     )
-    found = only(*tools, label("VALUE", tools[1]))
-    assert found.name == "L"
+    characteristic = only(*tools, label("VALUE", tools[1]))
+    assert characteristic.name == "L"
 
 
 def test_names_are_lines_of_the_file():
@@ -135,7 +144,7 @@ def test_files_that_include_each_other_are_an_error():
         ('/begin COMPU_TAB T "" TAB_INTP 1000000000 1 2 /end COMPU_TAB', "states 1000000000 rows, but has fewer"),
     ],
 )
-def test_a_wrong_object_is_told_and_left_aside(block, message):
+def test_a_wrong_object_is_reported_and_skipped(block, message):
     a2l, remarks = parsed(module(block, SCALAR))
     assert message in remarks[0]
     assert not a2l.characteristics
@@ -150,8 +159,8 @@ def test_of_two_objects_with_one_name_the_first_counts():
 
 def test_functions_come_from_both_sides():
     function = '/begin FUNCTION F "" /begin DEF_CHARACTERISTIC L /end DEF_CHARACTERISTIC /end FUNCTION'
-    found = only(label("VALUE", "/begin FUNCTION_LIST G /end FUNCTION_LIST"), function)
-    assert found.functions == ("F", "G")
+    characteristic = only(label("VALUE", "/begin FUNCTION_LIST G /end FUNCTION_LIST"), function)
+    assert characteristic.functions == ("F", "G")
 
 
 INSTANCES = """
@@ -211,20 +220,20 @@ def test_an_instance_is_read_only_if_it_or_its_type_is(read_only):
         ('/begin INSTANCE i "" T 0 /begin OVERWRITE a 0 /end OVERWRITE /end INSTANCE', "overwrites parts of its type"),
     ],
 )
-def test_an_instance_that_cannot_be_expanded_is_told(text, message):
+def test_an_instance_that_cannot_be_expanded_is_reported(text, message):
     inner = "/begin STRUCTURE_COMPONENT r R 0 /end STRUCTURE_COMPONENT"
     circle = f'/begin TYPEDEF_STRUCTURE R "" 4 {inner} /end TYPEDEF_STRUCTURE'
     assert message in parsed(module(INSTANCES, circle, text))[1][0]
 
 
-def test_a_description_tells_every_label():
+def test_a_description_lists_every_label():
     blocks = (label("VAL_BLK", "MATRIX_DIM 3 4 1", limits="0 5", conversion="CM"), method("CM", "IDENTICAL", "", "bar"))
-    found = summarise_labels(parsed(module(*blocks, shared_axis(7), SCALAR))[0])
-    assert [(one.name, one.kind, one.shape, one.unit) for one in found] == [
+    labels = summarise_labels(parsed(module(*blocks, shared_axis(7), SCALAR))[0])
+    assert [(one.name, one.kind, one.shape, one.unit) for one in labels] == [
         ("L", "block", (3, 4), "bar"),
         ("A", "group axis", (7,), ""),
     ]
-    assert (found[0].lower, found[0].upper, found[0].address) == (0, 5, 0x1000)
+    assert (labels[0].lower, labels[0].upper, labels[0].address) == (0, 5, 0x1000)
 
 
 def test_the_program_that_a_file_describes_is_known():

@@ -65,9 +65,9 @@ def damaged(raw, draw):
         elif kind == 1:
             raw = raw[:at] + bytes([draw.randrange(256)]) + raw[at + 1 :]
         elif kind == 2:
-            found = list(re.finditer(rb"\d+", raw))
-            if found:
-                one = draw.choice(found)
+            numbers = list(re.finditer(rb"\d+", raw))
+            if numbers:
+                one = draw.choice(numbers)
                 raw = raw[: one.start()] + draw.choice(ABSURD) + raw[one.end() :]
         elif kind == 3:
             words = raw.split(b" ")
@@ -90,12 +90,12 @@ def used(a2l_raw, image_raw):
     image = read_image(image_raw, "ecu.hex", findings)
     findings.finish()
     summarise_labels(a2l)
-    found = read_parameters(a2l, image, findings)
+    parameters = read_parameters(a2l, image, findings)
     findings.finish()
-    assert write_values(a2l, image, found, FileFindings("")) == image.raw
-    changed = found.with_parameters(*(one.with_values(one.values * 1.1 + 1) for one in found.parameters))
+    assert write_values(a2l, image, parameters, FileFindings("")) == image.raw
+    changed = parameters.with_parameters(*(one.with_values(one.values * 1.1 + 1) for one in parameters.parameters))
     write_values(a2l, image, changed, FileFindings(""))
-    return len(found)
+    return len(parameters)
 
 
 def test_the_whole_file_is_read():
@@ -154,7 +154,7 @@ def test_numbers_that_no_float_holds_stay_apart():
     raw = hex_file({ADDRESS: b"\xff" * 16})
     findings = FileFindings("")
     a2l, image = parse_a2l(text, "", findings), read_image(raw, "", findings)
-    found = read_parameters(a2l, image, findings)
-    changed = found["L"].with_values(np.array([found["L"].values[0], 5.0]))
-    again = read_image(write_values(a2l, image, found.with_parameters(changed), FileFindings("")), "", findings)
+    parameters = read_parameters(a2l, image, findings)
+    changed = parameters["L"].with_values(np.array([parameters["L"].values[0], 5.0]))
+    again = read_image(write_values(a2l, image, parameters.with_parameters(changed), FileFindings("")), "", findings)
     assert again.read(ADDRESS, 16) == b"\xff" * 8 + (5).to_bytes(8, "little")

@@ -35,7 +35,7 @@ CHECKSUMS = "new.hex: checksums of the control unit are not updated; the flash t
 
 def values(*numbers, name="L"):
     """A change of the values of one label."""
-    return lambda given: given.with_parameters(given[name].with_values(np.array(numbers)))
+    return lambda original: original.with_parameters(original[name].with_values(np.array(numbers)))
 
 
 def errors(raw, memory, change):
@@ -44,9 +44,9 @@ def errors(raw, memory, change):
     return [str(one) for one in caught.value.findings]
 
 
-def test_what_does_not_change_keeps_every_byte():
+def test_unchanged_labels_keep_every_byte():
     text = module(BYTE, TENTH, label("VAL_BLK", "NUMBER 3", conversion="CM"))
-    image, remarks = write(text, bytes([1, 2, 3]), lambda given: given)
+    image, remarks = write(text, bytes([1, 2, 3]), lambda original: original)
     assert image.raw == hex_file({ADDRESS: bytes([1, 2, 3])})
     assert remarks == []
 
@@ -58,7 +58,7 @@ def test_a_changed_value_changes_its_bytes_alone():
     assert remarks == [CHECKSUMS]
 
 
-def test_what_rounding_costs_is_told():
+def test_rounding_losses_are_reported():
     text = module(BYTE, TENTH, label("VAL_BLK", "NUMBER 2", conversion="CM"))
     image, remarks = write(text, bytes(2), values(0.24, 1.0))
     assert image.read(ADDRESS, 2) == bytes([2, 10])
@@ -66,7 +66,7 @@ def test_what_rounding_costs_is_told():
 
 
 @pytest.mark.parametrize("given", [(0.04, 0.0), (0.0, 0.04), (0.04, 0.02)])
-def test_what_rounding_costs_is_told_where_the_old_number_stays(given):
+def test_rounding_that_keeps_the_old_number_is_reported(given):
     text = module(BYTE, TENTH, label("VAL_BLK", "NUMBER 2", conversion="CM"))
     image, remarks = write(text, bytes(2), values(*given))
     assert image.raw == hex_file({ADDRESS: bytes(2)})
@@ -87,8 +87,8 @@ def test_of_two_numbers_as_near_the_even_one_is_stored():
 )
 def test_a_value_beyond_what_is_allowed_is_an_error(limits, entries, number, span):
     text = module(BYTE, TENTH, label("VAL_BLK", f"NUMBER 2 {entries}", conversion="CM", limits=limits))
-    [found] = errors(text, bytes(2), values(0.0, number))
-    assert found == f"new.hex L: the value [2] is {number:g} bar, outside the storable and allowed range {span}"
+    [message] = errors(text, bytes(2), values(0.0, number))
+    assert message == f"new.hex L: the value [2] is {number:g} bar, outside the storable and allowed range {span}"
 
 
 def test_limits_printed_with_few_digits_do_not_forbid_what_can_be_stored():
@@ -117,25 +117,25 @@ def test_two_labels_may_share_a_byte_but_no_bit():
     low, high = label("VALUE", "BIT_MASK 0x0F", name="Low"), label("VALUE", "BIT_MASK 0xF0", name="High")
     whole = label("VALUE", name="Whole")
 
-    def both(given):
-        return given.with_parameters(given["Low"].with_values(3), given["High"].with_values(4))
+    def both(original):
+        return original.with_parameters(original["Low"].with_values(3), original["High"].with_values(4))
 
     assert write(module(BYTE, low, high), b"\x00", both)[0].read(ADDRESS, 1) == b"\x43"
 
-    def clash(given):
-        return given.with_parameters(given["Low"].with_values(3), given["Whole"].with_values(4))
+    def clash(original):
+        return original.with_parameters(original["Low"].with_values(3), original["Whole"].with_values(4))
 
-    found = errors(module(BYTE, low, whole), b"\x00", clash)
-    assert "new.hex Whole: shares memory with Low at 0x1000, which is set to another value" in found[0]
+    messages = errors(module(BYTE, low, whole), b"\x00", clash)
+    assert "new.hex Whole: shares memory with Low at 0x1000, which is set to another value" in messages[0]
 
 
-def test_a_label_that_changes_along_with_another_is_an_error_where_it_was_given():
+def test_an_unintended_change_of_a_label_in_the_set_is_an_error():
     text = module(BYTE, label("VALUE", name="One"), label("VALUE", name="Other"))
-    found = errors(text, b"\x01", values(5, name="One"))
-    assert "new.hex Other: changes unintentionally" in found[0]
+    messages = errors(text, b"\x01", values(5, name="One"))
+    assert "new.hex Other: changes unintentionally" in messages[0]
 
-    def alone(given):
-        return ParameterSet([given["One"].with_values(5)])
+    def alone(original):
+        return ParameterSet([original["One"].with_values(5)])
 
     image, remarks = write(text, b"\x01", alone)
     assert image.read(ADDRESS, 1) == b"\x05"
@@ -154,23 +154,23 @@ MAP = layout(
 def test_breakpoints_are_written_with_the_values():
     text = module(MAP, label("MAP", axis("STD_AXIS", 3) + axis("STD_AXIS", 2)))
     before = bytes([2, 2, 10, 20, 1, 2, 1, 2, 3, 4])
-    made = Map("L", [10, 25], [1, 3], [[1, 2], [3, 9]])
-    image, _ = write(text, before, lambda given: given.with_parameters(made))
+    table = Map("L", [10, 25], [1, 3], [[1, 2], [3, 9]])
+    image, _ = write(text, before, lambda original: original.with_parameters(table))
     assert image.read(ADDRESS, 10) == bytes([2, 2, 10, 25, 1, 3, 1, 2, 3, 9])
 
 
 def test_a_table_may_get_as_many_breakpoints_as_there_is_room_for():
     text = module(MAP, label("MAP", axis("STD_AXIS", 3) + axis("STD_AXIS", 2)))
     before = bytes([2, 2, 10, 20, 1, 2, 1, 2, 3, 4, 255, 255, 255])
-    made = Map("L", [10, 20, 30], [1, 2], [[1, 2], [3, 4], [5, 6]])
-    image, _ = write(text, before, lambda given: given.with_parameters(made))
+    table = Map("L", [10, 20, 30], [1, 2], [[1, 2], [3, 4], [5, 6]])
+    image, _ = write(text, before, lambda original: original.with_parameters(table))
     assert image.read(ADDRESS, 13) == bytes([3, 2, 10, 20, 30, 1, 2, 1, 2, 3, 4, 5, 6])
     again, _ = read(text, image.read(ADDRESS, 13))
-    assert again["L"].values.tolist() == made.values.tolist()
-    made = Map("L", [10, 20, 30, 40], [1, 2], np.ones((4, 2)))
+    assert again["L"].values.tolist() == table.values.tolist()
+    table = Map("L", [10, 20, 30, 40], [1, 2], np.ones((4, 2)))
     assert (
         "states 4 axis points in direction X, but at most 3 are allowed"
-        in errors(text, before, lambda given: given.with_parameters(made))[0]
+        in errors(text, before, lambda original: original.with_parameters(table))[0]
     )
 
 
@@ -179,9 +179,9 @@ def test_a_table_without_a_number_of_points_keeps_it():
         layout("AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"),
         label("CURVE", axis("STD_AXIS", 2)),
     )
-    made = Curve("L", [1, 2, 3], [4, 5, 6])
-    found = errors(text, bytes([1, 2, 3, 4]), lambda given: given.with_parameters(made))
-    assert "new.hex L: has 3 points, but 2 in the image, which stores no point count" in found[0]
+    table = Curve("L", [1, 2, 3], [4, 5, 6])
+    messages = errors(text, bytes([1, 2, 3, 4]), lambda original: original.with_parameters(table))
+    assert "new.hex L: has 3 points, but 2 in the image, which stores no point count" in messages[0]
 
 
 COMMON = (
@@ -194,40 +194,41 @@ COMMON = (
 MEMORY = {ADDRESS: bytes([1, 2, 3, 0]), 0x2000: bytes([3, 10, 20, 30, 0]), 0x3000: bytes([7, 8, 9, 0])}
 
 
-def moved(given, points, names=("L", "M"), extra=()):
-    made = [
-        Curve(name, given[name].axes[0].changed(breakpoints=points), [*given[name].values, *extra]) for name in names
+def moved(original, points, names=("L", "M"), extra=()):
+    moved_tables = [
+        Curve(name, original[name].axes[0].changed(breakpoints=points), [*original[name].values, *extra])
+        for name in names
     ]
-    return given.with_parameters(*made) if len(names) == 2 else ParameterSet(made)
+    return original.with_parameters(*moved_tables) if len(names) == 2 else ParameterSet(moved_tables)
 
 
 def test_common_breakpoints_are_written_once():
-    image, remarks = write(module(*COMMON), MEMORY, lambda given: moved(given, [10, 22, 30]))
+    image, remarks = write(module(*COMMON), MEMORY, lambda original: moved(original, [10, 22, 30]))
     assert image.read(0x2000, 5) == bytes([3, 10, 22, 30, 0])
     assert image.read(ADDRESS, 4) == MEMORY[ADDRESS]
     assert remarks == [CHECKSUMS]
 
 
 def test_common_breakpoints_may_become_more_with_all_their_tables():
-    image, _ = write(module(*COMMON), MEMORY, lambda given: moved(given, [10, 20, 30, 40], extra=(5,)))
+    image, _ = write(module(*COMMON), MEMORY, lambda original: moved(original, [10, 20, 30, 40], extra=(5,)))
     assert image.read(0x2000, 5) == bytes([4, 10, 20, 30, 40])
     assert image.read(ADDRESS, 4) == bytes([1, 2, 3, 5])
-    found = errors(module(*COMMON), MEMORY, lambda given: moved(given, [10, 20, 30, 40], ("L",), (5,)))
-    assert "1 label (M) sharing them are not given" in found[0]
+    messages = errors(module(*COMMON), MEMORY, lambda original: moved(original, [10, 20, 30, 40], ("L",), (5,)))
+    assert "1 label (M) sharing them are not given" in messages[0]
 
 
 def test_a_table_with_other_breakpoints_than_its_common_axis_is_an_error():
-    def change(given):
+    def change(original):
         return ParameterSet([Curve("L", [10, 25, 30], [1, 2, 3])])
 
-    found = errors(module(*COMMON), MEMORY, change)
-    assert "new.hex L: has the X breakpoint 25, where the common axis A has 20" in found[0]
+    messages = errors(module(*COMMON), MEMORY, change)
+    assert "new.hex L: has the X breakpoint 25, where the common axis A has 20" in messages[0]
 
 
 def test_fixed_breakpoints_cannot_change():
     text = module(BYTE, label("CURVE", axis("FIX_AXIS", 3, "FIX_AXIS_PAR_DIST 0 10 3")))
-    found = errors(text, bytes(3), lambda given: given.with_parameters(Curve("L", [0, 11, 20], [1, 2, 3])))
-    assert "has the X breakpoint 11, which the control unit fixes to 10" in found[0]
+    messages = errors(text, bytes(3), lambda original: original.with_parameters(Curve("L", [0, 11, 20], [1, 2, 3])))
+    assert "has the X breakpoint 11, which the control unit fixes to 10" in messages[0]
 
 
 def test_a_falling_axis_stays_falling():
@@ -235,8 +236,8 @@ def test_a_falling_axis_stays_falling():
         layout("AXIS_PTS_X 1 UBYTE INDEX_DECR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"),
         label("CURVE", axis("STD_AXIS", 3)),
     )
-    made = Curve("L", [10, 20, 31], [1, 2, 9])
-    image, _ = write(text, bytes([30, 20, 10, 3, 2, 1]), lambda given: given.with_parameters(made))
+    curve = Curve("L", [10, 20, 31], [1, 2, 9])
+    image, _ = write(text, bytes([30, 20, 10, 3, 2, 1]), lambda original: original.with_parameters(curve))
     assert image.read(ADDRESS, 6) == bytes([31, 20, 10, 9, 2, 1])
 
 
@@ -245,17 +246,17 @@ def test_breakpoints_kept_as_distances_are_written_as_such():
         layout("AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"),
         label("CURVE", axis("STD_AXIS", 3, "DEPOSIT DIFFERENCE")),
     )
-    made = Curve("L", [10, 20, 35], [1, 2, 3])
-    image, _ = write(text, bytes([10, 5, 20, 1, 2, 3]), lambda given: given.with_parameters(made))
+    curve = Curve("L", [10, 20, 35], [1, 2, 3])
+    image, _ = write(text, bytes([10, 5, 20, 1, 2, 3]), lambda original: original.with_parameters(curve))
     assert image.read(ADDRESS, 6) == bytes([10, 10, 15, 1, 2, 3])
     far = Curve("L", [10, 20, 300], [1, 2, 3])
     assert (
         "the X breakpoint [3] is 300"
-        in errors(text, bytes([10, 5, 20, 1, 2, 3]), lambda given: given.with_parameters(far))[0]
+        in errors(text, bytes([10, 5, 20, 1, 2, 3]), lambda original: original.with_parameters(far))[0]
     )
 
 
-def test_what_is_read_only_stays_and_is_told():
+def test_read_only_labels_stay_and_are_reported():
     text = module(BYTE, label("VALUE", "READ_ONLY"))
     image, remarks = write(text, b"\x01", values(2))
     assert image.read(ADDRESS, 1) == b"\x01"
@@ -264,11 +265,11 @@ def test_what_is_read_only_stays_and_is_told():
 
 def test_a_conversion_without_an_inverse_cannot_be_changed():
     text = module(BYTE, method("CM", "FORM", '/begin FORMULA "X1*2" /end FORMULA'), label("VALUE", conversion="CM"))
-    assert write(text, b"\x03", lambda given: given)[0].read(ADDRESS, 1) == b"\x03"
+    assert write(text, b"\x03", lambda original: original)[0].read(ADDRESS, 1) == b"\x03"
     assert "cannot be changed: the conversion CM has no inverse" in errors(text, b"\x03", values(8))[0]
 
 
-def test_the_closest_number_of_a_table_is_told_where_it_is_far():
+def test_a_distant_closest_number_of_a_table_is_reported():
     table = '/begin COMPU_TAB T "" TAB_NOINTP 2 0 10 1 30 /end COMPU_TAB'
     text = module(BYTE, method("CM", "TAB_NOINTP", "COMPU_TAB_REF T"), table, label("VALUE", conversion="CM"))
     image, remarks = write(text, b"\x00", values(24))
@@ -277,7 +278,7 @@ def test_the_closest_number_of_a_table_is_told_where_it_is_far():
 
 
 def texts(text):
-    return lambda given: ParameterSet(given.parameters, [replace(given.texts[0], text=text)])
+    return lambda original: ParameterSet(original.parameters, [replace(original.texts[0], text=text)])
 
 
 def test_texts_are_written_and_filled_up():
@@ -296,26 +297,26 @@ def test_words_are_written_as_their_numbers():
     assert "must be one of its texts, got 'of'. Choose from on, off" in errors(text, b"\xf7", texts("of"))[0]
 
 
-def test_a_word_of_another_kind_is_written_and_told():
+def test_a_word_of_another_kind_is_written_with_a_remark():
     words = '/begin COMPU_VTAB W "" TAB_VERB 2 1 "on" 2 "off" /end COMPU_VTAB'
     text = module(BYTE, words, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), label("VALUE", conversion="CM"))
-    image, remarks = write(text, b"\x01", lambda given: ParameterSet([], [Text("L", "off")]))
+    image, remarks = write(text, b"\x01", lambda original: ParameterSet([], [Text("L", "off")]))
     assert image.read(ADDRESS, 1) == b"\x02"
     assert remarks == ["new.hex L: is of kind text, but enumeration in the control unit", CHECKSUMS]
 
 
-def test_labels_that_the_description_does_not_have_are_told():
-    def change(given):
-        return given.merged(ParameterSet([Scalar("New", 1.0)], [Text("Words", "a")]))
+def test_labels_missing_in_the_description_are_reported():
+    def change(original):
+        return original.merged(ParameterSet([Scalar("New", 1.0)], [Text("Words", "a")]))
 
     image, remarks = write(module(BYTE, label("VALUE")), b"\x01", change)
     assert image.read(ADDRESS, 1) == b"\x01"
     assert remarks == ["new.hex: 2 labels (New, Words) left out: not in ecu.a2l"]
 
 
-def test_further_variants_are_left_out_which_is_told():
-    def change(given):
-        member = given["L"].changed(variant="Car=A")
+def test_further_variants_are_skipped_with_a_remark():
+    def change(original):
+        member = original["L"].changed(variant="Car=A")
         return ParameterSet([member], others=[member.changed(variant="Car=B")])
 
     _, remarks = write(module(BYTE, label("VALUE")), b"\x01", change)
@@ -324,27 +325,29 @@ def test_further_variants_are_left_out_which_is_told():
     ]
 
 
-def test_labels_that_follow_from_changed_ones_are_told():
+def test_labels_that_follow_from_changed_ones_are_reported():
     dependent = '/begin DEPENDENT_CHARACTERISTIC "X1*5" L /end DEPENDENT_CHARACTERISTIC'
     text = module(BYTE, label("VALUE"), label("VALUE", dependent, name="Five", address=ADDRESS + 1))
     _, remarks = write(text, b"\x01\x05", values(2))
     assert "not recomputed although labels in their formulas changed: 1 label (Five)" in "\n".join(remarks)
 
 
-def test_another_unit_is_told():
+def test_another_unit_is_reported():
     text = module(BYTE, TENTH, label("VALUE", conversion="CM"))
-    _, remarks = write(text, b"\x01", lambda given: ParameterSet([Scalar("L", 0.1, unit="kPa")]))
+    _, remarks = write(text, b"\x01", lambda original: ParameterSet([Scalar("L", 0.1, unit="kPa")]))
     assert "written without conversion, since ecu.a2l states another unit: L in kPa, not bar" in remarks[0]
 
 
 def test_another_kind_is_an_error():
-    found = errors(module(BYTE, label("VALUE")), b"\x01", lambda given: ParameterSet([Curve("L", [1, 2], [1, 2])]))
-    assert "new.hex L: is a curve, but a scalar in the control unit" in found[0]
+    messages = errors(
+        module(BYTE, label("VALUE")), b"\x01", lambda original: ParameterSet([Curve("L", [1, 2], [1, 2])])
+    )
+    assert "new.hex L: is a curve, but a scalar in the control unit" in messages[0]
 
 
-def test_a_label_outside_the_image_is_told():
+def test_a_label_outside_the_image_is_reported():
     text = module(BYTE, label("VALUE"), label("VALUE", name="Far", address=0x9000))
-    _, remarks = write(text, b"\x01", lambda given: ParameterSet([Scalar("Far", 3.0)]))
+    _, remarks = write(text, b"\x01", lambda original: ParameterSet([Scalar("Far", 3.0)]))
     assert remarks == ["new.hex Far: cannot be written: 0x9000 is not in ecu.hex"]
 
 

@@ -42,26 +42,26 @@ def test_one_changed_number_is_the_only_difference(members, data):
     assert float(difference.right) == values[at]
 
 
-def test_the_largest_difference_is_told_with_its_place():
+def test_the_largest_difference_is_reported_with_its_place():
     left = Map("M", [0, 1], SPEED, [[1, 2], [3, 4]])
     right = Map("M", [0, 1], SPEED, [[1, 2.5], [1, 4]])
     assert differences(left, right) == (Difference("M", "values", "3.0", "1.0", 2, 4, 2.0, (1, 0), "x = 1, y = 1000"),)
 
 
 def test_a_missing_value_is_farther_away_than_any_number():
-    [found] = differences(Block("B", [1.0, 2.0, np.nan]), Block("B", [1e300, np.nan, np.nan]))
-    assert (found.count, found.index, found.largest, found.place) == (2, (1,), np.inf, "[1]")
-    assert found.as_json["largest"] is None
-    assert found.as_json["right"] is None
+    [difference] = differences(Block("B", [1.0, 2.0, np.nan]), Block("B", [1e300, np.nan, np.nan]))
+    assert (difference.count, difference.index, difference.largest, difference.place) == (2, (1,), np.inf, "[1]")
+    assert difference.as_json["largest"] is None
+    assert difference.as_json["right"] is None
 
 
 def test_zero_has_no_sign():
     assert differences(Scalar("K", 0.0), Scalar("K", -0.0)) == ()
 
 
-def test_differences_beyond_the_largest_number_are_told():
-    [found] = differences(Scalar("K", 1.7e308), Scalar("K", -1.7e308))
-    assert found.largest == np.inf
+def test_differences_beyond_the_largest_number_are_reported():
+    [difference] = differences(Scalar("K", 1.7e308), Scalar("K", -1.7e308))
+    assert difference.largest == np.inf
 
 
 @pytest.mark.parametrize(
@@ -72,13 +72,13 @@ def test_tolerances(tolerance, equal):
     assert (differences(Scalar("K", 100.0), Scalar("K", 100.5), **tolerance) == ()) is equal
 
 
-@pytest.mark.parametrize("given", [-1.0, np.nan, np.inf])
-def test_a_tolerance_must_be_a_number_from_0_on(given):
+@pytest.mark.parametrize("tolerance", [-1.0, np.nan, np.inf])
+def test_a_tolerance_must_be_a_number_from_0_on(tolerance):
     with pytest.raises(ArgumentError, match="must be a finite number >= 0"):
-        Tolerance(given)
+        Tolerance(tolerance)
 
 
-def test_what_only_one_has():
+def test_labels_of_one_side_alone_are_differences():
     left = ParameterSet([Scalar("K", 1)], [Text("T", "a")])
     right = ParameterSet([Curve("C", SPEED, [1, 2])])
     assert differences(left, right) == (
@@ -89,7 +89,7 @@ def test_what_only_one_has():
     )
 
 
-def test_a_group_axis_is_told_once():
+def test_a_group_axis_is_reported_once():
     moved = SPEED.changed(breakpoints=np.array([1000.0, 2500.0]))
     left, right = (ParameterSet([Curve("C", axis, [1, 2]), Curve("D", axis, [1, 2])]) for axis in (SPEED, moved))
     assert differences(left, right) == (
@@ -120,15 +120,15 @@ def test_kinds_sizes_units_axes_and_texts():
 def test_variants_are_compared_each_with_its_own():
     left = ParameterSet([Scalar("K", 1, variant="E=1")], others=[Scalar("K", 2, variant="E=2")])
     right = ParameterSet([Scalar("K", 2, variant="E=2")], others=[Scalar("K", 1.5, variant="E=1")])
-    [found] = compare(left, right).differences
-    assert (found.name, found.left, found.right) == ("K (E=1)", "1.0", "1.5")
+    [difference] = compare(left, right).differences
+    assert (difference.name, difference.left, difference.right) == ("K (E=1)", "1.0", "1.5")
 
 
 def test_a_file_without_variants_is_compared_with_what_counts_in_the_other():
     left = ParameterSet([Scalar("K", 1)])
     right = ParameterSet([Scalar("K", 1, variant="E=1")], others=[Scalar("K", 2, variant="E=2")])
-    [found] = compare(left, right).differences
-    assert (found.name, found.aspect) == ("K (E=2)", "presence")
+    [difference] = compare(left, right).differences
+    assert (difference.name, difference.aspect) == ("K (E=2)", "presence")
 
 
 def test_a_difference_names_the_function_that_uses_the_label():
@@ -147,8 +147,8 @@ def test_a_block_of_a_script_is_compared_with_the_table_of_its_numbers():
 
 def test_a_block_of_a_script_is_compared_with_the_group_axis_of_its_name():
     script = ParameterSet([Block("Speed", [1000.0, 2500.0])])
-    found = [one for one in differences(script, ParameterSet([Curve("C", SPEED, [1, 2])])) if one.name == "Speed"]
-    assert [(one.aspect, one.largest) for one in found] == [("kind", None), ("values", 500.0)]
+    changes = [one for one in differences(script, ParameterSet([Curve("C", SPEED, [1, 2])])) if one.name == "Speed"]
+    assert [(one.aspect, one.largest) for one in changes] == [("kind", None), ("values", 500.0)]
 
 
 @pytest.mark.parametrize(
@@ -162,5 +162,5 @@ def test_a_block_of_a_script_is_compared_with_the_group_axis_of_its_name():
 )
 def test_another_kind_of_text_is_a_difference(other, aspect, left, right):
     one = ParameterSet([], [Text("T", "true", kind="enumeration")])
-    [found] = differences(one, ParameterSet([], [other]) if isinstance(other, Text) else other)
-    assert (found.name, found.aspect, found.left, found.right) == ("T", aspect, left, right)
+    [difference] = differences(one, ParameterSet([], [other]) if isinstance(other, Text) else other)
+    assert (difference.name, difference.aspect, difference.left, difference.right) == ("T", aspect, left, right)

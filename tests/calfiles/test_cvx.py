@@ -54,8 +54,8 @@ def test_identifiers_are_compared_without_regard_to_case(cvx):
 def test_units_stand_between_the_string_delimiters_of_the_file(written):
     head = "CALIBRATION VALUES V2.1;,;*;'';\n\n"
     body = ";K\nVALUE;:'rpm':;1,5\n\n;C\nCURVE;\n:'Nm':;;1;2\n\n;C\nX_AXIS_PTS;:'%':;0;1\n"
-    found = read(written(head + body, "a.csv"))
-    assert (found["K"].unit, found["C"].unit, found["C"].axes[0].unit) == ("rpm", "Nm", "%")
+    parameters = read(written(head + body, "a.csv"))
+    assert (parameters["K"].unit, parameters["C"].unit, parameters["C"].axes[0].unit) == ("rpm", "Nm", "%")
 
 
 def test_texts_are_carried(cvx):
@@ -86,9 +86,9 @@ def test_each_variant_of_a_table_has_axes_of_its_own(cvx):
         f',K\nCURVE\n,,5,{z}\nVARIANT,,"Car"."{car}"\n\n,K\nX_AXIS_PTS,,1,{x}\nVARIANT,,"Car"."{car}"\n\n'
         for car, x, z in (("A", 2, 6), ("B", 3, 7))
     )
-    found = read(cvx(variants))
-    assert found["K"] == Curve("K", [1, 2], [5, 6], variant="Car=A")
-    assert found.others == (Curve("K", [1, 3], [5, 7], variant="Car=B"),)
+    parameters = read(cvx(variants))
+    assert parameters["K"] == Curve("K", [1, 2], [5, 6], variant="Car=A")
+    assert parameters.others == (Curve("K", [1, 3], [5, 7], variant="Car=B"),)
 
 
 def test_variants_functions_and_display_names_are_written(tmp_path):
@@ -104,20 +104,20 @@ def test_variants_functions_and_display_names_are_written(tmp_path):
     assert 'VARIANT_HDR,,\r\n"Car","A","B"\r\n"Gear","M"\r\n"","Manual"\r\n' in text
 
 
-def test_what_is_no_number_to_calibrate_is_left_aside_with_a_remark(cvx):
+def test_entries_without_calibration_numbers_are_skipped_with_a_remark(cvx):
     path = cvx(',B\nVAL_BLK,,"a","b"\n\n,R\nRESCALE_AXIS_PTS,,1,2\n\n,K\nVALUE,,1\n')
     assert list(read(path)) == ["K"]
     assert len(describe(path).findings) == 2
 
 
-def test_a_table_whose_group_axis_is_not_named_is_left_aside_with_a_remark(cvx):
+def test_a_table_whose_group_axis_is_not_named_is_skipped_with_a_remark(cvx):
     path = cvx(",K\nCURVE\n,,5,6\n\n,Axis\nAXIS_PTS,,1,2\n")
     assert describe(path).axes == (Axis([1, 2], name="Axis"),)
     assert "does not state which group axis" in str(describe(path).findings[0])
 
 
 @pytest.mark.parametrize(
-    ("body", "said"),
+    ("body", "message"),
     [
         (",K\nVALUE,,1,2\n", "line 4 (K): VALUE has 2 values, not one"),
         (",K\nVALUE\n", "line 4 (K): VALUE has 0 values"),
@@ -138,8 +138,8 @@ def test_a_table_whose_group_axis_is_not_named_is_left_aside_with_a_remark(cvx):
         (";K\nVALUE;;1\n", "contains no record whose cells are separated by ','"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(cvx, body, said):
-    assert any(said in finding for finding in findings(cvx(body)))
+def test_errors_are_reported_with_their_line(cvx, body, message):
+    assert any(message in finding for finding in findings(cvx(body)))
 
 
 def test_the_layout_is_that_of_inca(tmp_path):
@@ -158,7 +158,7 @@ def test_the_layout_is_that_of_inca(tmp_path):
     ]
 
 
-def test_what_cvx_cannot_hold_is_refused_by_name(tmp_path):
+def test_parameters_that_cvx_cannot_hold_are_refused_by_name(tmp_path):
     parameters = ParameterSet(
         [Cube("Q", [[1], [1], [1]], np.ones((1, 1, 1))), Scalar("N", np.inf), Scalar("a,b", 1), Scalar("T", 1)],
         [Text("T", "a"), Text("L", "a\nb")],

@@ -44,8 +44,8 @@ def test_a_curve_of_any_kind_is_a_curve(dcm, kind):
 @pytest.mark.parametrize("kind", ["KENNFELD", "FESTKENNFELD", "GRUPPENKENNFELD"])
 def test_a_map_of_any_kind_is_turned_to_x_first(dcm, kind):
     body = ' EINHEIT_X "a"\n EINHEIT_Y "b"\n ST/X 1 2 3\n ST/Y 10\n WERT 1 2\n WERT 3\n ST/Y 20\n WERT 4 5 6\nEND'
-    made = read(dcm(f"{kind} M 3 2\n{body}"))["M"]
-    assert made == Map("M", Axis([1, 2, 3], unit="a"), Axis([10, 20], unit="b"), [[1, 4], [2, 5], [3, 6]])
+    member = read(dcm(f"{kind} M 3 2\n{body}"))["M"]
+    assert member == Map("M", Axis([1, 2, 3], unit="a"), Axis([10, 20], unit="b"), [[1, 4], [2, 5], [3, 6]])
 
 
 def test_texts_are_carried(dcm):
@@ -72,7 +72,7 @@ def test_only_group_tables_share_their_axis(dcm):
     assert read(dcm("KENNLINIE C 2\n*SSTX a\n ST/X 1 2\n WERT 3 4\nEND"))["C"].axes[0].name == ""
 
 
-def test_a_table_that_contradicts_its_group_axis_keeps_its_own_breakpoints_and_says_so(dcm):
+def test_a_table_that_contradicts_its_group_axis_keeps_its_own_breakpoints_with_a_remark(dcm):
     other = "GRUPPENKENNLINIE D 3\n*SSTX a\n ST/X 1 2 3\n WERT 3 4 5\nEND\n"
     path = dcm(GROUP.format(comment="*SSTX a") + other)
     assert read(path)["D"].axes[0] == Axis([1, 2, 3])
@@ -84,7 +84,7 @@ def test_a_group_table_of_dcm_1_takes_its_breakpoints_from_the_distribution(dcm)
     assert read(dcm(body, head=""))["C"].axes[0] == Axis([5, 6], name="a")
 
 
-def test_a_fixed_table_of_dcm_1_without_breakpoints_is_left_aside_with_a_remark(dcm):
+def test_a_fixed_table_of_dcm_1_without_breakpoints_is_skipped_with_a_remark(dcm):
     path = dcm("FESTKENNLINIE C 2\n WERT 3 4\nEND\nFESTWERT K\n WERT 1\nEND", head="")
     assert list(read(path)) == ["K"]
     assert "no x breakpoints" in str(describe(path).findings[0])
@@ -99,7 +99,7 @@ def test_a_fixed_table_of_dcm_1_without_breakpoints_is_left_aside_with_a_remark(
         'KENNLINIE C 2\n ST/X 1 2\n TEXT "a" "b"\nEND',
     ],
 )
-def test_text_tables_and_text_axes_are_left_aside_with_a_remark(dcm, body):
+def test_text_tables_and_text_axes_are_skipped_with_a_remark(dcm, body):
     path = dcm(body + "\nFESTWERT K\n WERT 1\nEND")
     assert list(read(path)) == ["K"]
     assert "skipped" in str(describe(path).findings[0])
@@ -112,7 +112,7 @@ def test_the_lists_at_the_head_and_unknown_lines_do_not_disturb(dcm):
     assert "unknown keyword BRANDNEW" in str(describe(path).findings[0])
 
 
-def test_an_unknown_kind_of_block_is_left_aside_with_a_remark(dcm):
+def test_an_unknown_kind_of_block_is_skipped_with_a_remark(dcm):
     path = dcm("QUADER Q 2 2 2\n WERT 1 2\nEND\nFESTWERT K\n WERT 1\nEND")
     assert list(read(path)) == ["K"]
     assert "unknown keyword QUADER" in str(describe(path).findings[0])
@@ -135,7 +135,7 @@ def test_the_values_of_variants_below_a_value_are_kept(dcm):
     assert parameters.in_variant("B").texts == parameters.texts
 
 
-def test_a_criterion_below_a_value_is_told_by_the_variant_coding(dcm):
+def test_a_criterion_below_a_value_is_named_by_the_variant_coding(dcm):
     head = "VARIANTENKODIERUNG\n KRITERIUM Engine 1 2\nEND\n"
     path = dcm(head + "".join(f"FESTWERT K\n WERT {value}\n VAR Engine={value}\nEND\n" for value in (1, 2)))
     assert read(path).variants == ("Engine=1", "Engine=2")
@@ -158,7 +158,7 @@ def test_a_block_twice_with_other_values_is_refused(dcm):
 
 
 @pytest.mark.parametrize(
-    ("body", "said"),
+    ("body", "message"),
     [
         ("FESTWERT K\n WERT 1 2\nEND", "line 3 (K): has 2 values, but its header states 1"),
         ("FESTWERT K\nEND", "line 3 (K): has 0 values"),
@@ -193,11 +193,11 @@ def test_a_block_twice_with_other_values_is_refused(dcm):
         ),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(dcm, body, said):
-    assert any(said in finding for finding in findings(dcm(body)))
+def test_errors_are_reported_with_their_line(dcm, body, message):
+    assert any(message in finding for finding in findings(dcm(body)))
 
 
-def test_every_problem_of_a_file_is_found_at_once_in_order(dcm):
+def test_all_problems_of_a_file_are_reported_at_once_in_order(dcm):
     path = dcm("FESTWERT K\n WERT x\nEND\nKENNLINIE C 2\n ST/X 1\n WERT 1\nEND\nFESTWERT L\n WERT")
     assert [finding.split(":")[0] for finding in findings(path)] == [
         "start.dcm line 4 (K)",
@@ -214,5 +214,5 @@ def test_a_garbled_file_of_many_unknown_words_is_answered(dcm):
 
 def test_a_table_without_an_axis_unit_has_that_of_its_group_axis(dcm):
     distribution = 'STUETZSTELLENVERTEILUNG a 2\n*SST\n EINHEIT_X "rpm"\n ST/X 1 2\nEND\n'
-    found = read(dcm(distribution + GROUP.format(comment="*SSTX a")))
-    assert found["C"].axes[0] == Axis([1, 2], unit="rpm", name="a")
+    parameters = read(dcm(distribution + GROUP.format(comment="*SSTX a")))
+    assert parameters["C"].axes[0] == Axis([1, 2], unit="rpm", name="a")

@@ -141,8 +141,8 @@ def test_a_changed_value_changes_that_number_alone(written, tmp_path, name, valu
     path = written(TEXT)
     parameters = read(path)
     member = parameters[name].with_values(np.array(values, float))
-    found = changed(path, parameters.with_parameters(member), tmp_path / "b.dcm")
-    assert found == lines
+    lines_changed = changed(path, parameters.with_parameters(member), tmp_path / "b.dcm")
+    assert lines_changed == lines
     assert read(tmp_path / "b.dcm")[name] == member
 
 
@@ -150,36 +150,40 @@ def test_a_group_axis_changes_in_every_copy(written, tmp_path):
     path = written(TEXT)
     parameters = read(path)
     moved = [parameters[name].changed(axes=(Axis([1.0, 2.5], name="AxisG"),)) for name in "GH"]
-    found = changed(path, parameters.with_parameters(*moved), tmp_path / "b.dcm")
-    assert [line[4:] for line in found if line[0] == "+"] == ["ST/X 1.00 2.5\n", "ST/X 1.0 2.5\n", "ST/X 1 2.5\n"]
+    lines_changed = changed(path, parameters.with_parameters(*moved), tmp_path / "b.dcm")
+    assert [line[4:] for line in lines_changed if line[0] == "+"] == [
+        "ST/X 1.00 2.5\n",
+        "ST/X 1.0 2.5\n",
+        "ST/X 1 2.5\n",
+    ]
     assert read(tmp_path / "b.dcm").axes[0].breakpoints.tolist() == [1.0, 2.5]
 
 
 def test_the_chosen_variant_is_the_one_that_changes(written, tmp_path):
     path = written(TEXT)
     parameters = read(path).in_variant("Engine=2")
-    found = changed(path, parameters.with_parameters(Scalar("V", 21)), tmp_path / "b.dcm")
-    assert found == ["-   WERT 20\n", "+   WERT 21\n"]
+    lines_changed = changed(path, parameters.with_parameters(Scalar("V", 21)), tmp_path / "b.dcm")
+    assert lines_changed == ["-   WERT 20\n", "+   WERT 21\n"]
     parameters = read(path).in_variant("B")
-    found = changed(path, parameters.with_parameters(Scalar("W", 29)), tmp_path / "b.dcm")
-    assert found == ["-   VAR A=27.5,B=28\n", "+   VAR A=27.5,B=29\n"]
+    lines_changed = changed(path, parameters.with_parameters(Scalar("W", 29)), tmp_path / "b.dcm")
+    assert lines_changed == ["-   VAR A=27.5,B=28\n", "+   VAR A=27.5,B=29\n"]
 
 
 def test_values_of_variants_keep_their_blanks(written, tmp_path):
     path = written("FESTWERT W\n  WERT 1\n\tVAR BA = 2 , A=  3,C=4  \nEND\n")
     parameters = read(path).in_variant("A").with_parameters(Scalar("W", 3.5))
     parameters = parameters.in_variant("C").with_parameters(Scalar("W", 44))
-    found = changed(path, parameters, tmp_path / "b.dcm")
-    assert found[-1] == "+ \tVAR BA = 2 , A=  3.5,C=44  \n"
+    lines_changed = changed(path, parameters, tmp_path / "b.dcm")
+    assert lines_changed[-1] == "+ \tVAR BA = 2 , A=  3.5,C=44  \n"
     assert read(tmp_path / "b.dcm").everything == parameters.everything
 
 
 def test_a_new_description_replaces_the_old_one_or_is_added(written, tmp_path):
     path = written(TEXT)
     parameters = read(path)
-    told = [parameters[name].changed(description="what it is for") for name in "KM"]
-    found = changed(path, parameters.with_parameters(*told), tmp_path / "b.dcm")
-    assert [line for line in found if line[0] == "+"] == [
+    described = [parameters[name].changed(description="what it is for") for name in "KM"]
+    lines_changed = changed(path, parameters.with_parameters(*described), tmp_path / "b.dcm")
+    assert [line for line in lines_changed if line[0] == "+"] == [
         '+ \t LANGNAME "what it is for"  ! no comment\n',
         '+    LANGNAME "what it is for"\n',
     ]
@@ -273,7 +277,7 @@ def test_another_display_name_and_other_functions_are_written(written, tmp_path)
     assert read(tmp_path / "new.dcm") == after
 
 
-def test_a_block_that_is_written_anew_keeps_what_the_set_does_not_say(written, tmp_path):
+def test_a_rewritten_block_keeps_what_the_set_does_not_state(written, tmp_path):
     path = written('FESTWERT K\n LANGNAME "gain"\n FUNKTION F1\n DISPLAYNAME k\n WERT 1.50\nEND\n')
     before = read(path)
     write(before.with_parameters(Scalar("K", 2.0, unit="Nm")), tmp_path / "new.dcm")

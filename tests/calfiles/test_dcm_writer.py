@@ -46,7 +46,7 @@ def test_no_line_holds_more_than_six_numbers(tmp_path):
     assert [len(line.split()) - 1 for line in lines if line.startswith("   WERT")] == [6, 6, 1]
 
 
-def test_what_dcm_cannot_hold_is_refused_by_name_before_anything_is_written(tmp_path):
+def test_parameters_that_dcm_cannot_hold_are_refused_by_name_before_writing(tmp_path):
     kept = tmp_path / "a.dcm"
     kept.write_text("as it was", encoding="utf-8")
     parameters = ParameterSet(
@@ -63,9 +63,9 @@ def test_what_dcm_cannot_hold_is_refused_by_name_before_anything_is_written(tmp_
     )
     with pytest.raises(InputError) as caught:
         write(parameters, kept)
-    said = str(caught.value)
+    message = str(caught.value)
     for name in ("Q", "B3", "B0", "N", "two words", "T", "L", "spare axis"):
-        assert f"a.dcm {name}: " in said
-    assert "DCM cannot store a cube of 3 dimensions. Write it as .json." in said
+        assert f"a.dcm {name}: " in message
+    assert "DCM cannot store a cube of 3 dimensions. Write it as .json." in message
     assert kept.read_text(encoding="utf-8") == "as it was"
     assert list(tmp_path.iterdir()) == [kept]

@@ -62,9 +62,9 @@ def put(grid, cell, value):
 
 
 def save(path, grids):
-    with xlsxwriter.Workbook(path) as made:
+    with xlsxwriter.Workbook(path) as workbook:
         for name, grid in grids.items():
-            sheet = made.add_worksheet(name)
+            sheet = workbook.add_worksheet(name)
             for row, line in enumerate(grid):
                 for column, value in enumerate(line):
                     if value != "":
@@ -116,8 +116,8 @@ def test_a_breakpoint_more_is_a_row_more(book):
 
 
 def test_a_column_more_of_a_group_axis_belongs_on_its_sheet_too(book):
-    said = refused(book({("MapX", "E8"): 2000, ("MapX", "E9"): 1, ("MapX", "E10"): 1}))
-    assert "Sheet MapX cell B8 starts 4 breakpoints, but the group axis AxisSpeed has 3" in said
+    message = refused(book({("MapX", "E8"): 2000, ("MapX", "E9"): 1, ("MapX", "E10"): 1}))
+    assert "Sheet MapX cell B8 starts 4 breakpoints, but the group axis AxisSpeed has 3" in message
 
 
 def test_a_row_added_to_the_scalars_is_a_parameter(book):
@@ -126,7 +126,7 @@ def test_a_row_added_to_the_scalars_is_a_parameter(book):
 
 
 @pytest.mark.parametrize(
-    ("cell", "value", "said"),
+    ("cell", "value", "message"),
     [
         (("MapX", "C9"), "1,5", "Sheet MapX cell C9 must be a number, got '1,5'. Write it as a number"),
         (("MapX", "C9"), "", "Sheet MapX cell C9 must be a number, but is empty"),
@@ -156,16 +156,16 @@ def test_a_row_added_to_the_scalars_is_a_parameter(book):
         (("Cube", "B16"), 9, "Sheet Cube cell B16 contains 9, but Sheet Cube cell B10 contains 1"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_cell(book, cell, value, said):
-    assert said in refused(book({cell: value}))
+def test_errors_are_reported_with_their_cell(book, cell, value, message):
+    assert message in refused(book({cell: value}))
 
 
-def test_every_finding_of_a_workbook_is_told_at_once(book):
-    said = refused(book({("MapX", "C9"): "x", ("Scalars", "B2"): "y", ("Cube", "B11"): "z"}))
-    assert len(said.splitlines()) == 3
+def test_all_findings_of_a_workbook_are_reported_at_once(book):
+    message = refused(book({("MapX", "C9"): "x", ("Scalars", "B2"): "y", ("Cube", "B11"): "z"}))
+    assert len(message.splitlines()) == 3
 
 
-def test_a_measurement_is_no_calibration(tmp_path):
+def test_a_measurement_is_not_calibration_data(tmp_path):
     path = tmp_path / "bench.xlsx"
     save(path, {"data": [["time", "n"], [0, 700], [1, 800]]})
     assert "without a sheet Parameters" in refused(path)
@@ -176,11 +176,11 @@ def test_a_measurement_is_no_calibration(tmp_path):
 
 def repacked(path, change):
     """The workbook with its parts changed."""
-    made = BytesIO()
-    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as other:
+    content = BytesIO()
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as other:
         for part in archive.infolist():
             other.writestr(part.filename, change(part.filename, archive.read(part)))
-    path.write_bytes(made.getvalue())
+    path.write_bytes(content.getvalue())
     return path
 
 
@@ -235,7 +235,7 @@ def test_entities_are_not_expanded(book, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("item", "said"),
+    ("item", "message"),
     [
         (Scalar("K", np.nan), "cannot store non-finite values"),
         (Scalar(" K", 1.0), "is not a valid name in Excel"),
@@ -245,8 +245,8 @@ def test_entities_are_not_expanded(book, tmp_path):
         (Block("K", np.zeros((20_000, 2))), "cannot store its 20000 x 2 values"),
     ],
 )
-def test_what_excel_cannot_hold_is_refused(tmp_path, item, said):
-    with pytest.raises(InputError, match=said):
+def test_parameters_that_excel_cannot_hold_are_refused(tmp_path, item, message):
+    with pytest.raises(InputError, match=message):
         write(ParameterSet([item]), tmp_path / "a.xlsx")
 
 

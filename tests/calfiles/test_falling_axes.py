@@ -428,10 +428,10 @@ def test_json_states_the_order_as_true_or_false(tmp_path, key, value):
         read_parameters(path)
 
 
-def test_a_format_that_lacks_the_order_says_so():
+def test_a_format_with_rising_axes_alone_reports_the_loss():
     values = ParameterSet([Curve("C", Axis([1, 2], falling=True), [3, 4]), Curve("D", [1, 2], [3, 4])])
-    [told] = find_losses(values, ("falling axes",), "a.abc")
-    assert str(told) == (
+    [loss] = find_losses(values, ("falling axes",), "a.abc")
+    assert str(loss) == (
         "a.abc: falling axes are written in rising order: 1 label (C). Write it as .json to keep their order."
     )
     assert all(losses(values, f"a{ending}") == () for ending in STORED_IN)

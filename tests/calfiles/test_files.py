@@ -39,7 +39,7 @@ def test_the_public_names_are_pinned():
 
 
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".mat", ".m", ".DCM"])
-def test_the_content_tells_the_format_when_reading(tmp_path, ending):
+def test_the_content_decides_the_format_when_reading(tmp_path, ending):
     write(ONE, tmp_path / f"a{ending}")
     (tmp_path / f"a{ending}").rename(tmp_path / "renamed.txt")
     assert read(str(tmp_path / "renamed.txt")) == ONE
@@ -85,19 +85,24 @@ def test_a_link_stays_a_link(tmp_path):
     assert read(tmp_path / "a.dcm")["K"].value == 3.0
 
 
-def test_a_description_says_what_is_in_a_file(tmp_path):
+def test_a_description_lists_the_contents_of_a_file(tmp_path):
     speed = Axis([1, 2], unit="rpm", name="AxisSpeed")
     parameters = ParameterSet([Curve("C", speed, [3, np.nan], unit="Nm", description="d")], [Text("T", "a")])
     write(parameters, tmp_path / "a.json")
-    found = describe(tmp_path / "a.json")
-    assert (found.kind, found.axes, found.texts, found.findings) == ("JSON", (speed,), (Text("T", "a"),), ())
-    summary = found.parameters[0]
+    description = describe(tmp_path / "a.json")
+    assert (description.kind, description.axes, description.texts, description.findings) == (
+        "JSON",
+        (speed,),
+        (Text("T", "a"),),
+        (),
+    )
+    summary = description.parameters[0]
     assert (summary.name, summary.kind, summary.shape, summary.unit) == ("C", "curve", (2,), "Nm")
     assert (summary.description, summary.minimum, summary.maximum) == ("d", 3.0, 3.0)
 
 
 @pytest.mark.parametrize(
-    ("raw", "said"),
+    ("raw", "message"),
     [
         (b"", "is empty"),
         (b" \n ", "is empty"),
@@ -111,16 +116,16 @@ def test_a_description_says_what_is_in_a_file(tmp_path):
         (b"time,Torque\n0,1\n", "it begins with 'time,Torque'"),
     ],
 )
-def test_a_file_of_another_kind_is_refused(tmp_path, raw, said):
+def test_a_file_of_another_kind_is_refused(tmp_path, raw, message):
     path = tmp_path / "start.dcm"
     path.write_bytes(raw)
     with pytest.raises(InputError, match=r"Expected .*DCM \(\.dcm\)") as caught:
         read(path)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "raw", "said"),
+    ("name", "raw", "message"),
     [
         (
             "a.par",
@@ -138,11 +143,11 @@ def test_a_file_of_another_kind_is_refused(tmp_path, raw, said):
         ("a.bin", b"\0\1", "is a raw memory dump (.bin), which contains no addresses. Convert it to Intel HEX"),
     ],
 )
-def test_calibration_data_that_cannot_be_read_are_named_with_a_way_out(tmp_path, name, raw, said):
+def test_calibration_data_that_cannot_be_read_are_named_with_a_way_out(tmp_path, name, raw, message):
     (tmp_path / name).write_bytes(raw)
     with pytest.raises(InputError) as caught:
         read(tmp_path / name)
-    assert str(caught.value).startswith(f"{name}: {said}")
+    assert str(caught.value).startswith(f"{name}: {message}")
 
 
 def test_a_known_format_is_read_whatever_its_ending(tmp_path):

@@ -39,10 +39,10 @@ def error(message, *arguments, **further):
 
 @pytest.mark.parametrize("name", ["ecu.hex", "ecu.s19"])
 def test_an_image_is_read_through_the_a2l_file_beside_it(folder, name):
-    found = kf.read_parameters(folder / name)
-    assert found["K"].value == 1.5
-    assert found["C"].values.tolist() == [1, 2, 3]
-    assert found["K"].functions == ("Torque",)
+    parameters = kf.read_parameters(folder / name)
+    assert parameters["K"].value == 1.5
+    assert parameters["C"].values.tolist() == [1, 2, 3]
+    assert parameters["K"].functions == ("Torque",)
     described = describe(folder / name)
     assert described.kind.endswith("with ecu.a2l")
 
@@ -107,13 +107,13 @@ FRAGMENT = '/* labels */\n/begin COMPU_METHOD CM "" IDENTICAL "%5.2" "bar"\n/end
 
 def test_a_fragment_of_an_a2l_file_is_named_as_such(folder):
     (folder / "part.a2l").write_text(FRAGMENT, encoding="utf-8")
-    said = (
+    message = (
         "part.a2l: is a fragment of an A2L file: it starts with COMPU_METHOD, without an enclosing PROJECT "
         "and MODULE. Pass the A2L file that includes it."
     )
-    assert error(read, folder / "part.a2l") == said
-    assert error(describe_a2l, folder / "part.a2l") == said
-    assert error(read, folder / "ecu.hex", folder / "part.a2l") == said
+    assert error(read, folder / "part.a2l") == message
+    assert error(describe_a2l, folder / "part.a2l") == message
+    assert error(read, folder / "ecu.hex", folder / "part.a2l") == message
 
 
 def test_a_module_without_a_project_is_a_description(folder):
@@ -124,15 +124,15 @@ def test_a_module_without_a_project_is_a_description(folder):
 
 def test_an_a2l_file_alone_holds_no_values(folder):
     assert "ecu.a2l: is an A2L description, which contains no values" in error(read, folder / "ecu.a2l")
-    found = describe_a2l(folder / "ecu.a2l")
-    assert [one.name for one in found.labels] == ["K", "C"]
+    a2l = describe_a2l(folder / "ecu.a2l")
+    assert [one.name for one in a2l.labels] == ["K", "C"]
 
 
 def test_a_set_from_an_image_is_saved_into_it(folder):
-    found = kf.read_parameters(folder / "ecu.hex")
-    found.save(folder / "same.hex")
+    parameters = kf.read_parameters(folder / "ecu.hex")
+    parameters.save(folder / "same.hex")
     assert (folder / "same.hex").read_bytes() == (folder / "ecu.hex").read_bytes()
-    found.with_parameters(found["K"].with_values(4.0)).save(folder / "new.hex")
+    parameters.with_parameters(parameters["K"].with_values(4.0)).save(folder / "new.hex")
     assert read(folder / "new.hex", folder / "ecu.a2l")["K"].value == 4.0
 
 
@@ -148,7 +148,7 @@ def test_a_set_from_elsewhere_needs_an_image(folder):
     assert (folder / "new.s19").read_bytes() == s_file({ADDRESS: bytes([4, 2, 4, 6])})
 
 
-def test_the_ending_says_what_the_image_holds(folder):
+def test_the_ending_must_match_the_format_of_the_image(folder):
     message = error(kf.read_parameters(folder / "ecu.hex").save, folder / "new.s19")
     assert "ecu.hex is Intel HEX, which has other endings than .s19. Use .hex, .ihex." in message
     assert {".hex", ".s19"} <= set(endings())
@@ -168,9 +168,9 @@ def test_info_shows_descriptions_and_images(folder, capsys):
     assert "A2L description (ASAP2 1.71, project P), 2 labels, 0 group axes, 0 measurements" in shown
     assert "0x1001" in shown
     assert run(["info", str(folder / "ecu.a2l"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["content"] == "a2l"
-    assert found["labels"][1] | {"description": ""} == {
+    info = json.loads(capsys.readouterr().out)
+    assert info["content"] == "a2l"
+    assert info["labels"][1] | {"description": ""} == {
         "name": "C",
         "kind": "curve",
         "shape": [3],
@@ -192,9 +192,9 @@ def test_convert_goes_both_ways(folder, capsys):
     write(ParameterSet([Scalar("K", 7.3, unit="Nm"), Scalar("Other", 1.0)]), folder / "new.json")
     status = run(["convert", str(folder / "new.json"), str(folder / "new.hex"), "--image", str(folder / "ecu.hex")])
     assert status == 0
-    said = capsys.readouterr().err
-    assert "1 label (Other) left out: not in ecu.a2l" in said
-    assert "1 number of 1 label rounded to storable values, by at most 0.2 Nm" in said
+    stderr = capsys.readouterr().err
+    assert "1 label (Other) left out: not in ecu.a2l" in stderr
+    assert "1 number of 1 label rounded to storable values, by at most 0.2 Nm" in stderr
     assert (folder / "new.hex").read_bytes() == hex_file({ADDRESS: bytes([15, 2, 4, 6])})
 
 
@@ -210,8 +210,8 @@ def test_diff_and_merge_take_images(folder, capsys):
     assert run(["diff", str(folder / "ecu.hex"), str(folder / "ecu.s19")]) == 0
     write(ParameterSet([Scalar("K", 2.0, unit="Nm")]), folder / "new.dcm")
     merged = folder / "merged.hex"
-    given = ["merge", str(folder / "ecu.hex"), str(folder / "new.dcm"), "-o", str(merged)]
-    assert run([*given, "--a2l", str(folder / "ecu.a2l")]) == 0
+    command = ["merge", str(folder / "ecu.hex"), str(folder / "new.dcm"), "-o", str(merged)]
+    assert run([*command, "--a2l", str(folder / "ecu.a2l")]) == 0
     assert run(["diff", str(folder / "ecu.hex"), str(merged), "--a2l", str(folder / "ecu.a2l")]) == 1
     assert "K" in capsys.readouterr().out
     assert merged.read_bytes() == hex_file({ADDRESS: bytes([4, 2, 4, 6])})

@@ -8,7 +8,7 @@ TEXT = 'FESTWERT K\n EINHEIT_W "°C"\n'
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
-def test_the_encoding_is_found(encoding):
+def test_the_encoding_is_detected(encoding):
     assert CalibrationSource("a", TEXT.encode(encoding)).text == TEXT
 
 
@@ -18,7 +18,7 @@ def test_the_encoding_that_a_file_declares_counts():
 
 
 @pytest.mark.parametrize("name", ["zip", "unicode_escape", "nonsense", "utf-99", "undefined"])
-def test_a_declared_encoding_that_is_no_character_set_is_passed_over(name):
+def test_a_declared_encoding_of_an_unknown_name_is_ignored(name):
     text = f'* encoding="{name}"\n°\n'
     assert CalibrationSource("a", text.encode()).text == text
 

@@ -54,7 +54,7 @@ def test_the_entries_are_those_of_the_contract(tmp_path):
     assert read(tmp_path / "a.json") == parameters
 
 
-def test_a_table_that_goes_on_beyond_its_ends_says_so(tmp_path):
+def test_linear_extrapolation_is_written(tmp_path):
     parameters = ParameterSet([Curve("C", [1, 2], [3, 4], extrapolation="linear"), Curve("D", [1, 2], [3, 4])])
     write(parameters, tmp_path / "a.json")
     entries = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
@@ -63,7 +63,7 @@ def test_a_table_that_goes_on_beyond_its_ends_says_so(tmp_path):
     assert read(tmp_path / "a.json") == parameters
 
 
-def test_another_extrapolation_is_told(tmp_path):
+def test_another_extrapolation_is_reported(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('{"C": {"kind": "curve", "unit": "", "x": [1, 2], "values": [3, 4], "extrapolation": "cubic"}}')
     assert any('C.extrapolation: must be "clip" or "linear", got \'cubic\'' in finding for finding in findings(path))
@@ -95,7 +95,7 @@ def test_two_entries_of_one_name_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "message"),
     [
         ({"kind": "map", "x": [1, 2], "y": [1], "values": [[1], [1, 2]]}, "K.values[1]: must have length 1, got 2"),
         ({"kind": "map", "x": [1, 2], "y": [1], "values": [[1]]}, "K.values: must have length 2, got 1"),
@@ -118,16 +118,16 @@ def test_two_entries_of_one_name_are_refused(tmp_path):
         ({"kind": "block", "values": [[1, 2], [3]]}, "K.values[1]: must have length 2, got 1"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_path(written, entry, said):
+def test_errors_are_reported_with_their_path(written, entry, message):
     path = written(json.dumps({"K": entry}), "p.json")
-    assert any(finding.startswith(f"p.json {said}") for finding in findings(path))
+    assert any(finding.startswith(f"p.json {message}") for finding in findings(path))
 
 
-def test_every_problem_is_found_at_once(written):
+def test_all_problems_are_reported_at_once(written):
     path = written('{"A": 3, "B": {"kind": "scalar", "value": "x"}, "B": {"kind": "scalar"}}', "p.json")
-    said = "\n".join(findings(path))
-    assert "A: must be an object" in said
-    assert "p.json B: is defined twice" in said
+    messages = "\n".join(findings(path))
+    assert "A: must be an object" in messages
+    assert "p.json B: is defined twice" in messages
 
 
 def test_a_group_axis_with_other_breakpoints_in_another_table_is_refused(written):

@@ -33,7 +33,7 @@ Calibration
 """
 
 
-def test_the_sections_of_inca_are_told_apart():
+def test_the_sections_of_inca_are_distinguished():
     labels = parse_label_list(INCA)
     assert labels.labels == ("KfTrqOpt", "KlEta", "KwOff")
     assert labels.measured == ("nEng", "rl")
@@ -63,13 +63,13 @@ def test_a_list_that_is_written_is_read_back(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a;b", " a", "[a]", "#a", "//a", "a\nb"])
-def test_a_name_that_a_list_cannot_hold_is_left_out_and_said(name):
+def test_a_name_that_a_list_cannot_hold_is_skipped_with_a_remark(name):
     text, remarks = write_label_list(["KlEta", name], "a.lab")
     assert text.endswith("[LABEL]\r\nKlEta\r\n")
     assert "a.lab: 1 name left out, as a label list cannot hold them" in str(remarks[0])
 
 
-def test_what_is_no_text_is_refused(tmp_path):
+def test_binary_content_is_refused(tmp_path):
     (tmp_path / "a.lab").write_bytes(b"\0\1\2")
     with pytest.raises(InputError, match=r"a\.lab: is not a label list"):
         read_label_list(tmp_path / "a.lab")

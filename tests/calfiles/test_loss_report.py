@@ -41,17 +41,17 @@ def set_of(item):
 
 @pytest.mark.parametrize("ending", ENDINGS)
 @pytest.mark.parametrize("item", ASPECTS.values(), ids=ASPECTS)
-def test_every_aspect_comes_back_or_is_refused_or_told(tmp_path, ending, item):
+def test_every_aspect_is_restored_refused_or_reported(tmp_path, ending, item):
     path, members = tmp_path / f"a{ending}", set_of(item)
     try:
         write(members, path)
     except InputError:
         return  # refused with a finding, which is loud enough
-    told = losses(members, path)
-    assert (read(path).everything == members.everything) != bool(told), told
+    warnings = losses(members, path)
+    assert (read(path).everything == members.everything) != bool(warnings), warnings
 
 
-def test_group_axes_with_another_unit_in_a_table_are_told_for_cvx(tmp_path):
+def test_group_axes_with_another_unit_in_a_table_are_reported_for_cvx(tmp_path):
     tables = ParameterSet([Curve("A", GROUP, [1, 2, 3]), Curve("B", GROUP.changed(unit="1/min"), [1, 2, 3])])
     assert [str(one) for one in losses(tables, "a.csv")] == [
         "a.csv: units of a group axis that differ between tables become that of the first table: 1 label (B). "
@@ -67,7 +67,7 @@ def test_axis_units_pass_through_cvx(tmp_path):
     assert read(tmp_path / "a.csv") == table
 
 
-def test_many_labels_are_told_in_one_remark():
+def test_many_labels_share_one_remark():
     many = ParameterSet([Scalar(f"K{i}", 1, lower=0) for i in range(9)])
     [warning] = losses(many, "a.dcm")
     assert str(warning) == (

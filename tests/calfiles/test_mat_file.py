@@ -60,37 +60,41 @@ def refused(path):
 
 
 @pytest.mark.parametrize("packed", [True, False])
-def test_what_people_save_is_read(tmp_path, packed):
+def test_files_of_other_programs_are_read(tmp_path, packed):
     path = saved(tmp_path, PEOPLE, do_compression=packed)
-    found = read(path)
-    assert found["K"] == Scalar("K", 1.5)
-    assert (found["row"].values.tolist(), found["column"].values.tolist()) == ([1, 2, 3], [1, 2])
-    assert found["matrix"].values.tolist() == [[1, 2], [3, 4]]
-    assert found["flag"].value == 1
-    assert found["LUT"] == Map("LUT", [1, 2], [5, 6, 7], np.ones((2, 3)))
-    assert found["curve"] == Curve("curve", [1, 2], [3, 4], unit="Nm")
-    assert (found["gov.Kp"].value, found["gov.Ki"].value) == (0.1, 0.2)
-    assert found.texts == (Text("word", "abc"),)
+    parameters = read(path)
+    assert parameters["K"] == Scalar("K", 1.5)
+    assert (parameters["row"].values.tolist(), parameters["column"].values.tolist()) == ([1, 2, 3], [1, 2])
+    assert parameters["matrix"].values.tolist() == [[1, 2], [3, 4]]
+    assert parameters["flag"].value == 1
+    assert parameters["LUT"] == Map("LUT", [1, 2], [5, 6, 7], np.ones((2, 3)))
+    assert parameters["curve"] == Curve("curve", [1, 2], [3, 4], unit="Nm")
+    assert (parameters["gov.Kp"].value, parameters["gov.Ki"].value) == (0.1, 0.2)
+    assert parameters.texts == (Text("word", "abc"),)
     remarks = "\n".join(map(str, describe(path).findings))
     assert "start.mat mixed: is a cell array" in remarks
     assert "start.mat empty: is empty" in remarks
     assert "start.mat phase: is a complex number" in remarks
 
 
-def test_what_we_write_is_what_scipy_reads(tmp_path):
+def test_scipy_reads_the_written_file(tmp_path):
     write(SET, tmp_path / "a.mat")
-    found = scipy.io.loadmat(tmp_path / "a.mat", squeeze_me=True)
-    assert found["K"] == 0.08
-    assert found["MapX"]["values"].item().tolist() == [[0, 1], [2, 3], [4, 5]]
-    assert str(found["a_b_0_"]["name"]) == "a.b[0]"
+    contents = scipy.io.loadmat(tmp_path / "a.mat", squeeze_me=True)
+    assert contents["K"] == 0.08
+    assert contents["MapX"]["values"].item().tolist() == [[0, 1], [2, 3], [4, 5]]
+    assert str(contents["a_b_0_"]["name"]) == "a.b[0]"
     assert read(tmp_path / "a.mat") == SET
 
 
 def test_version_4_is_read(tmp_path):
     path = saved(tmp_path, {"K": 1.5, "M": np.arange(6.0).reshape(2, 3), "word": "abc"}, format="4")
-    found = read(path)
+    parameters = read(path)
     assert describe(path).kind == "MATLAB 4"
-    assert (found["K"].value, found["M"].values.tolist(), found.texts[0].text) == (1.5, [[0, 1, 2], [3, 4, 5]], "abc")
+    assert (parameters["K"].value, parameters["M"].values.tolist(), parameters.texts[0].text) == (
+        1.5,
+        [[0, 1, 2], [3, 4, 5]],
+        "abc",
+    )
 
 
 @pytest.fixture
@@ -109,11 +113,11 @@ def newest(tmp_path):
 
 
 def put(group, name, value, kind="double", **attributes):
-    made = group.create_dataset(name, data=value)
-    made.attrs["MATLAB_class"] = np.bytes_(kind)
+    dataset = group.create_dataset(name, data=value)
+    dataset.attrs["MATLAB_class"] = np.bytes_(kind)
     for key, attribute in attributes.items():
-        made.attrs[key] = attribute
-    return made
+        dataset.attrs[key] = attribute
+    return dataset
 
 
 def fill(file):
@@ -136,12 +140,12 @@ def fill(file):
 
 def test_version_7_3_is_read(newest):
     path = newest(fill)
-    found = read(path)
-    assert found["K"].value == 1.5
-    assert found["M"].values.tolist() == [[1, 2, 3], [4, 5, 6]]
-    assert found["MapX"] == Curve("MapX", [1, 2], [7, 8])
-    assert found["LUT"] == Map("LUT", [1, 2], [1, 2, 3], np.ones((2, 3)))
-    assert found.texts == (Text("word", "ab"),)
+    parameters = read(path)
+    assert parameters["K"].value == 1.5
+    assert parameters["M"].values.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert parameters["MapX"] == Curve("MapX", [1, 2], [7, 8])
+    assert parameters["LUT"] == Map("LUT", [1, 2], [1, 2, 3], np.ones((2, 3)))
+    assert parameters.texts == (Text("word", "ab"),)
     assert any(" object: is a Simulink.Parameter, which only MATLAB" in str(one) for one in describe(path).findings)
 
 
@@ -150,7 +154,7 @@ def test_a_file_of_7_3_that_claims_gigabytes_is_refused(newest):
     assert "/K claims 2500000000 values in 0 bytes" in refused(newest(lambda file: file.create_dataset("K", **sizes)))
 
 
-def test_recorded_samples_are_no_calibration(tmp_path):
+def test_recorded_samples_are_not_calibration_data(tmp_path):
     path = saved(tmp_path, {"log": {"time": np.arange(100.0), "n": np.ones(100)}})
     assert "contains recorded samples (log.time), not a calibration. Use it as a dataset file." in refused(path)
     assert not holds_calibration(read_head(path))
@@ -158,7 +162,7 @@ def test_recorded_samples_are_no_calibration(tmp_path):
     assert holds_calibration(read_head(path))
 
 
-def test_the_beginning_of_a_file_tells_what_it_is(tmp_path):
+def test_the_beginning_of_a_file_decides_its_format(tmp_path):
     for version in ("4", "5"):
         raw = saved(tmp_path, {"K": np.ones((200, 200))}, format=version).read_bytes()
         assert MATLAB.recognises(FileHead(Path("a"), raw[:65536]))
@@ -167,8 +171,10 @@ def test_the_beginning_of_a_file_tells_what_it_is(tmp_path):
 
 def packed(content):
     """A file of version 5 with one compressed variable."""
-    made = zlib.compress(content, 9)
-    return b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\0\1IM" + struct.pack("<II", 15, len(made)) + made
+    compressed = zlib.compress(content, 9)
+    return (
+        b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\0\1IM" + struct.pack("<II", 15, len(compressed)) + compressed
+    )
 
 
 def element(kind, data):
@@ -188,7 +194,7 @@ def nested(depth):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (matrix(6, (100_000, 100_000), element(9, bytes(8))), "an array claims 100000 x 100000 values in 8 bytes"),
         (matrix(1, (2_000_000_000, 1)), "an array claims 2000000000 x 1 values"),
@@ -202,10 +208,10 @@ def nested(depth):
         (struct.pack("<II", 14, 4_000_000_000), "claims 4000000000 bytes"),
     ],
 )
-def test_hostile_claims_are_refused(tmp_path, content, said):
+def test_hostile_claims_are_refused(tmp_path, content, message):
     path = tmp_path / "a.mat"
     path.write_bytes(packed(content))
-    assert said in refused(path)
+    assert message in refused(path)
 
 
 def test_a_variable_that_unpacks_to_gigabytes_is_refused(tmp_path, monkeypatch):
@@ -239,10 +245,10 @@ def test_damaged_files_of_7_3_are_read_or_refused(newest, count):
     raw = path.read_bytes()
     generator = np.random.default_rng(7)
     for _ in range(count):
-        made = bytearray(raw)
+        damaged = bytearray(raw)
         at = int(generator.integers(512, len(raw)))
-        made[at : at + int(generator.integers(1, 9))] = generator.bytes(int(generator.integers(0, 9)))
-        path.write_bytes(bytes(made))
+        damaged[at : at + int(generator.integers(1, 9))] = generator.bytes(int(generator.integers(0, 9)))
+        path.write_bytes(bytes(damaged))
         assert all(finding.message for finding in findings(path)[0])
 
 
@@ -256,9 +262,9 @@ def test_objects_of_parameters_are_read(tmp_path):
         "L": Thing("Simulink.LookupTable", {"Table": table, "Breakpoints": [axis]}),
     }
     (tmp_path / "a.mat").write_bytes(matfile(variables))
-    found = read(tmp_path / "a.mat")
-    assert found["P"] == Scalar("P", 3.0, unit="Nm", description="gain")
-    assert found["L"] == Curve("L", Axis([700, 1500], unit="rpm"), [1, 2], unit="Nm")
+    parameters = read(tmp_path / "a.mat")
+    assert parameters["P"] == Scalar("P", 3.0, unit="Nm", description="gain")
+    assert parameters["L"] == Curve("L", Axis([700, 1500], unit="rpm"), [1, 2], unit="Nm")
     assert describe(tmp_path / "a.mat").findings == ()
 
 

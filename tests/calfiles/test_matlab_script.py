@@ -56,56 +56,56 @@ def refused(path):
     return str(caught.value)
 
 
-def test_what_people_write_is_read(script):
-    found = read(script(PEOPLE))
-    assert found["K"] == Scalar("K", 1.2e-3, unit="Nm/rpm", description="gain of the governor")
-    assert [found[name].value for name in ("L", "M", "N", "On")] == [-8.0, np.pi, np.inf, 1.0]
-    assert found["V"] == Block("V", [1, 2, 3])
-    assert found["W"].values.tolist() == [[1, -2, 3], [4, 5, 6]]
-    assert found["R"].values.tolist() == [-1, 3, -4]
-    assert found["X"] == Scalar("X", 7, unit="rpm")
-    assert found["P"] == Scalar("P", 5, description='it\'s "five"')
-    assert found["Q"].values.tolist() == [[1, 2], [3, 4]]
-    assert found["LUT"] == Map("LUT", [10, 20], [0, 50, 100], [[1, 2, 3], [4, 5, 6]])
-    assert (found["Gov.Kp"].value, found["Gov.Ki"].value) == (0.08, 0.046)
-    assert found["Eta"] == Curve("Eta", [0, 500, 1000, 1500, 2000], [1, 0.75, 0.5, 0.25, 0])
-    assert found["Turned"].values.tolist() == [[1, 3, 5], [2, 4, 6]]
-    assert found["Pair"] == Curve("Pair", [0, 1], [2, 3])
-    assert found.texts == (Text("T", "text with % and ..."),)
+def test_hand_written_scripts_are_read(script):
+    parameters = read(script(PEOPLE))
+    assert parameters["K"] == Scalar("K", 1.2e-3, unit="Nm/rpm", description="gain of the governor")
+    assert [parameters[name].value for name in ("L", "M", "N", "On")] == [-8.0, np.pi, np.inf, 1.0]
+    assert parameters["V"] == Block("V", [1, 2, 3])
+    assert parameters["W"].values.tolist() == [[1, -2, 3], [4, 5, 6]]
+    assert parameters["R"].values.tolist() == [-1, 3, -4]
+    assert parameters["X"] == Scalar("X", 7, unit="rpm")
+    assert parameters["P"] == Scalar("P", 5, description='it\'s "five"')
+    assert parameters["Q"].values.tolist() == [[1, 2], [3, 4]]
+    assert parameters["LUT"] == Map("LUT", [10, 20], [0, 50, 100], [[1, 2, 3], [4, 5, 6]])
+    assert (parameters["Gov.Kp"].value, parameters["Gov.Ki"].value) == (0.08, 0.046)
+    assert parameters["Eta"] == Curve("Eta", [0, 500, 1000, 1500, 2000], [1, 0.75, 0.5, 0.25, 0])
+    assert parameters["Turned"].values.tolist() == [[1, 3, 5], [2, 4, 6]]
+    assert parameters["Pair"] == Curve("Pair", [0, 1], [2, 3])
+    assert parameters.texts == (Text("T", "text with % and ..."),)
 
 
-def test_what_is_left_aside_is_told_with_its_line(script):
+def test_skipped_entries_are_reported_with_their_line(script):
     remarks = "\n".join(str(warning) for warning in describe(script(PEOPLE)).findings)
     assert "clear" not in remarks
     assert "unknown fields skipped: Min, y_is" in remarks
     assert "(Turned): has one row per y breakpoint (3); read transposed" in remarks
 
 
-def test_nothing_is_executed_and_what_it_would_change_is_forgotten(script):
+def test_foreign_code_is_not_executed_and_its_variables_are_undefined(script):
     text = "K = 1;\nL = 2;\nM = 3;\nK = system('x');\nif M > 2\n  L = 5;\nend\nM2 = M * 2;\nM(2) = 4;\n"
-    found = describe(script(text))
-    assert [summary.name for summary in found.parameters] == ["L", "M", "M2"]
+    description = describe(script(text))
+    assert [summary.name for summary in description.parameters] == ["L", "M", "M2"]
     assert read(script(text))["L"].value == 5
-    assert [str(remark.location) for remark in found.findings] == ["start.m line 4, column 5"]
-    assert "unknown function system; K remains undefined" in str(found.findings[0])
+    assert [str(remark.location) for remark in description.findings] == ["start.m line 4, column 5"]
+    assert "unknown function system; K remains undefined" in str(description.findings[0])
 
 
 def test_loops_and_files_beside_are_followed(tmp_path, script):
     write(ParameterSet([Scalar("K", 2.0)]), tmp_path / "data.mat")
     (tmp_path / "axes.m").write_text("Speed = [700 1000];", encoding="utf-8")
     text = "first = 1;\nload data.mat\naxes\nfor i = 1:2\n  Map.values(i) = i*K;\nend\nMap.x = Speed; % [rpm]\n"
-    found = read(script(text))
-    assert found["Map"] == Curve("Map", Axis([700, 1000], unit="rpm"), [2, 4])
+    parameters = read(script(text))
+    assert parameters["Map"] == Curve("Map", Axis([700, 1000], unit="rpm"), [2, 4])
     assert "file ../data.mat not found" in str(describe(script("K = 1;\nload ../data.mat")).findings[0])
 
 
 def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
-    found = read(script("function p = engine()\np.K = 1;\nend\nfunction x = other()\nx = 2;\nend\n"))
-    assert list(found) == ["p.K"]
+    parameters = read(script("function p = engine()\np.K = 1;\nend\nfunction x = other()\nx = 2;\nend\n"))
+    assert list(parameters) == ["p.K"]
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("M.x = [1 2 3];\nM.y = [1 2];\nM.values = [2 3];\n", "has values of size 1 x 2, but its axes require 3 x 2"),
         ("M.x = [1 2];\nM.y = 'a';\nM.values = [2 3];\n", "M.y contains no numbers"),
@@ -120,8 +120,8 @@ def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
         ("K = foo(1);", "assigns no numbers"),
     ],
 )
-def test_what_is_wrong_is_named(script, text, said):
-    assert said in refused(script(text))
+def test_errors_are_named(script, text, message):
+    assert message in refused(script(text))
 
 
 def test_a_script_of_ours_reads_like_one_written_by_hand(tmp_path):
@@ -158,7 +158,7 @@ def test_a_changed_group_axis_changes_its_tables(tmp_path):
 @pytest.mark.parametrize(
     "text", ["y = a + b\n", "x[rpm] = 3\n", "import numpy\nx = 3;\n", "time,n\n0,1\n", "", "% K = 1\n"]
 )
-def test_other_texts_are_no_scripts(text):
+def test_other_texts_are_not_scripts(text):
     assert not SCRIPT.recognises(FileHead(Path("a.txt"), text.encode()))
 
 
@@ -179,11 +179,11 @@ def test_hostile_scripts_end(script, hostile):
         read(script(f"% Kennfeld calibration\nM.x = 2;\n{hostile}\nM.values = 'a';"))
 
 
-@pytest.mark.parametrize(("unit", "said"), [("Nm", "gain"), ("", "gain"), ("Nm", ""), ("a b", "x % y")])
-def test_a_comment_says_unit_and_description(unit, said):
-    assert parse_comment(format_comment(unit, said)) == (unit, said)
+@pytest.mark.parametrize(("unit", "description"), [("Nm", "gain"), ("", "gain"), ("Nm", ""), ("a b", "x % y")])
+def test_a_comment_gives_unit_and_description(unit, description):
+    assert parse_comment(format_comment(unit, description)) == (unit, description)
 
 
-@pytest.mark.parametrize(("unit", "said"), [("a]", ""), ("", "[x] y"), ("", " blank"), ("", "a\nb")])
-def test_what_a_comment_cannot_say_goes_elsewhere(unit, said):
-    assert format_comment(unit, said) is None
+@pytest.mark.parametrize(("unit", "description"), [("a]", ""), ("", "[x] y"), ("", " blank"), ("", "a\nb")])
+def test_texts_that_do_not_fit_in_a_comment_are_written_elsewhere(unit, description):
+    assert format_comment(unit, description) is None

@@ -10,7 +10,7 @@ from tests.draws import few_or_many
 SLOW, FAST = (Axis(points, name="Speed") for points in ([1, 2], [1, 3]))
 
 
-def told(merged):
+def changes_of(merged):
     return [(change.name, change.source, change.replaces) for change in merged.changes]
 
 
@@ -28,7 +28,7 @@ def test_later_ones_win_and_new_ones_follow():
     merged = merge([("1", first), ("2", second), ("3", third)])
     expected = ParameterSet([Scalar("A", 10), Scalar("B", 2), Scalar("C", 3)], [Text("T", "y")])
     assert merged.parameters == expected
-    assert told(merged) == [("C", "2", ""), ("A", "2", "1"), ("T", "2", "1"), ("A", "3", "2")]
+    assert changes_of(merged) == [("C", "2", ""), ("A", "2", "1"), ("T", "2", "1"), ("A", "3", "2")]
     assert merged.changes[-1].differences[0].largest == 1.0
 
 
@@ -43,7 +43,7 @@ def test_a_group_axis_moves_with_all_its_tables():
     new = ParameterSet([Curve("C", FAST, [1, 2]), Curve("D", FAST, [1, 2])])
     merged = merge([("old", old), ("new", new)])
     assert merged.parameters == new
-    assert told(merged) == [("C", "new", "old"), ("D", "new", "old"), ("Speed", "new", "old")]
+    assert changes_of(merged) == [("C", "new", "old"), ("D", "new", "old"), ("Speed", "new", "old")]
 
 
 @pytest.mark.parametrize("new", [ParameterSet([Curve("C", FAST, [1, 2])]), ParameterSet((), (), [FAST])])

@@ -75,27 +75,27 @@ def test_a_tune_is_read_with_the_axes_of_its_definition_file(tune, written):
     path = tune()
     written(INI, "some.ini")
     written(INI.replace("mine 1", "other"), "mainController.ini")
-    found = read(path)
+    parameters = read(path)
     ve = Map(
         "veTable", SPEED, LOAD, [[39, 50], [40, 51], [41, 52]], unit="%", description="VE Table", functions=["page 1"]
     )
-    assert found["veTable"] == ve
-    assert found["odd"].kind == "curve"
-    assert found["odd"].description == "Odd; curve"
-    assert list(found) == ["rpmhigh", "veTable", "odd", "gain"]
-    assert found["rpmhigh"] == Scalar("rpmhigh", 8000, unit="rpm")
-    assert found.texts == (Text("mode", "Speed & \xe4", functions=("page 1",), kind="enumeration"),)
+    assert parameters["veTable"] == ve
+    assert parameters["odd"].kind == "curve"
+    assert parameters["odd"].description == "Odd; curve"
+    assert list(parameters) == ["rpmhigh", "veTable", "odd", "gain"]
+    assert parameters["rpmhigh"] == Scalar("rpmhigh", 8000, unit="rpm")
+    assert parameters.texts == (Text("mode", "Speed & \xe4", functions=("page 1",), kind="enumeration"),)
     assert describe(path).kind == "MSQ tune of mine 1"
     assert describe(path).findings == ()
 
 
-def test_the_usual_pairs_serve_where_no_definition_file_is(tune):
-    found = read(tune())
-    assert [axis.name for axis in found["veTable"].axes] == ["rpmBins", "fuelLoadBins"]
-    assert found["odd"] == Block("odd", [1, 2], functions=["page 1"])
+def test_the_usual_pairs_are_used_without_a_definition_file(tune):
+    parameters = read(tune())
+    assert [axis.name for axis in parameters["veTable"].axes] == ["rpmBins", "fuelLoadBins"]
+    assert parameters["odd"] == Block("odd", [1, 2], functions=["page 1"])
 
 
-def test_a_definition_file_of_another_firmware_is_told(tune, written):
+def test_a_definition_file_of_another_firmware_is_reported(tune, written):
     written(INI.replace("mine 1", "other"), "mainController.ini")
     [warning] = describe(tune()).findings
     assert "mainController.ini is for the firmware 'other', but the tune for 'mine 1'" in str(warning)
@@ -115,7 +115,7 @@ def test_an_unchanged_tune_is_the_same_file(tune, tmp_path):
     assert (tmp_path / "new.msq").read_bytes() == path.read_bytes()
 
 
-def test_what_changed_is_all_that_differs(tune, tmp_path):
+def test_only_changed_entries_differ(tune, tmp_path):
     path = tune()
     before = read(path)
     ve = before["veTable"]
@@ -131,7 +131,7 @@ def test_what_changed_is_all_that_differs(tune, tmp_path):
     assert read(tmp_path / "new.msq") == new
 
 
-def test_numbers_are_rounded_to_their_digits_and_that_is_told(tune, tmp_path):
+def test_numbers_are_rounded_to_their_digits_with_a_remark(tune, tmp_path):
     before = read(tune())
     values = before["veTable"].values + np.array([[0.04, 0], [0, 0.26], [0, 0]])
     remarks = write(before.with_parameters(before["veTable"].with_values(values)), tmp_path / "new.msq")
@@ -144,7 +144,7 @@ def test_numbers_are_rounded_to_their_digits_and_that_is_told(tune, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (Scalar("new", 1.0), "new.msq new: is not a parameter of the tune. Leave it out."),
         (Block("gain", [1.0, 2.0]), "is a block 2, but a scalar in the tune"),
@@ -157,8 +157,8 @@ def test_numbers_are_rounded_to_their_digits_and_that_is_told(tune, tmp_path):
         (Map("veTable", [1, 2, 3], LOAD, np.zeros((3, 2))), "Change the group axis rpmBins"),
     ],
 )
-def test_what_the_tune_cannot_hold_is_refused(tune, tmp_path, change, said):
-    with pytest.raises(InputError, match=re.escape(said)):
+def test_parameters_that_the_tune_cannot_hold_are_refused(tune, tmp_path, change, message):
+    with pytest.raises(InputError, match=re.escape(message)):
         write(read(tune()).with_parameters(change), tmp_path / "new.msq")
 
 
@@ -173,7 +173,7 @@ def test_values_from_elsewhere_are_merged_into_a_tune(tune, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("51.0 ", "", "tune.msq line 9 (veTable): has 5 values, but its rows and columns state 2 x 3"),
         ("51.0", "x", "line 9 (veTable): must be a number, got 'x'"),
@@ -183,11 +183,11 @@ def test_values_from_elsewhere_are_merged_into_a_tune(tune, tmp_path):
         ("<msq", '<!DOCTYPE m [<!ENTITY e SYSTEM "file:///etc/passwd">]><msq', "declares the entity e"),
     ],
 )
-def test_what_is_wrong_is_named(tune, old, new, said):
-    assert said in refused(tune(TUNE.replace(old, new, 1)))
+def test_errors_are_named(tune, old, new, message):
+    assert message in refused(tune(TUNE.replace(old, new, 1)))
 
 
-def test_a_definition_file_tells_pairs():
+def test_a_definition_file_names_the_pairs():
     assert pairs_of(INI) == [
         Pair("veTable", ("rpmBins", "fuelLoadBins"), ("rpm", ""), "VE Table"),
         Pair("odd", ("fuelLoadBins",), ("map", ""), "Odd; curve"),
@@ -198,14 +198,14 @@ def test_a_definition_file_tells_pairs():
 
 def test_a_real_tune_is_read_and_written_back(shared_data, tmp_path):
     path = shared_data / "ecu_logs" / "from_v2_mlg_speeduino_tune.msq"
-    found = read(path)
-    assert (len(found), found["veTable"].kind, found["veTable"].values[0, -1]) == (332, "map", 70)
-    assert found["iacOLPWMVal"].axes[0].name == found["iacCLValues"].axes[0].name == "iacBins"
-    write(found, tmp_path / "same.msq")
+    parameters = read(path)
+    assert (len(parameters), parameters["veTable"].kind, parameters["veTable"].values[0, -1]) == (332, "map", 70)
+    assert parameters["iacOLPWMVal"].axes[0].name == parameters["iacCLValues"].axes[0].name == "iacBins"
+    write(parameters, tmp_path / "same.msq")
     assert (tmp_path / "same.msq").read_bytes() == path.read_bytes()
-    changed = found["veTable"].values.copy()
+    changed = parameters["veTable"].values.copy()
     changed[0, -1] = 71
-    write(found.with_parameters(found["veTable"].with_values(changed)), tmp_path / "new.msq")
+    write(parameters.with_parameters(parameters["veTable"].with_values(changed)), tmp_path / "new.msq")
     before, after = path.read_bytes().splitlines(), (tmp_path / "new.msq").read_bytes().splitlines()
     assert [(b, a) for b, a in zip(before, after, strict=True) if a != b] == [
         (before[653], before[653].replace(b"70.0", b"71.0", 1))
@@ -233,11 +233,11 @@ def test_damaged_tunes_are_read_or_refused(tune, seed):
         assert all(finding.message for finding in findings(path))
 
 
-def test_another_unit_and_another_kind_than_in_the_tune_are_told(tune, tmp_path):
+def test_a_unit_and_a_kind_that_differ_from_the_tune_are_reported(tune, tmp_path):
     before = read(tune())
     other = ParameterSet([before["rpmhigh"].changed(unit="1/s")], [Text("mode", "Speed & \xe4")])
-    said = [str(one) for one in write(before.merged(other), tmp_path / "new.msq")]
-    assert said == [
+    messages = [str(one) for one in write(before.merged(other), tmp_path / "new.msq")]
+    assert messages == [
         "new.msq mode: is of kind text, but enumeration in the tune",
         "new.msq: written without conversion, since the tune has another unit: 1 label (rpmhigh). "
         "Check that this is intended.",

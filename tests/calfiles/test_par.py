@@ -109,7 +109,7 @@ def test_hexadecimal_values_are_numbers(par, tmp_path):
 
 
 @pytest.mark.parametrize("shown", ["1,5", "1.5 bar", "-3 K"])
-def test_a_text_like_a_number_is_no_word(par, shown):
+def test_a_text_like_a_number_is_not_read_as_a_word(par, shown):
     path = par(f"CANape PAR V3.1: ~ 0 0 \r\nK [INT(16)] 150 ; {shown}\r\nDrive [INT(16)] 1 ; 2WD\r\n")
     assert [item.text for item in read(path).texts] == ["2WD"]
     assert "K" not in read(path)
@@ -137,7 +137,7 @@ def test_an_axis_that_falls_is_turned_and_written_as_it_was(par, tmp_path):
     assert read(tmp_path / "new.par")["Map"].values.tolist() == [[9, 4], [1, 3]]
 
 
-def test_what_cannot_be_read_is_skipped_with_a_warning(par):
+def test_unreadable_entries_are_skipped_with_a_warning(par):
     path = par(
         "CANape PAR V3.1: ~ 0 0 \r\nWords [UINT(8),(1,2)] 0 ; OFF\r\n: 1 ; ON\r\nnot a label\r\n"
         "Falling [FLOAT(32),(1,2)] 0 ; 0\r\n: 1 ; 1\r\nX : 5 ; 5\r\nX : 5 ; 5\r\nKp [FLOAT(32)] 1 ; 1\r\n"
@@ -250,18 +250,18 @@ SCALED = (
 )
 
 
-@pytest.mark.parametrize("given", [False, True])
-def test_the_a2l_file_states_conversions_and_units(par, tmp_path, given):
-    a2l = tmp_path / ("other.a2l" if given else "ecu.a2l")
+@pytest.mark.parametrize("with_a2l", [False, True])
+def test_the_a2l_file_states_conversions_and_units(par, tmp_path, with_a2l):
+    a2l = tmp_path / ("other.a2l" if with_a2l else "ecu.a2l")
     a2l.write_text(A2L)
     path = par(SCALED)
-    values = read(path, a2l if given else None)
+    values = read(path, a2l if with_a2l else None)
     curve = values["Curve"]
     assert (values["Scaled"].value, values["Scaled"].unit, values["Scaled"].description) == (1.5, "Nm", "a scaled one")
     assert curve.values.tolist() == [1, 1.33]
     assert curve.axes[0].breakpoints.tolist() == [0, 2.5]
     assert (curve.axes[0].unit, curve.axes[0].input) == ("rpm", "Speed")
-    assert describe(path, a2l if given else None).findings == ()
+    assert describe(path, a2l if with_a2l else None).findings == ()
     mode = replace(values.texts[0], text="OFF")
     changed = Curve("Curve", curve.axes[0].changed(breakpoints=[0, 3]), [1, 1.427], unit="Nm")
     findings = write(values.merged(ParameterSet([Scalar("Scaled", -0.25), changed], [mode])), tmp_path / "new.par")

@@ -21,10 +21,10 @@ FILES = {
 
 @pytest.mark.parametrize("file", FILES)
 def test_every_file_is_read(shared_data, file):
-    found = describe(shared_data / file)
+    description = describe(shared_data / file)
     parameters, texts, axes = FILES[file]
-    assert (len(found.parameters), len(found.texts)) == (parameters, texts)
-    assert sorted(axis.name for axis in found.axes) == axes
+    assert (len(description.parameters), len(description.texts)) == (parameters, texts)
+    assert sorted(axis.name for axis in description.axes) == axes
 
 
 @pytest.mark.parametrize("file", mostly_slow(FILES, list(FILES)[::2]))
@@ -84,11 +84,11 @@ A2LS = {
 
 @pytest.mark.parametrize("file", A2LS)
 def test_every_a2l_file_is_described_without_a_finding(shared_data, file):
-    found = describe_a2l(shared_data / file)
-    assert found.findings == ()
-    a2l = found.a2l
+    description = describe_a2l(shared_data / file)
+    assert description.findings == ()
+    a2l = description.a2l
     assert (len(a2l.characteristics), len(a2l.axis_pts), a2l.measurements, a2l.version) == A2LS[file]
-    assert len(found.labels) == len(a2l.characteristics) + len(a2l.axis_pts)
+    assert len(description.labels) == len(a2l.characteristics) + len(a2l.axis_pts)
 
 
 ONLY_CDFX = {
@@ -113,13 +113,16 @@ def test_the_image_of_the_demo_holds_the_values_of_its_cdfx(shared_data):
     assert flash["CDF20.BOOLEAN.FW_wU8"].value == 1
 
 
-def test_the_image_of_the_demo_leaves_aside_what_its_cdfx_does(shared_data):
+def test_image_and_cdfx_of_the_demo_skip_the_same_labels(shared_data):
     flash, cdfx = (
         describe(shared_data / "cdfx/asamint_CDF20demo.hex"),
         describe(shared_data / "cdfx/asamint_CDF20demo.cdfx"),
     )
     for name in ("CDF20.curve.KL_xRESs8_wS16", "CDF20.map.KF_xCURu16u8_yCURu16u8_wU8", "CDF20.axis.X_RE_AXIS_xS8"):
-        assert all(any(f"({name})" in str(warning.location) for warning in found.findings) for found in (flash, cdfx))
+        assert all(
+            any(f"({name})" in str(warning.location) for warning in description.findings)
+            for description in (flash, cdfx)
+        )
 
 
 def test_the_image_of_the_demo_is_written_without_losing_a_byte(shared_data, tmp_path):
@@ -136,7 +139,7 @@ def test_the_image_of_the_demo_is_written_without_losing_a_byte(shared_data, tmp
 
 def test_the_values_of_a_cdfx_go_into_an_image(shared_data, tmp_path):
     image = shared_data / "cdfx/asamint_CDF20demo.hex"
-    given = read(shared_data / "cdfx/asamint_CDF20demo.cdfx").without(["CDF20.curve.GKL_xCOM_wU16"])
-    values = type(given)(given.parameters, (), ())
+    parameters = read(shared_data / "cdfx/asamint_CDF20demo.cdfx").without(["CDF20.curve.GKL_xCOM_wU16"])
+    values = type(parameters)(parameters.parameters, (), ())
     write(values, tmp_path / "same.hex", image)
     assert (tmp_path / "same.hex").read_bytes() == image.read_bytes()

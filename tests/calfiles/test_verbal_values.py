@@ -55,13 +55,15 @@ def every_text():
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_a_kind_stays_or_a_remark_says_that_it_does_not(tmp_path, ending):
+def test_a_kind_stays_or_its_loss_is_reported(tmp_path, ending):
     members, path = every_text(), tmp_path / f"a{ending}"
     write(members, path)
-    told = [remark.location.path for remark in losses(members, path) if "reads back as" in remark.message]
+    remarks = [remark.location.path for remark in losses(members, path) if "reads back as" in remark.message]
     after = read(path).everything
     assert after.keys() == members.everything.keys()
-    assert set(told) == {name for (name, variant), text in members.everything.items() if after[name, variant] != text}
+    assert set(remarks) == {
+        name for (name, variant), text in members.everything.items() if after[name, variant] != text
+    }
 
 
 def test_a_boolean_of_other_words_is_an_enumeration_in_dcm(tmp_path):

@@ -88,7 +88,7 @@ def test_rounded_numbers_have_few_digits(points):
 
 
 @few_or_many(increasing(numbers), few=20, many=100)
-def test_separated_breakpoints_are_some_of_the_given_ones_with_both_ends(points):
+def test_separated_breakpoints_are_a_subset_with_both_ends(points):
     result = separated(points)
     assert np.isin(result, points).all()
     assert result[0] == points[0]

@@ -20,9 +20,9 @@ def test_a_channel_holds_doubles_that_nobody_changes():
 
 
 def test_a_channel_keeps_its_own_copy():
-    given = np.array([1.0, 2.0])
-    channel = Channel("Speed", given)
-    given[:] = 9
+    source = np.array([1.0, 2.0])
+    channel = Channel("Speed", source)
+    source[:] = 9
     assert channel.values.tolist() == [1.0, 2.0]
 
 
@@ -83,7 +83,7 @@ def test_channels_of_different_length_are_refused():
         Dataset.of("bench", {"a": [1], "b": [1, 2]})
 
 
-def test_a_channel_given_twice_is_refused():
+def test_a_duplicate_channel_is_refused():
     with pytest.raises(ArgumentError, match="dataset bench has channel a twice"):
         Dataset("bench", (Channel("a", [1]), Channel("a", [2])))
 
@@ -111,10 +111,10 @@ def test_time_cannot_be_changed():
 
 @pytest.mark.parametrize("attribute", ["starts", "scored"])
 def test_a_dataset_keeps_its_own_copy_of_arrays(attribute):
-    given = np.array([0, 1]) if attribute == "starts" else np.array([True, False, True])
-    kept = given.copy()
-    data = bench(**{attribute: given})
-    given[-1] = 0
+    source = np.array([0, 1]) if attribute == "starts" else np.array([True, False, True])
+    kept = source.copy()
+    data = bench(**{attribute: source})
+    source[-1] = 0
     np.testing.assert_array_equal(getattr(data, attribute), kept)
 
 

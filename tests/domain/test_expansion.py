@@ -111,7 +111,7 @@ def test_points_keep_their_shape():
     assert model(np.empty((0, 3))).shape == (0,)
 
 
-def test_many_points_give_what_each_gives_alone(monkeypatch):
+def test_points_in_blocks_equal_all_points_at_once(monkeypatch):
     model = random_expansion(0)
     x = np.random.default_rng(1).normal(size=(50, 2))
     whole, slopes = model(x), model.gradient(x)

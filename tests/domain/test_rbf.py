@@ -18,8 +18,8 @@ from tests.draws import few_or_many
 def rbf(inputs=2, size=3, seed=0, kernel="gaussian", **attributes):
     rng = np.random.default_rng(seed)
     tables = rng.normal(size=(size, inputs)), rng.uniform(0.5, 2.0, (size, inputs))
-    made = kf.Expansion(rng.normal(), rng.normal(size=inputs), rng.normal(size=size), *tables, kernel)
-    return kf.RBF("F", made, list("abcdefgh"[:inputs]), **attributes)
+    expansion = kf.Expansion(rng.normal(), rng.normal(size=inputs), rng.normal(size=size), *tables, kernel)
+    return kf.RBF("F", expansion, list("abcdefgh"[:inputs]), **attributes)
 
 
 @few_or_many(st.integers(1, 6), st.integers(0, 12), st.integers(0, 99), few=20, many=100)
@@ -106,7 +106,7 @@ def test_a_broken_file_is_answered(tmp_path, change, expected):
 
 
 @pytest.mark.parametrize("ending", ["dcm", "csv"])
-def test_formats_that_cannot_hold_it_say_so(tmp_path, ending):
+def test_formats_that_cannot_hold_it_refuse_it(tmp_path, ending):
     with pytest.raises(InputError, match="cannot store"):
         kf.ParameterSet([rbf()]).save(tmp_path / f"p.{ending}")
 
@@ -144,7 +144,7 @@ def test_inputs_must_be_as_many_as_the_expansion_has():
         kf.RBF("F", rbf().expansion, ["a"])
 
 
-def test_a_model_is_found_again_from_its_data():
+def test_a_model_is_recovered_from_its_data():
     truth = rbf(1, 3, seed=4)
     x = np.linspace(-3, 3, 200)
     data = {"x": x, "y": truth.expansion(x[:, None])}
@@ -154,6 +154,6 @@ def test_a_model_is_found_again_from_its_data():
     assert result.quality[0].rmse_before > 1e-2
 
 
-def test_a_lookup_with_the_wrong_number_of_coordinates_is_told():
+def test_a_lookup_with_the_wrong_number_of_coordinates_is_reported():
     with pytest.raises(InputError, match="F is looked up with 1 coordinates, but has 2"):
         kf.simulate("m = F(x)", {"x": [1.0]}, kf.ParameterSet([rbf()]))

@@ -109,7 +109,7 @@ def test_a_recogniser_that_fails_recognises_nothing(packages, tmp_path):
         assert kf.read(path).samples == 2
 
 
-def test_what_is_no_recording_is_refused(packages, tmp_path):
+def test_a_file_other_than_a_recording_is_refused(packages, tmp_path):
     code = (
         "from kennfeld.files import FileFormat, MeasurementReader\n"
         "reader = MeasurementReader(dataset=lambda path: [])\n"

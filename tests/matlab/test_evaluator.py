@@ -549,7 +549,7 @@ def test_python_values_become_values():
 small = arrays(np.float64, st.tuples(st.integers(1, 3), st.integers(1, 3)), elements=st.floats(-1e3, 1e3))
 
 
-@few_or_many(small, few=20, many=100)
+@few_or_many(small, few=8, many=100)
 def test_reshaping_and_turning_back_changes_nothing(values):
     assert np.array_equal(evaluate("a''", {"a": values}), values)
     assert np.array_equal(evaluate("reshape(a(:), size(a))", {"a": values}), values)

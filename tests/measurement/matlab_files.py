@@ -40,17 +40,17 @@ def _write(group, name, value):
 
 
 def _write_struct(group, name, fields):
-    made = group.create_group(name)
-    _call(made, "struct")
+    member = group.create_group(name)
+    _call(member, "struct")
     for field, value in fields.items():
-        _write(made, field, value)
+        _write(member, field, value)
 
 
 def _write_structs(group, name, elements):
-    made = group.create_group(name)
-    _call(made, "struct")
+    member = group.create_group(name)
+    _call(member, "struct")
     for field in elements[0]:
-        made[field] = _references(made, field, [element[field] for element in elements])
+        member[field] = _references(member, field, [element[field] for element in elements])
 
 
 def _write_cells(group, name, cells):
@@ -67,11 +67,11 @@ def _references(group, name, values):
     """The references of values that stand in a group of their own, each called by its place in the file."""
     store = group.file.require_group("#refs#")
     owner = f"{group.name}/{name}".replace("/", ".")
-    found = []
+    references = []
     for number, value in enumerate(values):
         _write(store, f"{owner}.{number}", value)
-        found.append(store[f"{owner}.{number}"].ref)
-    return np.array(found, dtype=h5py.ref_dtype).reshape(-1, 1)  # a row, turned around
+        references.append(store[f"{owner}.{number}"].ref)
+    return np.array(references, dtype=h5py.ref_dtype).reshape(-1, 1)  # a row, turned around
 
 
 def _write_array(group, name, value):

@@ -36,8 +36,8 @@ def mlg(fields, blocks, version=1, info="", created=0, length=None, count=None):
     for field in fields:
         rest = field.get("rest")
         if rest is None:
-            given = field["count"] if field["count"] is not None else len(field["bits"])
-            rest = struct.pack(">BIB3x", 0, end + len(names), given)
+            field_count = field["count"] if field["count"] is not None else len(field["bits"])
+            rest = struct.pack(">BIB3x", 0, end + len(names), field_count)
             names += b"".join(name.encode() + b"\0" for name in field["bits"])
         part = struct.pack(">B34s10sB", field["kind"], field["name"].encode(), field["unit"].encode(), field["style"])
         described += part + rest + (struct.pack("34s", field["category"].encode()) if version == 2 else b"")

@@ -85,7 +85,7 @@ def test_every_end_of_a_log_is_noticed(tmp_path, count):
             assert frames_of(path)[1] != []
 
 
-def test_a_log_without_data_frames_says_what_it_holds(tmp_path):
+def test_a_log_without_data_frames_reports_what_it_contains(tmp_path):
     others = [bytearray(frame(k)) for k in range(3)]
     for other in others:
         struct.pack_into("<L", other, 12, 11)

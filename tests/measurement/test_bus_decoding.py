@@ -30,11 +30,11 @@ def test_a_log_without_a_database_is_named_with_the_remedy(log):
     for work in (read, describe):
         with pytest.raises(InputError) as caught:
             work(path)
-        said = str(caught.value)
+        message = str(caught.value)
         frames = "30 CAN frames of 2 identifiers on CAN1 (0x1F4, 0x1F5)"
-        assert said.startswith(f"drive.mf4: this is a bus log: it holds {frames}, no values of signals. Name its")
-        assert 'dbc = ["engine.dbc"] in the [[dataset]]' in said
-        assert "kennfeld info --dbc engine.dbc" in said
+        assert message.startswith(f"drive.mf4: this is a bus log: it holds {frames}, no values of signals. Name its")
+        assert 'dbc = ["engine.dbc"] in the [[dataset]]' in message
+        assert "kennfeld info --dbc engine.dbc" in message
 
 
 def test_signals_are_channels_in_physical_units(log, database):
@@ -54,7 +54,7 @@ def test_messages_are_rasters_of_one_recording(log, database):
     assert np.allclose(data["Gearbox.Speed"].values[:2], [-495.5, -485.5])
 
 
-def test_equal_names_of_messages_are_told_apart(log, database):
+def test_equal_names_of_messages_are_distinguished(log, database):
     path = log(drive())
     assert [c.name for table in describe(path, database).tables for c in table.channels if "Speed" in c.name] == [
         "Engine.Speed",
@@ -89,7 +89,7 @@ def test_a_multiplexer_that_never_has_the_value_is_reported(log, database):
         read(path, ["A"], dbc=database)
 
 
-def test_messages_of_j1939_are_found_by_their_parameter_group(log, database):
+def test_messages_of_j1939_are_matched_by_their_parameter_group(log, database):
     path = log([Frame(0.01 * k, 0x0CF00400, eec1(800 + k, 10), extended=True) for k in range(5)])
     assert read(path, ["EngineSpeed"], dbc=database)["EngineSpeed"].values.tolist() == [
         800.0,
@@ -178,8 +178,8 @@ def test_messages_in_several_frames_are_not_decoded(log, database, tmp_path):
     long = tmp_path / "long.dbc"
     long.write_text('BO_ 600 Long: 20 X\n SG_ Far : 8|8@1+ (1,0) [0|0] "" X\n')
     path = log([*drive(4), Frame(0.05, 600, bytes(8))])
-    said = " ".join(remarks(describe(path, [database, long])))
-    assert "messages of more than 8 bytes in several frames are not decoded: Long (0x258)" in said
+    messages = " ".join(remarks(describe(path, [database, long])))
+    assert "messages of more than 8 bytes in several frames are not decoded: Long (0x258)" in messages
 
 
 def test_frames_of_can_fd_hold_signals_beyond_8_bytes(log, tmp_path):
@@ -275,7 +275,7 @@ VAL_ 256 Gear -1 "Reverse" -128 "invalid" ;
 """
 
 
-def test_named_values_stay_numbers_and_those_that_say_no_value_are_missing(tmp_path):
+def test_named_values_stay_numbers_and_names_for_no_value_are_missing(tmp_path):
     (tmp_path / "engine.dbc").write_text(TEXTS)
     raws = [(0, 0, 0, 255, 0), (100, 50, 1, 1, 1), (254, 100, 2, 2, 0), (255, 255, 3, 128, 1)]
     payloads = [bytes([temp, speed, state | flag << 2, gear, 0, 0, 0, 0]) for temp, speed, state, gear, flag in raws]
@@ -287,5 +287,5 @@ def test_named_values_stay_numbers_and_those_that_say_no_value_are_missing(tmp_p
     np.testing.assert_array_equal(data["State"].values, [0, 1, 2, 3])
     np.testing.assert_array_equal(data["Flag"].values, [0, 1, 0, 1])
     np.testing.assert_array_equal(data["Gear"].values, [-1, 1, 2, np.nan])
-    said = "missing values: Temp (2 of 4: Signal_Error, SNA), Speed (1 of 4: not available), Gear (1 of 4: invalid)"
-    assert said in data.findings[-1].message
+    remark = "missing values: Temp (2 of 4: Signal_Error, SNA), Speed (1 of 4: not available), Gear (1 of 4: invalid)"
+    assert remark in data.findings[-1].message

@@ -99,7 +99,7 @@ def test_sheets_of_a_workbook_are_kept_apart(kept):
     assert kept.reads == 2
 
 
-def test_a_changed_file_is_read_anew_and_its_old_entries_go(kept):
+def test_a_changed_file_is_read_again_and_its_old_entries_are_removed(kept):
     kept.speed()
     kept.speed(["Speed"])
     kept.write(TEXT.replace("1000", "1001"))
@@ -156,7 +156,7 @@ def test_a_moved_or_copied_file_is_read_for_itself_and_named_for_itself(kept):
 
 
 @pytest.mark.parametrize("place", [0, 5, 100, -100, -5, -1])
-def test_a_damaged_entry_is_no_entry(kept, place):
+def test_a_damaged_entry_is_ignored(kept, place):
     kept.speed()
     [entry] = kept.entries
     content = bytearray(entry.read_bytes())
@@ -169,7 +169,7 @@ def test_a_damaged_entry_is_no_entry(kept, place):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"content": "*"}', "null", "\0\0", "[" * 100_000])
-def test_a_damaged_note_is_no_note(kept, text):
+def test_a_damaged_note_is_ignored(kept, text):
     kept.speed()
     [note] = kept.folder.glob("*.json")
     note.write_text(text, encoding="utf-8")
@@ -186,14 +186,14 @@ def test_a_note_that_names_a_pattern_is_damaged(kept):
     assert kept.reads == 2
 
 
-def test_a_folder_that_cannot_be_made_is_no_cache(kept):
+def test_a_folder_that_cannot_be_created_is_not_used_as_cache(kept):
     kept.folder.write_text("a file", encoding="utf-8")
     assert kept.speed() == [1000, 1100, 1200]
     assert kept.speed() == [1000, 1100, 1200]
     assert kept.reads == 2
 
 
-def test_a_disk_that_is_full_is_no_cache(kept):
+def test_a_full_disk_is_not_used_as_cache(kept):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -211,7 +211,7 @@ def test_findings_of_the_reader_come_through(kept):
         kept.cache.read(kept.file.with_name("none.csv"))
 
 
-def test_what_was_used_longest_ago_goes_first(kept):
+def test_the_least_recently_used_entry_is_evicted_first(kept):
     kept.speed(["Speed"], 0.1)
     size = kept.entries[0].stat().st_size
     kept.cache = Cache(kept.folder, most=2 * size + size // 2)
@@ -228,7 +228,7 @@ def test_what_was_used_longest_ago_goes_first(kept):
     assert kept.reads == 4
 
 
-def test_what_is_larger_than_the_folder_may_be_is_not_kept(kept):
+def test_entries_larger_than_the_folder_limit_are_not_kept(kept):
     kept.cache = Cache(kept.folder, most=10)
     kept.speed()
     assert kept.entries == []
@@ -236,16 +236,16 @@ def test_what_is_larger_than_the_folder_may_be_is_not_kept(kept):
 
 def test_a_file_that_changes_while_it_is_read_is_not_kept(kept):
     def changing(*arguments):
-        made = read_leniently(*arguments)
+        table = read_leniently(*arguments)
         kept.write(TEXT + "0.3,1300,13\n")
-        return made
+        return table
 
     kept.patch.setattr(caching, "read_leniently", changing)
     kept.speed()
     assert kept.entries == []
 
 
-def test_what_another_run_left_half_written_goes_after_a_while(kept):
+def test_half_written_files_of_another_run_are_removed_after_a_while(kept):
     kept.folder.mkdir()
     for name, mtime in ((".old.parquet.1-2", 1e9), (".new.parquet.1-2", None)):
         (kept.folder / name).write_text("half")
@@ -255,13 +255,13 @@ def test_what_another_run_left_half_written_goes_after_a_while(kept):
 
 
 def test_several_runs_at_once_read_the_same(kept):
-    found = []
-    runs = [threading.Thread(target=lambda: found.append(kept.speed(["Speed"], 0.1))) for _ in range(8)]
+    speeds = []
+    runs = [threading.Thread(target=lambda: speeds.append(kept.speed(["Speed"], 0.1))) for _ in range(8)]
     for run in runs:
         run.start()
     for run in runs:
         run.join()
-    assert found == [[1000, 1100, 1200]] * 8
+    assert speeds == [[1000, 1100, 1200]] * 8
     assert len(kept.entries) == 1
     assert not list(kept.folder.glob(".*-*"))
 

@@ -1,5 +1,7 @@
 """Clock times written as one number, and the order of day and month in dates."""
 
+from datetime import datetime
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,7 @@ def test_seconds_are_not_taken_for_a_clock(csv, unit):
     assert data.findings == ()
 
 
-def test_numbers_of_more_than_a_day_are_no_clock():
+def test_numbers_beyond_one_day_are_not_read_as_a_clock():
     assert seconds_of_clock(np.array([240000.0])) is None
     assert seconds_of_clock(np.array([126000.0])) is None
     assert np.isnan(seconds_of_clock(np.array([np.nan, 100.0]))[0])
@@ -45,19 +47,19 @@ def dated(csv, *dates):
     return read(csv("Date;n\n" + "".join(f"{date} 12:00:00;{k}\n" for k, date in enumerate(dates))))
 
 
-def test_a_part_above_twelve_tells_the_order(csv):
+def test_a_part_above_twelve_decides_the_order(csv):
     assert dated(csv, "11/12/2026", "12/12/2026", "13/12/2026").time.tolist() == [0, 86_400, 172_800]
     assert dated(csv, "12/11/2026", "12/12/2026", "12/13/2026").time.tolist() == [0, 86_400, 172_800]
 
 
-def test_a_part_above_twelve_in_a_later_block_tells_the_order(csv):
+def test_a_part_above_twelve_in_a_later_block_decides_the_order(csv):
     rows = [f"{1 + k // 400:02d}/03/2026 10:{k % 400 // 60:02d}:{k % 400 % 60:02d};{k}" for k in range(6000)]
     data = read(csv("Date;n\n" + "\n".join(rows) + "\n"), ["n"])
     assert data.time[4000] == 10 * 86_400
     assert data.findings == ()
 
 
-def test_increasing_time_tells_the_order(csv):
+def test_increasing_time_decides_the_order(csv):
     data = dated(csv, "01/02/2026", "02/02/2026", "01/03/2026")
     assert data.time.tolist() == [0, 86_400, 28 * 86_400]
     assert data.findings == ()
@@ -71,11 +73,57 @@ def test_an_order_that_stays_open_is_reported(csv):
     ]
 
 
-def test_times_of_one_day_do_not_depend_on_the_order(csv):
-    rows = "".join(f"03/04/2026 12:00:{k:02d};{k}\n" for k in range(9))
-    data = read(csv("Date;n\n" + rows))
+def within_a_day(csv, date, header="Date"):
+    return read(csv(f"{header};n\n" + "".join(f"{date} 12:00:{k:02d};{k}\n" for k in range(9))))
+
+
+@pytest.mark.parametrize("date", ["03/04/2026", "3-4-2026"])
+def test_the_day_of_a_recording_that_stays_open_is_reported(csv, date):
+    data = within_a_day(csv, date)
     assert data.time.tolist() == list(range(9))
+    assert data.start_time == datetime(2026, 4, 3, 12)
+    [finding] = data.findings
+    assert str(finding).startswith(f"bench.csv column Date: dates such as {date} 12:00:00 read either way; day/month")
+    assert finding.severity == "warning"
+
+
+@pytest.mark.parametrize(
+    ("date", "header", "month", "day"),
+    [
+        ("13/04/2026", "Date", 4, 13),
+        ("04/13/2026", "Date", 4, 13),
+        ("04/04/2026", "Date", 4, 4),
+        ("2026-04-03", "Date", 4, 3),
+        ("03.04.2026", "Date", 4, 3),
+        ("03-Apr-2026", "Date", 4, 3),
+        ("03/04/2026", "Date [MM/DD/YYYY hh:mm:ss]", 3, 4),
+        ("03/04/2026", "Date (dd/mm/yyyy)", 4, 3),
+    ],
+)
+def test_a_second_fact_tells_the_day_of_a_recording(csv, date, header, month, day):
+    data = within_a_day(csv, date, header)
+    assert data.start_time == datetime(2026, month, day, 12)
     assert data.findings == ()
+
+
+def test_a_header_tells_the_order_of_several_days(csv):
+    data = read(csv("Date [mm/dd/yyyy];n\n03/04/2026 12:00:00;0\n04/04/2026 12:00:00;1\n"))
+    assert data.time.tolist() == [0, 31 * 86_400]
+    assert data.findings == ()
+
+
+def test_data_outweigh_a_header_that_contradicts_them(csv):
+    assert within_a_day(csv, "13/04/2026", "Date [mm/dd/yyyy]").start_time == datetime(2026, 4, 13, 12)
+
+
+def test_dates_that_are_not_the_time_leave_nothing_open(csv):
+    rows = "".join(f"2026-11-01 00:00:0{k};03/04/2026 10:00:00;{k}\n" for k in range(3))
+    assert read(csv("Time;Calibrated;n\n" + rows)).findings == ()
+
+
+def test_dates_as_text_in_a_workbook_are_reported_like_those_of_text_files(xlsx):
+    path = xlsx(Data=[["Date", "n"], *([f"03/04/2026 12:00:0{k}", k] for k in range(3))])
+    assert ["read either way" in str(finding) for finding in read(path).findings] == [True]
 
 
 @pytest.mark.parametrize(
@@ -94,7 +142,7 @@ def test_names_of_months_and_halves_of_days(cells, step):
 
 
 @pytest.mark.parametrize("cell", ["11-Xyz-2026 10:00:00", "13:00:00 PM", "32/01/2026", "11-Nov-26 10:00:00"])
-def test_other_words_are_no_stamps(cell):
+def test_other_words_are_not_read_as_stamps(cell):
     assert not is_stamp(cell)
 
 

@@ -26,7 +26,7 @@ def test_a_signal_has_its_layout_scaling_unit_comment_and_texts():
     assert (signal("Speed", of="Gearbox").big_endian, signal("Speed", of="Gearbox").kind) == (True, "i")
 
 
-def test_the_highest_bit_of_an_identifier_says_that_it_has_29_bits():
+def test_the_highest_bit_marks_an_identifier_of_29_bits():
     assert (message("EEC1").identifier, message("EEC1").extended) == (0x0CF004FE, True)
     assert not message("Engine").extended
 
@@ -67,6 +67,28 @@ SG_MUL_VAL_ 1 Deep Sub 0-1, 5-7;
     )
 
 
+@pytest.mark.parametrize(
+    ("statements", "switches"),
+    [
+        (["Deep Mode 1-2", "Deep Mode 5-5"], (MultiplexCondition("Mode", ((1, 2), (5, 5))),)),
+        (["Deep Mode 1-2", "Deep Mode 1-2"], (MultiplexCondition("Mode", ((1, 2),)),)),
+        (
+            ["Sub Mode 3-3", "Deep Sub 0-1", "Deep Mode 3-3"],
+            (MultiplexCondition("Sub", ((0, 1),)), MultiplexCondition("Mode", ((3, 3),))),
+        ),
+    ],
+)
+def test_several_statements_on_a_signal_are_all_taken(statements, switches):
+    text = """BO_ 1 M: 8 X
+ SG_ Mode M : 0|8@1+ (1,0) [0|0] "" X
+ SG_ Sub m3M : 8|8@1+ (1,0) [0|0] "" X
+ SG_ Deep m0 : 16|8@1+ (1,0) [0|0] "" X
+"""
+    text += "".join(f"SG_MUL_VAL_ 1 {statement};\n" for statement in statements)
+    assert parse_database("a.dbc", text).findings == ()
+    assert signal("Deep", text, "M").switches == switches
+
+
 def test_conditions_that_form_a_cycle_skip_their_signals():
     text = """BO_ 1 M: 8 X
  SG_ A m1M : 0|8@1+ (1,0) [0|0] "" X
@@ -80,7 +102,7 @@ SG_MUL_VAL_ 1 B A 1-1;
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "remark"),
     [
         (' SG_ b : 0|0@1+ (1,0) [0|0] "" X', "signal b of message M has 0 bits; it is skipped"),
         (' SG_ b : 0|65@1+ (1,0) [0|0] "" X', "signal b of message M has 65 bits; it is skipped"),
@@ -96,9 +118,9 @@ SG_MUL_VAL_ 1 B A 1-1;
         (' SG_ b : 4|8@1+ (1,0) [0|0] "" X', "1 signal share bits with others of their message: M.b and a"),
     ],
 )
-def test_what_cannot_be_used_is_skipped_and_reported_with_its_line(line, said):
+def test_unusable_entries_are_skipped_and_reported_with_their_line(line, remark):
     database = parse_database("a.dbc", f'BO_ 1 M: 8 X\n SG_ a : 0|8@1+ (1,0) [0|0] "" X\n{line}\n')
-    assert said in " ".join(map(str, database.findings))
+    assert remark in " ".join(map(str, database.findings))
     assert database.messages[0].signals[0].name == "a"
     assert all(finding.severity != "error" for finding in database.findings)
 

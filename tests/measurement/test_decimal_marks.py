@@ -17,7 +17,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_number_that_tells_the_mark_settles_the_others(tmp_path, case):
+def test_a_number_that_shows_the_decimal_mark_settles_the_others(tmp_path, case):
     text, wanted = CASES[case]
     path = tmp_path / "a.csv"
     path.write_text(text, encoding="utf-8")
@@ -27,14 +27,14 @@ def test_a_number_that_tells_the_mark_settles_the_others(tmp_path, case):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("a\tb\n1,100\t5\n950\t2\n", "1,100 is read as 1.1, but may mean 1100: other cells have no comma"),
         ("a;b\n1.100;5\n950;2\n", "1.100 is read as 1.1, but may mean 1100: other cells have no point"),
         ('a,b\n"1,005",5\n"1,125",2\n', "1,005 is read as 1005, but may mean 1.005: no cell tells"),
     ],
 )
-def test_what_no_number_tells_is_said(tmp_path, text, said):
+def test_an_undecided_decimal_mark_is_reported(tmp_path, text, message):
     path = tmp_path / "a.csv"
     path.write_text(text, encoding="utf-8")
-    assert [finding.message for finding in read(path).findings] == [said]
+    assert [finding.message for finding in read(path).findings] == [message]

@@ -150,7 +150,7 @@ def test_lengths_are_rasters(diadem):
         ({"count": 10**12}, "it claims 1000000000000 values"),
     ],
 )
-def test_what_a_header_gets_wrong_is_named_with_the_channel(diadem, entries, message):
+def test_errors_of_a_header_are_reported_with_the_channel(diadem, entries, message):
     stated = {"file": "bench.r64", "kind": "REAL64", "count": 3} | entries
     path = diadem(explicit("Speed", **stated), bench_r64=np.arange(3.0))
     with pytest.raises(InputError, match=f"bench.dat channel Speed: .*{message}"):

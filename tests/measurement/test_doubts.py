@@ -22,7 +22,7 @@ def test_a_point_that_may_separate_thousands_is_warned_of(csv):
     assert describe(csv(GERMAN)).tables[0].findings == data.findings
 
 
-def test_it_is_found_in_packed_files_and_beyond_the_first_lines(csv):
+def test_a_doubtful_number_is_detected_in_packed_files_and_beyond_the_first_lines(csv):
     rows = "950;10\n" * 20_000
     data = read(csv(gzip.compress(f"n;Last\n{rows}1.100;20\n".encode()), "run.csv.gz"))
     assert [str(remark.location) for remark in data.findings] == ["run.csv.gz line 20002, column n"]
@@ -46,7 +46,7 @@ def test_points_that_are_clear_are_not(csv, text):
 
 
 @pytest.mark.parametrize(
-    ("names", "encoding", "found"),
+    ("names", "encoding", "expected"),
     [
         ("时间 [s],转速 [rpm],扭矩 [Nm],排气温度 [℃]", "gbk", "gb18030"),
         ("时间,发动机转速,水温（℃）", "gb18030", "gb18030"),
@@ -60,14 +60,14 @@ def test_points_that_are_clear_are_not(csv, text):
         ("plain", "ascii", "utf-8"),
     ],
 )
-def test_the_encoding_is_the_one_whose_characters_are_likely(names, encoding, found):
-    assert detect_encoding(names.encode(encoding), True) == found
-    assert detect_encoding(names.encode(encoding)[:-1], False) == found
+def test_the_encoding_is_the_one_whose_characters_are_likely(names, encoding, expected):
+    assert detect_encoding(names.encode(encoding), True) == expected
+    assert detect_encoding(names.encode(encoding)[:-1], False) == expected
 
 
-@pytest.mark.parametrize(("encoding", "said"), [("gbk", "GB18030 (Chinese)"), ("cp932", "Shift JIS (Japanese)")])
+@pytest.mark.parametrize(("encoding", "message"), [("gbk", "GB18030 (Chinese)"), ("cp932", "Shift JIS (Japanese)")])
 @pytest.mark.parametrize("bulk", [True, False])
-def test_a_chinese_or_japanese_file_is_read_with_a_remark(csv, monkeypatch, encoding, said, bulk):
+def test_a_chinese_or_japanese_file_is_read_with_a_remark(csv, monkeypatch, encoding, message, bulk):
     if bulk:
         monkeypatch.setattr("kennfeld.measurement.text.BULK", 0)
     names = {"gbk": "时间 [s],转速 [rpm],排气温度 [℃]", "cp932": "時間 [s],回転数 [rpm],水温 [℃]"}[encoding]
@@ -77,7 +77,7 @@ def test_a_chinese_or_japanese_file_is_read_with_a_remark(csv, monkeypatch, enco
     assert data[temperature].unit == "℃"
     (remark,) = data.findings
     assert remark.severity == "remark"
-    assert said in str(remark)
+    assert message in str(remark)
 
 
 def test_western_files_are_read_without_a_remark(csv):

@@ -114,7 +114,7 @@ def test_the_index_that_excel_stores_beside_each_binary_sheet_is_skipped(tmp_pat
     check(with_members(path, {"xl/worksheets/binaryIndex1.bin": index}))
 
 
-def test_a_chart_beside_the_table_is_no_second_table(tmp_path):
+def test_a_chart_beside_the_table_is_not_a_second_table(tmp_path):
     path = tmp_path / "bench.xlsx"
     with xlsxwriter.Workbook(path) as book:
         sheet = book.add_worksheet("Data")

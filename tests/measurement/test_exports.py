@@ -59,7 +59,7 @@ def test_groups_side_by_side_with_equal_names_of_their_time_are_joined(csv):
     assert read(path, ["T"]).time.tolist() == [0, 0.2]
 
 
-def test_one_time_told_twice_stays_one(csv):
+def test_one_time_stated_twice_stays_one(csv):
     data = read(csv("time;time_ms;n\n0,0;0;800\n0,1;100;801\n0,2;200;802\n"))
     assert columns(data) == {"time_ms": ("", [0, 100, 200]), "n": ("", [800, 801, 802])}
 
@@ -94,13 +94,13 @@ def test_a_second_time_that_falls_is_a_channel(csv):
     ],
 )
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-16"])
-def test_names_and_units_are_found_among_other_heads(csv, text, encoding):
+def test_names_and_units_are_read_among_other_headers(csv, text, encoding):
     data = read(csv(text + "0,0;800,5;90\n0,1;801,5;91\n0,2;802,5;92\n", encoding=encoding))
     assert columns(data) == {"nmot": ("1/min", [800.5, 801.5, 802.5]), "tmot": ("°C", [90, 91, 92])}
     assert data.time.tolist() == [0, 0.1, 0.2]
 
 
-def test_a_column_of_labels_before_the_heads_is_no_hindrance(csv):
+def test_a_column_of_labels_before_the_headers_is_skipped(csv):
     text = '"Kanal";"Zeit";"n"\n"Einheit";"s";"1/min"\n"Kommentar";"";"Motor"\n"1";0,0;800\n"2";0,1;801\n"3";0,2;802\n'
     data = read(csv(text))
     assert columns(data)["n"] == ("1/min", [800, 801, 802])
@@ -108,7 +108,7 @@ def test_a_column_of_labels_before_the_heads_is_no_hindrance(csv):
     assert data.time.tolist() == [0, 0.1, 0.2]
 
 
-def test_a_line_of_time_above_names_is_no_head(csv):
+def test_a_line_of_time_above_names_is_not_a_header(csv):
     data = read(csv("Date;01.02.2020\nTime;12:00:00\nSpeed;Torque\n1;2\n3;4\n5;6\n"))
     assert columns(data) == {"Speed": ("", [1, 3, 5]), "Torque": ("", [2, 4, 6])}
 

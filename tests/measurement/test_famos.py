@@ -125,6 +125,6 @@ def test_damaged_files_are_read_or_refused(tmp_path):
             read(tmp_path / "x.raw")
 
 
-def test_a_file_without_channels_says_so(file):
+def test_a_file_without_channels_is_reported(file):
     with pytest.raises(InputError, match="holds no channels"):
         read(file())

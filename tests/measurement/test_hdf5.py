@@ -136,7 +136,7 @@ def test_frames_of_the_fixed_format_are_read(tmp_path, kind):
     assert describe(tmp_path / "frame.h5").tables[0].left_out == ("note",)
 
 
-def test_an_index_that_counts_is_no_channel(tmp_path):
+def test_a_counting_index_is_not_a_channel(tmp_path):
     with h5py.File(tmp_path / "frame.h5", "w") as file:
         fixed_frame(file, "")
     data = read(tmp_path / "frame.h5")
@@ -194,7 +194,7 @@ def test_a_series_is_read(tmp_path):
         {"units": "s"},
     ],
 )
-def test_attributes_may_say_which_vector_is_the_time(hdf5, attributes):
+def test_attributes_may_name_the_time_vector(hdf5, attributes):
     path = hdf5({"Speed": (np.arange(3.0), {"units": "rpm"}), "x0": (np.arange(3) * 0.5, attributes)})
     assert read(path).time.tolist() == [0.0, 0.5, 1.0]
     assert list(read(path, ["Speed", "x0"])) == ["Speed", "x0"]
@@ -207,7 +207,7 @@ def test_a_unit_of_time_alone_is_not_enough_for_several_or_unordered_vectors(hdf
     assert read(hdf5(unordered)).time is None
 
 
-def test_dimensions_of_netcdf_without_values_are_no_channels(hdf5):
+def test_dimensions_of_netcdf_without_values_are_not_channels(hdf5):
     name = np.bytes_("This is a netCDF dimension but not a netCDF variable.         3")
     attributes = {"CLASS": np.bytes_("DIMENSION_SCALE"), "NAME": name}
     assert list(read(hdf5({"rows": (np.zeros(3), attributes), "Speed": np.arange(3.0)}))) == ["Speed"]
@@ -255,7 +255,7 @@ def test_numbers_are_read_as_netcdf_means_them(hdf5, stored, attributes, expecte
     np.testing.assert_array_equal(read(hdf5({"x": (stored, attributes)}))["x"].values, expected)
 
 
-def test_what_is_no_vector_is_named(hdf5):
+def test_arrays_other_than_vectors_are_named(hdf5):
     with pytest.raises(InputError, match=r"holds no vectors: image \(4 x 5\)"):
         read(hdf5({"image": np.zeros((4, 5))}))
     with pytest.raises(InputError, match="holds no data"):

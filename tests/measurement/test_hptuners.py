@@ -51,8 +51,8 @@ SPARSE = ["0,1000,", "0.1,,50", "0.2,1200,", "0.3,,60", "0.4,1400,"]
 
 def test_channels_sampled_by_turns_need_a_raster(log):
     path = log("Offset,RPM,Load", "s,rpm,%", *SPARSE)
-    (said,) = findings(path)
-    assert "different rasters: RPM every 0.2 s from 0 s, Load every 0.2 s from 0.1 s. Give a raster" in said
+    (message,) = findings(path)
+    assert "different rasters: RPM every 0.2 s from 0 s, Load every 0.2 s from 0.1 s. Give a raster" in message
     data = read(path, raster=0.1)
     np.testing.assert_allclose(data["RPM"].values, np.interp(data.time, [0, 0.2, 0.4], [1000, 1200, 1400]))
     np.testing.assert_allclose(data["Load"].values, np.interp(data.time, [0.1, 0.3], [50, 60]))
@@ -91,8 +91,8 @@ def test_commas_within_a_name_do_not_shift_the_channels(log, name):
 
 
 def test_a_comma_that_cannot_be_placed_is_a_finding(log):
-    (said,) = findings(log("Offset,a,b,Load", "s,AFR,%", "0.1,14.7,50"))
-    assert said == (
+    (message,) = findings(log("Offset,a,b,Load", "s,AFR,%", "0.1,14.7,50"))
+    assert message == (
         "pull.csv line 10: there are 4 names for 3 channels: a name contains a comma. Put that name into quotes."
     )
 
@@ -105,9 +105,9 @@ def test_text_channels_are_left_out_unless_asked_for(log):
 
 def test_text_among_numbers_a_missing_channel_and_a_long_row_are_findings(log):
     path = log("Offset,RPM,Load", "s,rpm,%", "0.1,800,50", "0.2,x,51", "0.3,820,52,7", "0.4,830,53")
-    said = findings(path)
-    assert any("pull.csv line 15, column RPM: must be a number, got 'x'" in each for each in said)
-    assert any("pull.csv line 16: the row has 4 cells, the log 3 channels" in each for each in said)
+    messages = findings(path)
+    assert any("pull.csv line 15, column RPM: must be a number, got 'x'" in each for each in messages)
+    assert any("pull.csv line 16: the row has 4 cells, the log 3 channels" in each for each in messages)
     assert "has no channel Lood. Did you mean Load?" in findings(path, ["Lood"])[0]
 
 

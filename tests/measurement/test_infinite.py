@@ -68,7 +68,7 @@ def test_every_reader_takes_infinite_values_as_missing_and_counts_them(tmp_path,
     assert (channel.nan_share, channel.minimum, channel.maximum) == (0.5, 1, 4)
 
 
-def test_only_channels_that_are_asked_for_are_warned_of(tmp_path):
+def test_warnings_concern_requested_channels_only(tmp_path):
     path = tmp_path / "bench.csv"
     path.write_text("time,v,w\n0,1,2\n1,inf,3\n2,4,5\n")
     assert read(path, ["w"]).findings == ()

@@ -176,13 +176,13 @@ def test_race_studio_3_with_decimal_commas(csv):
     assert data.time[-1] == 4.95
 
 
-def test_a_row_of_column_numbers_is_no_sample(csv):
+def test_a_row_of_column_numbers_is_not_a_sample(csv):
     data = read(csv(OLD_AIM))
     assert columns(data) == {"Distance": ("km", 0, 0.059), "RPM": ("rpm", 3000, 3059)}
     assert data.time[:2].tolist() == [0, 0.05]
 
 
-def test_a_row_of_channel_numbers_below_names_that_stand_twice_is_no_sample(csv):
+def test_a_row_of_channel_numbers_below_duplicate_names_is_not_a_sample(csv):
     data = read(csv(OLDEST_AIM))
     assert columns(data) == {
         "Distance": ("km", 0, 0.059),
@@ -244,7 +244,7 @@ def test_stamps_of_whole_seconds_that_repeat_are_spread_with_a_remark(csv):
     assert "column Device Time: 30 samples of 40 repeat the time stamp before" in str(data.findings[0])
 
 
-def test_dates_that_repeat_are_no_time(csv):
+def test_repeated_dates_are_not_taken_as_time(csv):
     data = read(csv(lines("Datum;n", [f"{1 + k // 4:02d}.02.2020;{k}" for k in range(40)])))
     assert data.time is None
 
@@ -285,7 +285,7 @@ def test_vbo_units_that_do_not_fit_are_left_out_with_a_warning(csv):
     ]
 
 
-def test_a_vbo_time_that_is_no_clock_is_an_error_with_its_line(csv):
+def test_an_invalid_vbo_clock_time_is_an_error_with_its_line(csv):
     with pytest.raises(InputError, match=r"line 29, column time: must be a time of day, HHMMSS.sss, got 236100"):
         read(csv(VBO.replace("235959.700", "236100.000")))
 

@@ -50,7 +50,7 @@ def test_one_column_of_time_serves_all_channels(lvm):
 
 
 @pytest.mark.parametrize("decimal", [",", ""])
-def test_a_decimal_comma_is_told_or_seen(lvm, decimal):
+def test_a_decimal_comma_is_stated_or_detected(lvm, decimal):
     rows = [row.replace(".", ",") for row in ROWS]
     path = lvm(segment("X_Value Speed Torque", *rows, Delta_X="0,1 0,1"), decimal=decimal)
     assert columns(read(path)) == READ
@@ -96,9 +96,9 @@ def test_a_segment_of_other_channels_and_a_long_row_are_findings(lvm):
     path = lvm(segment("X_Value Speed Torque", *ROWS, "0.3 1 2 3"), segment("X_Value Speed", "0.4 1"))
     with pytest.raises(InputError) as caught:
         read(path)
-    said = [str(finding) for finding in caught.value.findings]
-    assert said[0].startswith("run.lvm line 18: the row has 4 cells, there are 3 names. Give the row as many cells")
-    assert said[1].startswith("run.lvm line 24: this segment has other channels than the segment in line 14.")
+    messages = [str(finding) for finding in caught.value.findings]
+    assert messages[0].startswith("run.lvm line 18: the row has 4 cells, there are 3 names. Give the row as many cells")
+    assert messages[1].startswith("run.lvm line 24: this segment has other channels than the segment in line 14.")
 
 
 def test_text_among_numbers_is_a_finding(lvm):
@@ -106,7 +106,7 @@ def test_text_among_numbers_is_a_finding(lvm):
         read(lvm(segment("X_Value Speed Torque", "0.0 1 2", "0.1 x 3", "0.2 4 5")))
 
 
-def test_an_x_that_is_no_time_gives_points(lvm):
+def test_an_x_axis_other_than_time_gives_points(lvm):
     data = read(lvm(segment("X_Value Speed Torque", *ROWS, X_Dimension="Frequency Frequency")))
     assert data.time is None
     assert columns(data) == READ

@@ -116,8 +116,8 @@ def test_version_4_that_claims_too_much_is_refused(mat):
 def test_version_73_that_claims_too_much_is_refused(tmp_path):
     path = tmp_path / "bench.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
-        made = file.create_dataset("x", (1, 400_000_000), "f8", chunks=(1, 1_000_000))
-        made.attrs["MATLAB_class"] = np.bytes_("double")
+        dataset = file.create_dataset("x", (1, 400_000_000), "f8", chunks=(1, 1_000_000))
+        dataset.attrs["MATLAB_class"] = np.bytes_("double")
     with path.open("r+b") as stream:
         stream.write(HEAD)
     refused(path, "claims 400000000 values in 0 bytes")
@@ -127,10 +127,10 @@ def test_version_73_that_refers_to_itself_is_refused(tmp_path):
     path = tmp_path / "bench.mat"
     save73(path, {"time": TIME})
     with h5py.File(path, "r+") as file:
-        made = file.create_dataset("#refs#/loop", (1, 2), h5py.ref_dtype)
-        made.attrs["MATLAB_class"] = np.bytes_("cell")
-        made[0, 0] = made[0, 1] = made.ref
-        file["c"] = made
+        dataset = file.create_dataset("#refs#/loop", (1, 2), h5py.ref_dtype)
+        dataset.attrs["MATLAB_class"] = np.bytes_("cell")
+        dataset[0, 0] = dataset[0, 1] = dataset.ref
+        file["c"] = dataset
     refused(path, "nested more than 50 deep|more than 100000 arrays")
 
 
@@ -152,13 +152,13 @@ def test_a_truncated_hdf5_file_is_refused(tmp_path):
     refused(path, "the HDF5 file is damaged or cut off")
 
 
-def test_an_object_of_version_73_is_told(tmp_path):
+def test_an_object_of_version_73_is_reported(tmp_path):
     path = tmp_path / "bench.mat"
     save73(path, {"time": TIME, "Speed": TIME})
     with h5py.File(path, "r+") as file:
         file["log"] = np.zeros((1, 6), dtype=np.uint32)
         file["log"].attrs["MATLAB_class"] = np.bytes_("timetable")
         file["log"].attrs["MATLAB_object_decode"] = np.int32(3)
-        made = file.create_group("sparse")
-        made.attrs["MATLAB_class"], made.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(3)
+        group = file.create_group("sparse")
+        group.attrs["MATLAB_class"], group.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(3)
     assert describe(path).tables[0].details == {"only for MATLAB": "log (timetable), sparse (sparse matrix)"}

@@ -135,7 +135,7 @@ def test_a_recording_is_not_a_calibration(save):
     assert describe(path).tables[0].channels[1].name == "Speed"
 
 
-def test_what_only_matlab_reads_is_listed(save):
+def test_variables_for_matlab_alone_are_listed(save):
     calendar = Thing("calendarDuration", {"components": {"months": 1.0, "days": 0.0, "millis": 0.0}, "fmt": "ymdt"})
     path = save(run=timetable(even_times(datetime([DATE]), step=calendar), SPEED), x=np.arange(3.0)[:, None])
     assert "run (timetable)" in describe(path).tables[0].details["only for MATLAB"]

@@ -141,7 +141,7 @@ def test_near_duplicate_stamps_are_one_sample(mdf):
 
 
 @pytest.mark.parametrize("version", ["3.30", "4.10"])
-def test_an_enumeration_keeps_its_numbers_and_says_its_texts(mdf, version):
+def test_an_enumeration_keeps_its_numbers_and_describes_its_texts(mdf, version):
     time = np.arange(6.0)
     states = np.array([0, 1, 2, 1, 0, 7], np.uint8)
     path = mdf(("a", [signal("State", time, states, conversion=dict(TEXTS))]), version=version)
@@ -174,7 +174,7 @@ def test_arrays_of_scaled_integers_are_physical(mdf):
     np.testing.assert_array_equal(data["Curve[2]"].values, 0.5 * values[:, 2] - 3)
 
 
-def test_names_of_several_groups_are_told_apart(mdf):
+def test_names_of_several_groups_are_distinguished(mdf):
     fast, slow = np.arange(0, 2, 0.01), np.arange(0, 2, 0.1)
     path = mdf(("10ms", [signal("Speed", fast, fast)]), ("100ms", [signal("Speed", slow, -slow)]))
     assert list(read(path, raster=0.1)) == ["10ms/Speed", "100ms/Speed"]
@@ -199,7 +199,7 @@ def test_the_device_behind_a_backslash_may_be_left_out(mdf):
         read(path, ["T"])
 
 
-def test_groups_of_one_name_are_told_apart_by_their_number(mdf):
+def test_groups_of_one_name_are_distinguished_by_their_number(mdf):
     time = np.arange(5.0)
     path = mdf(*((("CAN", [signal("Speed", time, k * time)])) for k in (1, 2)))
     first, second = read(path).values()
@@ -266,7 +266,7 @@ def test_time_that_falls_is_a_finding(mdf):
         read(mdf(("a", [signal("Speed", time, time)])))
 
 
-def test_the_description_tells_units_ranges_and_rates(mdf):
+def test_the_description_has_units_ranges_and_rates(mdf):
     tables = describe(mdf(*fast_and_slow())).tables
     assert [table.name for table in tables] == ["10ms", "100ms"]
     assert [table.samples for table in tables] == [201, 13]
@@ -276,7 +276,7 @@ def test_the_description_tells_units_ranges_and_rates(mdf):
     assert (temp.name, temp.unit, temp.minimum, temp.maximum) == ("Temp", "degC", 20.5, pytest.approx(21.7))
 
 
-def test_a_long_description_is_made_in_parts(mdf, tmp_path, monkeypatch):
+def test_a_long_description_is_built_in_parts(mdf, tmp_path, monkeypatch):
     time = np.arange(10.0)
     path = mdf(("a", [signal(f"c{k}", time, time + k) for k in range(7)]))
     whole = describe(path)
@@ -327,7 +327,7 @@ def test_an_unfinalized_file_leaves_no_copy_behind_even_where_it_is_damaged(mdf,
     assert list(temporary.iterdir()) == []
 
 
-def test_files_without_samples_say_so(mdf):
+def test_files_without_samples_are_reported(mdf):
     with pytest.raises(InputError, match="holds no samples"):
         read(mdf(("a", [signal("Speed", [], np.empty(0))])))
     with pytest.raises(InputError, match="holds no samples"):
@@ -415,8 +415,8 @@ def test_real_rasters_equal_what_the_library_interpolates(real):
     data = read(path, names, raster=0.01)
     with MDF(path) as file:
         for name in names:
-            found = file.get(name)
-            expected = found.interp(data.time, integer_interpolation_mode=0, float_interpolation_mode=1)
+            interpolated = file.get(name)
+            expected = interpolated.interp(data.time, integer_interpolation_mode=0, float_interpolation_mode=1)
             assert not np.isnan(data[name].values).any()
             # a point within 1 ns of a stamp is that sample here, and the one before it there
             assert np.isclose(data[name].values, expected.samples, atol=1e-5).mean() > 0.99

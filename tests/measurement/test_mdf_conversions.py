@@ -131,7 +131,7 @@ def test_long_recordings_have_the_same_values(tmp_path):
     np.testing.assert_allclose(channel.values, [formula(float(x), False) for x in raw])
 
 
-def test_texts_beside_numbers_are_missing_and_said(tmp_path):
+def test_texts_among_numbers_are_missing_and_reported(tmp_path):
     conversion = {
         "val_0": 65535,
         "text_0": "SNA",
@@ -175,7 +175,7 @@ def test_values_of_texts_are_numbers(tmp_path):
     assert read(path)["x"].values.tolist() == [1.5, 0.0, -1.0]
 
 
-def test_a_formula_that_is_not_known_is_said(tmp_path):
+def test_an_unknown_formula_is_reported(tmp_path):
     path = write(tmp_path / "x.mf4", np.uint8([0, 1, 7]), {"formula": "X1^2"})
     [finding] = describe(path).tables[0].findings
     assert finding.severity == "warning"

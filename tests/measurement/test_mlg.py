@@ -90,7 +90,7 @@ def test_fields_called_the_same_are_kept_apart(log):
     assert data["RPM (2)"].values.tolist() == [2, 4]
 
 
-def test_a_switch_is_held_and_categories_and_digits_are_told(log):
+def test_a_switch_is_held_and_categories_and_digits_are_described(log):
     fields = [TIME, number("Fan", 0, style=4), number("AFR", 0, scale=0.1, digits=1, category="Fuel")]
     path = log(mlg(fields, rows(fields, (0.0, 0, 100), (1.0, 1, 200)), 2))
     assert read(path, raster=0.5)["Fan"].values.tolist() == [0, 0, 1]
@@ -98,7 +98,7 @@ def test_a_switch_is_held_and_categories_and_digits_are_told(log):
     assert describe(path).tables[0].channels[2].description == "Fuel, 1 digit"
 
 
-def test_markers_are_told_and_do_not_disturb(log):
+def test_markers_are_reported_and_do_not_disturb(log):
     fields = [TIME, RPM]
     values = [(0.1 * k, k) for k in range(300)]
     blocks = rows(fields, *values)
@@ -164,7 +164,7 @@ def test_infinite_numbers_are_missing(log):
     assert values[2] == 3
 
 
-def test_records_with_a_wrong_checksum_are_left_out_and_told(log):
+def test_records_with_a_wrong_checksum_are_skipped_and_reported(log):
     fields = [TIME, RPM]
     blocks = [record(fields, (k, k), wrong_sum=k == 2) for k in range(5)]
     path = log(mlg(fields, blocks))
@@ -197,10 +197,10 @@ def test_time_that_starts_anew_begins_a_piece(log):
     assert even["RPM"].values.tolist() == [0, 5, 10, 3, 3.5, 4, 4.5, 5]
 
 
-def test_the_information_is_told(log):
+def test_the_information_of_the_log_is_described(log):
     info = '"speeduino 202207: Speeduino 202207.1"\n"Capture Date"\n\nNEW_INFO_PROVIDER,LogStart_MAIN_TUNE,\n<msq/>'
-    found = details(log(mlg([TIME, RPM], rows([TIME, RPM], (0.0, 1), (1.0, 2)), 2, info, created=1_600_000_000)))
-    assert found == {
+    information = details(log(mlg([TIME, RPM], rows([TIME, RPM], (0.0, 1), (1.0, 2)), 2, info, created=1_600_000_000)))
+    assert information == {
         "version": "2",
         "recorded": "2020-09-13 12:26 UTC",
         "by": "speeduino 202207: Speeduino 202207.1",
@@ -209,7 +209,7 @@ def test_the_information_is_told(log):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"version": 3}, "is of version 3, which is not supported"),
         ({"length": 9}, "its records are of 9 bytes, their fields of 6"),
@@ -217,11 +217,11 @@ def test_the_information_is_told(log):
         ({"count": 0}, "names 0 fields"),
     ],
 )
-def test_a_wrong_head_is_a_finding(log, change, said):
-    given = {"version": 1} | change
-    content = mlg([TIME, RPM], rows([TIME, RPM], (0.0, 1)), **{**given, "version": 1})
-    content = content[:6] + struct.pack(">h", given["version"]) + content[8:]
-    with pytest.raises(InputError, match=said):
+def test_a_wrong_head_is_a_finding(log, change, message):
+    fields = {"version": 1} | change
+    content = mlg([TIME, RPM], rows([TIME, RPM], (0.0, 1)), **{**fields, "version": 1})
+    content = content[:6] + struct.pack(">h", fields["version"]) + content[8:]
+    with pytest.raises(InputError, match=message):
         read(log(content))
 
 

@@ -93,6 +93,6 @@ def test_damaged_logs_are_read_or_refused(log):
             read(path, raster=1.0)
 
 
-def test_an_empty_log_says_so(log):
+def test_an_empty_log_is_reported(log):
     with pytest.raises(InputError, match="holds no channels"):
         read(log())

@@ -27,9 +27,9 @@ def test_names_units_and_information_are_read(log):
     data = read(path)
     assert data.time.tolist() == [0, 0.066, 0.133]
     assert {c.name: c.unit for c in data.values()} == {"RPM": "rpm", "AFR": "AFR", "Engine": "bits"}
-    found = describe(path)
-    assert found.kind == "MSL"
-    assert found.tables[0].details["by"] == "MS2Extra comms330 : MS2/Extra release 3.3.2"
+    description = describe(path)
+    assert description.kind == "MSL"
+    assert description.tables[0].details["by"] == "MS2Extra comms330 : MS2/Extra release 3.3.2"
 
 
 def test_names_in_quotes_a_single_line_of_information_and_no_units_are_read(log):
@@ -37,7 +37,7 @@ def test_names_in_quotes_a_single_line_of_information_and_no_units_are_read(log)
     assert data["RPM"].values.tolist() == [900, 910]
 
 
-def test_a_decimal_comma_is_found(log):
+def test_a_decimal_comma_is_detected(log):
     assert read(log(HEAD + NAMES + UNITS + ROWS.replace(".", ","))).time.tolist() == [0, 0.066, 0.133]
 
 
@@ -47,24 +47,24 @@ def test_units_in_the_windows_encoding_are_read(log):
 
 
 @pytest.mark.parametrize("at", range(4))
-def test_markers_are_told_wherever_they_stand(log, at):
+def test_markers_are_reported_at_any_position(log, at):
     rows = ROWS.splitlines(keepends=True)
     rows.insert(at, "MARK 000 - Manual - Sun Aug 16 16:54:28 CEST 2020\n")
     path = log(HEAD + NAMES + UNITS + "".join(rows))
     assert read(path).samples == 3
     time = (0, 0.066, 0.133, 0.133)[at]
-    said = f"1 (MARK 000 - Manual - Sun Aug 16 16:54:28 CEST 2020 at {time:g} s)"
-    assert describe(path).tables[0].details["markers"] == said
+    markers = f"1 (MARK 000 - Manual - Sun Aug 16 16:54:28 CEST 2020 at {time:g} s)"
+    assert describe(path).tables[0].details["markers"] == markers
 
 
-def test_markers_in_a_table_without_information_are_told_too(log):
+def test_markers_in_a_table_without_information_are_reported_too(log):
     path = log(NAMES + UNITS + ROWS + 'MARK 001 - "x"\n' + "0.2\t900\t14.7\t9\n")
     assert read(path).samples == 4
     assert describe(path).kind == "CSV"
     assert describe(path).tables[0].details["markers"].startswith("1 (MARK 001")
 
 
-def test_a_restart_begins_a_piece_and_its_second_head_is_no_row(log):
+def test_a_restart_begins_a_piece_and_its_second_header_is_not_a_row(log):
     path = log(HEAD + NAMES + UNITS + ROWS + HEAD + NAMES + UNITS + ROWS)
     data = read(path)
     assert data.starts.tolist() == [0, 3]

@@ -89,7 +89,7 @@ def test_signals_that_a_sym_file_defines_apart_from_its_messages_are_read(tmp_pa
     assert not database.findings
 
 
-def test_what_the_library_skips_of_a_database_is_said(tmp_path):
+def test_entries_of_a_database_that_the_library_skips_are_reported(tmp_path):
     pytest.importorskip("canmatrix")
     path = tmp_path / "x.sym"
     text = SYMBOLS.replace("ID=1F4h", "ID=1F4h-1F5h").replace("Sig=Rest 26", "Var=Other Unknown 26,6")

@@ -48,11 +48,11 @@ def test_dates_are_seconds_since_the_first(parquet):
     assert data.time.tolist() == [0, 0.01, 0.02]
 
 
-def test_the_index_of_pandas_is_no_channel(parquet):
+def test_the_index_of_pandas_is_not_a_channel(parquet):
     assert list(read(parquet(pa.table({"a": [1.5, 2.5], "__index_level_0__": [7, 9]})))) == ["a"]
 
 
-def test_text_asked_for_and_missing_channels_are_findings(parquet):
+def test_requested_text_and_missing_channels_are_findings(parquet):
     path = parquet(pa.table({"Speed": [1.0], "note": ["x"]}))
     with pytest.raises(InputError) as caught:
         read(path, ["note", "Sped"])
@@ -94,9 +94,9 @@ def test_columns_that_are_read_in_blocks_keep_their_values(parquet, monkeypatch,
     assert all(data[f"c.{k}"].values.tolist() == [k, k + 0.5] for k in range(20) if k != 3)
 
 
-def test_the_description_of_the_columns_is_made_once_a_file(parquet, monkeypatch):
+def test_the_columns_are_described_once_per_file(parquet, monkeypatch):
     path = parquet(pa.table({f"c{k}": [0.0, 1.0] for k in range(50)}))
-    made, schema = [], pq.ParquetFile.schema_arrow.fget
-    monkeypatch.setattr(pq.ParquetFile, "schema_arrow", property(lambda file: made.append(1) or schema(file)))
+    schemas, schema = [], pq.ParquetFile.schema_arrow.fget
+    monkeypatch.setattr(pq.ParquetFile, "schema_arrow", property(lambda file: schemas.append(1) or schema(file)))
     assert len(read(path).channels) == 50
-    assert len(made) < 5
+    assert len(schemas) < 5

@@ -70,10 +70,10 @@ def test_channels_must_be_a_list(csv):
         read(csv("Speed\n1\n"), "Speed")
 
 
-def test_a_description_says_what_is_in_a_file(csv):
-    found = describe(csv("time,Speed [rpm],Gap,Note\n0,1000,,x\n0.1,2000,,y\n0.2,,,z\n"))
-    assert found.kind == "CSV"
-    (table,) = found.tables
+def test_a_description_lists_the_contents_of_a_file(csv):
+    description = describe(csv("time,Speed [rpm],Gap,Note\n0,1000,,x\n0.1,2000,,y\n0.2,,,z\n"))
+    assert description.kind == "CSV"
+    (table,) = description.tables
     speed, gap = table.channels[1:]
     assert (speed.name, speed.unit, speed.samples, speed.minimum, speed.maximum) == ("Speed", "rpm", 3, 1000, 2000)
     assert speed.nan_share == pytest.approx(1 / 3)
@@ -81,7 +81,7 @@ def test_a_description_says_what_is_in_a_file(csv):
     assert table.left_out == ("Note",)
     assert (table.time.begin, table.time.end, table.time.step) == (0, 0.2, 0.1)
     assert table.details["separator"] == "comma"
-    assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["kind"] == "CSV"
+    assert json.loads(json.dumps(description.as_dict(), allow_nan=False))["kind"] == "CSV"
 
 
 def test_a_description_lists_every_sheet(xlsx):

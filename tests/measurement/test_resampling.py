@@ -36,12 +36,12 @@ def test_a_channel_without_values_stays_without():
     assert np.isnan(resample(np.arange(3.0), np.full(3, np.nan), np.arange(3.0))).all()
 
 
-def test_nothing_is_made_up_where_a_recording_paused():
+def test_nothing_is_interpolated_across_a_pause_of_the_recording():
     time = np.concatenate([np.arange(10) / 10, 60 + np.arange(10) / 10])
     even = even_grid(time, 0.1)
-    found = resample(time, np.arange(20) + 0.5, even)
-    assert np.array_equal(np.isnan(found), (even > 0.95) & (even < 59.95))
-    assert found[:10].tolist() == (np.arange(10) + 0.5).tolist()
+    resampled = resample(time, np.arange(20) + 0.5, even)
+    assert np.array_equal(np.isnan(resampled), (even > 0.95) & (even < 59.95))
+    assert resampled[:10].tolist() == (np.arange(10) + 0.5).tolist()
 
 
 def test_steps_of_a_few_times_the_usual_one_are_bridged():
@@ -52,8 +52,8 @@ def test_steps_of_a_few_times_the_usual_one_are_bridged():
 def test_a_slow_channel_among_fast_ones_is_bridged():
     time = np.arange(1000) / 100
     slow = np.where(np.arange(1000) % 100 == 0, np.sin(time) + 0.1, np.nan)
-    found = resample(time, slow, time)
-    assert not np.isnan(found[:901]).any()
+    resampled = resample(time, slow, time)
+    assert not np.isnan(resampled[:901]).any()
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from kennfeld.measurement import mdf, read
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.source import locate
 from kennfeld.measurement.table import Selection
+from tests.draws import mostly_slow
 
 STAMPS = 0.01 * np.arange(5000)
 
@@ -78,7 +79,7 @@ def test_every_type_of_number_is_read_as_by_the_library(tmp_path, version, compr
     assert_equal(without_library(path, chosen), by_library(path, chosen))
 
 
-@pytest.mark.parametrize("compression", [0, 2])
+@pytest.mark.parametrize("compression", mostly_slow([0, 2], [2]))
 def test_records_may_lie_in_many_blocks(tmp_path, compression):
     stamps = 0.001 * np.arange(400_000)
     values = np.random.default_rng(0).normal(size=(4, stamps.size))

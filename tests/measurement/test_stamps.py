@@ -23,18 +23,18 @@ FORMS = ("%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f"
 )
 def test_stamps_differ_by_the_time_between_them(begin, later, form):
     cells = [(begin + timedelta(microseconds=m)).strftime(form) for m in (0, later)]
-    found, _ = parse_stamps(cells)
-    assert found[1] - found[0] == pytest.approx(later * 1e-6, abs=1e-9)
+    seconds, _ = parse_stamps(cells)
+    assert seconds[1] - seconds[0] == pytest.approx(later * 1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize("cell", ["", "12:00", "1.5", "2024-13-01", "30.02.2024", "12:61:00", "noon", "2024-01-01x", 5])
-def test_other_cells_are_no_stamps(cell):
+def test_other_cells_are_not_read_as_stamps(cell):
     assert not is_stamp(cell)
 
 
 def test_zones_are_respected():
-    found, _ = parse_stamps(["2024-01-01T12:00:00+01:00", "2024-01-01T11:00:00Z", "2024-01-01 06:00:00-0500", ""])
-    np.testing.assert_array_equal(found, [39600, 39600, 39600, np.nan])
+    seconds, _ = parse_stamps(["2024-01-01T12:00:00+01:00", "2024-01-01T11:00:00Z", "2024-01-01 06:00:00-0500", ""])
+    np.testing.assert_array_equal(seconds, [39600, 39600, 39600, np.nan])
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_a_large_file_keeps_its_stamps(csv, monkeypatch):
     np.testing.assert_allclose(np.diff(data.time), 0.1)
 
 
-def test_a_stamp_that_is_no_date_stays_text(csv):
+def test_an_impossible_date_stays_text(csv):
     assert read(csv("Time;n\n2020-02-30 12:00:00;1\n2020-02-31 12:00:00;2\n")).time is None
 
 

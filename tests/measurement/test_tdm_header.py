@@ -182,7 +182,7 @@ def test_representations_that_cannot_be_read_are_named(tdm, column, message):
         read(tdm(block(0, byteOffset=0, length=1, valueType="eTimeUsi"), data, bytes(16)))
 
 
-def test_groups_are_told_apart(tdm):
+def test_groups_are_distinguished(tdm):
     data = group("left", 1) + group("right", 2)
     data += channel(1, "Speed", "", EXPLICIT, '<values external="inc0"/>')
     data += channel(2, "Speed", "", EXPLICIT, '<values external="inc0"/>')
@@ -200,7 +200,7 @@ def test_groups_are_told_apart(tdm):
         ({"byteOffset": -8}, "an impossible place"),
     ],
 )
-def test_what_is_wrong_is_named_with_the_channel(tdm, attributes, message):
+def test_errors_are_reported_with_the_channel(tdm, attributes, message):
     stated = {"byteOffset": 0, "length": 2, "valueType": "eFloat64Usi"} | attributes
     data = group("bench", 1) + channel(1, "Speed", "", EXPLICIT, '<values external="inc0"/>')
     with pytest.raises(InputError, match=f"channel Speed: .*{message}"):

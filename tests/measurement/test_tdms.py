@@ -82,7 +82,7 @@ def test_dates_and_starts_have_one_origin(tdms):
     assert (data.time.tolist(), data["Torque"].values.tolist()) == ([0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 2.0, 3.0])
 
 
-def test_equal_names_are_told_apart_by_their_groups(tdms):
+def test_equal_names_are_distinguished_by_their_groups(tdms):
     path = tdms(("left", "Speed", np.arange(3.0)), ("right", "Speed", np.arange(3.0) + 5))
     assert [table.channels[0].name for table in describe(path).tables] == ["left/Speed", "right/Speed"]
     assert read(path, ["right/Speed"])["right/Speed"].values.tolist() == [5.0, 6.0, 7.0]
@@ -112,7 +112,7 @@ def test_scaled_channels_have_physical_values(tdms):
 
 
 @pytest.mark.parametrize("unit", ["Hz", "m"])
-def test_a_step_that_is_no_time_gives_points(tdms, unit):
+def test_a_step_other_than_time_gives_points(tdms, unit):
     assert read(tdms(("bench", "U", np.arange(3.0), {"wf_increment": 0.5, "wf_xunit_string": unit}))).time is None
 
 
@@ -122,12 +122,12 @@ def test_the_step_may_be_in_another_unit_of_time(tdms):
 
 
 @pytest.mark.parametrize("offset", ["soon", float("nan"), True])
-def test_an_offset_that_is_no_number_is_ignored(tdms, offset):
+def test_a_nonnumeric_offset_is_ignored(tdms, offset):
     stated = {"wf_increment": 0.5, "wf_start_offset": offset}
     assert read(tdms(("bench", "U", np.arange(2.0), stated))).time[1] >= 0.5
 
 
-def test_a_group_may_say_that_its_first_channel_is_the_time(tmp_path):
+def test_a_group_may_declare_its_first_channel_as_time(tmp_path):
     path = tmp_path / "bench.tdms"
     with nptdms.TdmsWriter(path) as writer:
         step = {"wf_increment": 1.0}

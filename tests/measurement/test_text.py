@@ -28,7 +28,7 @@ def findings(path, *args, **options):
 
 @pytest.mark.parametrize("separator", [";", ",", "\t", "|", " ", "   "])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_separator_and_line_ends_are_found(csv, separator, end):
+def test_separator_and_line_ends_are_detected(csv, separator, end):
     rows = [["Speed", "Torque"], ["1000", "80.5"], ["2000", "95.25"]]
     data = read(csv(end.join(separator.join(row) for row in rows) + end))
     assert list(data) == ["Speed", "Torque"]
@@ -36,18 +36,18 @@ def test_separator_and_line_ends_are_found(csv, separator, end):
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
-def test_encoding_is_found(csv, encoding):
+def test_encoding_is_detected(csv, encoding):
     data = read(csv("Öltemperatur [°C];n\n90,5;1000\n91,5;2000\n", encoding=encoding))
     assert data["Öltemperatur"].unit == "°C"
     assert data["Öltemperatur"].values.tolist() == [90.5, 91.5]
 
 
-def test_decimal_comma_that_shows_only_far_down_is_found(csv):
+def test_decimal_comma_that_shows_only_far_down_is_detected(csv):
     path = csv("a;b\n" + "1;2\n" * 300 + "0,5;2,25\n")
     assert read(path)["b"].values[-1] == 2.25
 
 
-def test_a_single_column_with_decimal_comma_is_no_pair(csv):
+def test_a_single_column_with_decimal_comma_is_not_a_pair(csv):
     assert read(csv("Torque\n1,5\n2,5\n"))["Torque"].values.tolist() == [1.5, 2.5]
 
 
@@ -106,7 +106,7 @@ def test_text_columns_are_left_out_and_reported_when_asked_for(csv):
     ]
 
 
-def test_only_the_channels_asked_for_are_read_and_time(csv):
+def test_only_requested_channels_and_time_are_read(csv):
     data = read(csv("time,a,b\n0,1,x\n1,2,3\n2,5,4\n"), ["a"])
     assert list(data) == ["a"]
     assert data.time.tolist() == [0, 1, 2]
@@ -130,14 +130,14 @@ def test_every_problem_of_a_file_is_reported_at_once(csv):
 
 
 def test_a_second_unit_row_is_one_finding(csv):
-    found = findings(csv("Speed,Torque\nrpm,Nm\n1,2\n3,4\n5,6\nrpm,Nm\n7,8\n"))
-    assert len(found) == 1
-    assert found[0].startswith("bench.csv line 6, columns Speed, Torque: must be numbers, got 'rpm', 'Nm'")
+    messages = findings(csv("Speed,Torque\nrpm,Nm\n1,2\n3,4\n5,6\nrpm,Nm\n7,8\n"))
+    assert len(messages) == 1
+    assert messages[0].startswith("bench.csv line 6, columns Speed, Torque: must be numbers, got 'rpm', 'Nm'")
 
 
 def test_a_file_cut_in_half_is_called_cut_off(csv):
-    (found,) = findings(csv("a,b,c\n1,2,3\n4,5,6\n7,8"))
-    assert found.startswith("bench.csv line 4: the row has 2 cells, the header names 3. The file seems to be cut off")
+    (message,) = findings(csv("a,b,c\n1,2,3\n4,5,6\n7,8"))
+    assert message.startswith("bench.csv line 4: the row has 2 cells, the header names 3. The file seems to be cut off")
 
 
 @pytest.mark.parametrize(
@@ -152,14 +152,14 @@ def test_a_file_cut_in_half_is_called_cut_off(csv):
         ("a,b\n1,2\n3,1_000\n4,5\n", "must be a number, got '1_000'"),
     ],
 )
-def test_a_file_without_a_table_says_why(csv, content, message):
+def test_a_file_without_a_table_is_refused_with_the_reason(csv, content, message):
     assert message in "\n".join(findings(csv(content)))
 
 
 def test_many_findings_are_counted(csv):
-    found = findings(csv("a,b\n" + "1,2\n" * 100 + "1,x\n" * 90))
-    assert len(found) == 21
-    assert found[-1].startswith("bench.csv: 70 more rows")
+    messages = findings(csv("a,b\n" + "1,2\n" * 100 + "1,x\n" * 90))
+    assert len(messages) == 21
+    assert messages[-1].startswith("bench.csv: 70 more rows")
 
 
 def test_a_packed_file_is_read_and_named_without_its_endings(csv):
@@ -307,7 +307,7 @@ def numbers_and(cell):
 
 
 @pytest.mark.parametrize("cell", ["x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000"])
-def test_what_is_no_number_is_left_to_the_exact_reader(csv, cell):
+def test_cells_that_are_not_numbers_are_left_to_the_exact_reader(csv, cell):
     assert read_bulk_of(csv(numbers_and(cell))) is None
 
 
@@ -344,16 +344,16 @@ def test_several_blanks_between_numbers_are_left_to_the_exact_reader(csv, row):
     ],
 )
 @pytest.mark.parametrize("units", ["s,rpm,%\n", ""])
-def test_numbers_above_the_header_are_no_table(csv, above, units):
+def test_numbers_above_the_header_are_not_a_table(csv, above, units):
     rows = "".join(f"{k / 10:.1f},{900 + k},{k % 7}.5\n" for k in range(12))
     data = read(csv(f"{above}time,Speed,Load\n{units}{rows}"))
     assert (list(data), data.samples) == (["Speed", "Load"], 12)
     assert data.time[-1] == 1.1
 
 
-def test_text_after_a_few_rows_is_no_header_of_fewer_columns(csv):
-    told = findings(csv("time,Speed\n0,1\n1,2\nrestart,x,at noon\n" + "".join(f"{k},{k}\n" for k in range(2, 20))))
-    assert "line 4" in told[0]
+def test_text_after_a_few_rows_is_not_a_header_of_fewer_columns(csv):
+    messages = findings(csv("time,Speed\n0,1\n1,2\nrestart,x,at noon\n" + "".join(f"{k},{k}\n" for k in range(2, 20))))
+    assert "line 4" in messages[0]
 
 
 def test_a_table_of_very_many_columns_is_read(csv):

@@ -91,7 +91,7 @@ def test_milliseconds_in_a_column_of_their_own_belong_to_the_time(csv, head, nam
     assert severities(data) == ["remark"]
 
 
-def test_a_time_that_cannot_be_read_is_said(csv):
+def test_an_unreadable_time_is_reported(csv):
     path = csv(log("Time", ["noon", "later", "12:00"]))
     data = read(path)
     assert data.time is None

@@ -24,7 +24,7 @@ def test_the_suffix_of_the_name_is_a_unit(csv):
 
 
 @pytest.mark.parametrize("head", ["a", "t [°C]", "t", "dwell [ms]"])
-def test_other_columns_are_no_time(csv, head):
+def test_other_columns_are_not_taken_as_time(csv, head):
     assert read(csv(f"{head},b\n3,1\n2,1\n4,1\n")).time is None
 
 
@@ -108,7 +108,7 @@ def test_the_caller_may_state_the_unit_of_the_time(csv, unit, factor):
 
 
 @pytest.mark.parametrize("unit", ["ms", "us", "min", "h"])
-def test_a_row_of_units_says_in_which_unit_the_time_is(csv, unit):
+def test_a_row_of_units_gives_the_unit_of_time(csv, unit):
     stated = read(csv("Time,a\n0,5\n3,6\n"), units={"Time": unit}).time
     np.testing.assert_array_equal(read(csv(f"Time,a\n{unit},-\n0,5\n3,6\n")).time, stated)
 
@@ -122,7 +122,7 @@ def test_the_unit_of_a_channel_may_be_stated_too(csv):
     assert (data["a"].unit, data["a"].values.tolist()) == ("kNm", [5, 6])
 
 
-def test_a_unit_for_a_column_that_is_not_there_is_told(csv):
+def test_a_unit_for_a_missing_column_is_reported(csv):
     with pytest.raises(InputError, match=r"has no column Tim. Did you mean Time\?"):
         read(csv("Time,a\n0,5\n3,6\n"), units={"Tim": "ms"})
 

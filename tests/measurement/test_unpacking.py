@@ -79,7 +79,7 @@ def test_files_beside_a_header_in_an_archive_are_read(tmp_path, monkeypatch):
         read(f"{path}#run.dat")
 
 
-def test_what_is_compressed_twice_or_empty_is_refused(tmp_path):
+def test_doubly_compressed_and_empty_files_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"drive\.csv\.gz in it is compressed as well"):
         read(zipped(tmp_path / "twice.zip", {"drive.csv.gz": gzip.compress(CSV)}))
     with pytest.raises(InputError, match="the archive holds no files"):

@@ -51,13 +51,13 @@ def test_a_sheet_of_nothing_else_is_refused_with_the_reason(xlsx):
         read(path)
 
 
-def test_formulas_with_values_and_empty_texts_are_no_reason(xlsx):
+def test_formulas_with_values_and_empty_texts_are_read_without_a_remark(xlsx):
     saved = '<c r="{0}"><f>A2*2</f><v>4</v></c>'
     empty = '<c r="{0}" t="str"><f>""</f><v></v></c>'
     assert read(xlsx(Data=sheet(saved, saved, empty))).findings == ()
 
 
-def test_a_calibration_workbook_says_so_too(tmp_path):
+def test_a_calibration_workbook_is_named_as_one(tmp_path):
     path, resaved = tmp_path / "start.xlsx", tmp_path / "resaved.xlsx"
     calfiles.write(ParameterSet([Curve("C", Axis([0, 1, 2]), [12.5, 13.5, 14.5])]), path)
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(resaved, "w") as new:

@@ -20,7 +20,7 @@ BO_ 500 EngineData: 8 ECU1
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (DBC, "a CAN database (DBC), a database of bus messages: it describes signals and holds no samples of them."),
         ("\ufeff" + DBC, "a CAN database (DBC)"),
@@ -35,11 +35,11 @@ BO_ 500 EngineData: 8 ECU1
         (gzip.compress(DBC.encode()), "a CAN database (DBC)"),
     ],
 )
-def test_a_file_of_another_kind_is_named(csv, content, said):
+def test_a_file_of_another_kind_is_named(csv, content, message):
     for work in (read, describe):
         with pytest.raises(InputError) as caught:
             work(csv(content, "run.x"))
-        assert str(caught.value).startswith(f"run.x: this is {said}")
+        assert str(caught.value).startswith(f"run.x: this is {message}")
 
 
 def test_a_database_of_a_bus_is_to_be_named_with_a_log(csv):
@@ -48,7 +48,7 @@ def test_a_database_of_a_bus_is_to_be_named_with_a_log(csv):
 
 
 @pytest.mark.parametrize(
-    ("start", "said"),
+    ("start", "message"),
     [
         (b"TDSh\x0e\0\0\0", "an index of a TDMS file, which holds no samples. Name the .tdms file beside it."),
         (b"<hCNF\0\x10\0\0\0\x01>", "a log of AiM (.xrk). Export it as CSV from RaceStudio"),
@@ -61,11 +61,11 @@ def test_a_database_of_a_bus_is_to_be_named_with_a_log(csv):
         (b"\x01\0\x02", "a binary file, which cannot be read as a measurement. Export it as MDF (.mf4) or CSV;"),
     ],
 )
-def test_a_binary_file_of_another_kind_is_named_with_the_way_out(tmp_path, start, said):
+def test_a_binary_file_of_another_kind_is_named_with_the_way_out(tmp_path, start, message):
     (tmp_path / "run.x").write_bytes(start + bytes(600))
     with pytest.raises(InputError) as caught:
         read(tmp_path / "run.x")
-    assert str(caught.value).startswith(f"run.x: this is {said}")
+    assert str(caught.value).startswith(f"run.x: this is {message}")
 
 
 @pytest.mark.parametrize("name", ["fea1", "FEA1", "TDSh", "Rar!"])

@@ -49,7 +49,7 @@ def test_a_workbook_is_read(book, rows):
     assert describe(path).kind == "Excel"
 
 
-def test_every_sheet_is_found(book):
+def test_every_sheet_is_read(book):
     path = book(xls({"Notes": [["a", "b"]], "Data": ROWS, "More": ROWS}))
     assert [table.name for table in describe(path).tables] == ["Data", "More"]
     assert read(f"{path}#More").samples == 60
@@ -81,7 +81,7 @@ def huge_root(content):
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         (looped_table, "a chain of sectors is circular"),
         (looped_directory, "a chain of sectors is circular"),
@@ -91,10 +91,10 @@ def huge_root(content):
         (huge_root, "one of its streams claims 2147483647 bytes"),
     ],
 )
-def test_a_damaged_container_is_refused_before_it_takes_all_memory(book, damage, said):
+def test_a_damaged_container_is_refused_before_it_takes_all_memory(book, damage, message):
     with pytest.raises(InputError, match=r"bench\.xls: the workbook cannot be read") as caught:
         read(book(damage(xls({"Data": ROWS}))))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_loop_of_short_sectors_is_refused(book):
@@ -105,17 +105,17 @@ def test_a_loop_of_short_sectors_is_refused(book):
 
 
 @pytest.mark.parametrize(
-    ("claims", "said"),
+    ("claims", "message"),
     [
         ({"texts": 1 << 30}, "it claims 1073741824 texts in"),
         ({"dimensions": (0, 0xFFFFFFFF, 0, 3)}, "a sheet claims rows 0 to 4294967295"),
         ({"dimensions": (9, 2, 0, 3)}, "a sheet claims rows 9 to 2"),
     ],
 )
-def test_claims_beyond_the_content_are_refused(book, claims, said):
+def test_claims_beyond_the_content_are_refused(book, claims, message):
     with pytest.raises(InputError, match="the workbook cannot be read") as caught:
         read(book(xls({"Data": ROWS}, **claims)))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_empty_texts_are_the_shortest():

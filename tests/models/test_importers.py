@@ -15,9 +15,11 @@ from kennfeld.app.session.session import Session
 from kennfeld.base.errors import InputWarning
 from kennfeld.files import identify
 from kennfeld.models import importer_registry
+from kennfeld.models.function_files import read_function_file
 from kennfeld.models.importer import Importer
 from kennfeld.models.importer_registry import importer_of, importer_of_format, importers
 from kennfeld.project import Project
+from kennfeld.terminal.file_info import describe_file
 from tests.files.packages import forget_packages, install
 
 PAGE = Path(__file__).parents[2] / "docs" / "adding-an-importer.md"
@@ -92,6 +94,7 @@ def test_the_app_shows_its_function(project):
     assert session.findings == ()
 
 
+@pytest.mark.guests
 def test_keys_that_it_does_not_take_are_refused(project):
     project.write_text(PROJECT.replace("[model]", '[model]\nsubsystem = "A"'), encoding="utf-8")
     with pytest.raises(kf.InputError, match=r"subsystem requires a Simulink model, got torque\.sum"):
@@ -121,8 +124,31 @@ def test_without_importers_such_files_are_unknown(alone, tmp_path, name):
     (tmp_path / "drive.csv").write_text(DATA, encoding="utf-8")
     [finding] = [each for each in Project.read(tmp_path / "kennfeld.toml").check() if "model" in each.location.path]
     assert "unknown model format" in finding.message
+    assert finding.remedy == "Use formula text (.kf)."
 
 
+def test_without_importers_a_file_is_described_by_what_is_known_of_its_format(alone, tmp_path):
+    sources = {"plant.slx": "a Simulink model file", "f.c": "a C source file", "g.py": "a Python source file"}
+    for name, kind in sources.items():
+        (tmp_path / name).write_text("?", encoding="utf-8")
+        with pytest.raises(kf.InputError, match=f"^{name}: this is {kind}, for which no importer is installed"):
+            describe_file(tmp_path / name)
+    pump = "package engine;\nstatic class Pump { characteristic real gain = 2.0; }\n"
+    (tmp_path / "pump.esdl").write_text(pump, encoding="utf-8")
+    assert describe_file(tmp_path / "pump.esdl").summary.startswith("pump.esdl: calibration (ESDL")
+
+
+def test_without_importers_messages_name_none(alone, project, tmp_path):
+    project.write_text(PROJECT.replace('"torque.sum"', '"torque.sum"\nsubsystem = "A"'), encoding="utf-8")
+    with pytest.raises(kf.InputError, match="subsystem requires an importer that is not installed, got"):
+        Project.read(project)
+    with pytest.raises(kf.InputError, match=r"gain\.py:g: not a file of functions\. Known are \.sum"):
+        read_function_file("gain.py:g", tmp_path)
+    with pytest.raises(kf.ArgumentError, match="f is a Python function, for which no importer is installed"):
+        kf.formula("y = f(x)", functions={"f": abs})
+
+
+@pytest.mark.guests
 def test_every_importer_is_found_by_its_files():
     assert {each.name for each in importers()} >= {"Simulink model", "ASCET project", "FMU", "ONNX network"}
     for importer in importers():

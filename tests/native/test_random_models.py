@@ -86,22 +86,22 @@ def test_every_node_is_what_the_interpreter_computes(case):
     assert_close(got, exact, change, steady(exact, change))
 
 
-@few_or_many(cases(states=False), few=6, many=25)
+@few_or_many(cases(states=False), few=3, many=25)
 def test_sums_without_states(case):
     check_sums(compiled(case))
 
 
-@few_or_many(cases(states=True, max_latency=1), few=4, many=20)
+@few_or_many(cases(states=True, max_latency=1), few=2, many=20)
 def test_sums_with_states(case):
     check_sums(compiled(case))
 
 
-@few_or_many(cases(states=True), few=4, many=15)
+@few_or_many(cases(states=True), few=2, many=15)
 def test_sums_with_delays(case):
     check_sums(compiled(case))
 
 
-@few_or_many(cases(nested=True), st.data(), few=3, many=12)
+@few_or_many(cases(nested=True), st.data(), few=2, many=12)
 def test_sums_of_smoothed_lookups(case, data):
     smooth = data.draw(st.sampled_from([tuple(case.parameters), case.free, ("K", "C", "M", "Q3", "B2")]))
     made = compiled(case, smooth=smooth)
@@ -111,7 +111,7 @@ def test_sums_of_smoothed_lookups(case, data):
     check_sums(made, widths)
 
 
-@few_or_many(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]), few=4, many=20)
+@few_or_many(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]), few=2, many=20)
 def test_sums_by_a_pull_back(case, smooth):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(derivative, "MAX_VISITS", -1)
@@ -121,7 +121,7 @@ def test_sums_by_a_pull_back(case, smooth):
     check_sums(made, np.full(len(made.lowered.axes), 0.3) if smooth else None)
 
 
-@few_or_many(cases(), few=3, many=12)
+@few_or_many(cases(), few=2, many=12)
 def test_repeated_calls_see_the_values_of_now(case):
     made, other = compiled(case), case.with_other_values()
     accumulator = made.accumulator()

@@ -120,12 +120,12 @@ def test_radial_basis_functions_have_a_name_for_each_number():
     assert "0.125" in text
 
 
-def test_bounds_and_locks_are_told():
+def test_bounds_and_locks_are_shown():
     assert "bounds 0 to 9, 2 values locked" in text_of(kf.Curve("C", [0, 1], [2, 3], lower=0, upper=9, locked=True))
     assert "bounds that differ" in text_of(kf.Curve("C", [0, 1], [2, 3], lower=[0, 1]))
 
 
-def test_a_dataset_has_a_strip_for_each_channel_and_says_what_is_missing():
+def test_a_dataset_has_a_strip_for_each_channel_and_names_missing_ones():
     page = shown(kf.Dataset.of("bench", {"n": [1.0, np.nan, 3.0], "T": [1.0, 2.0, 3.0]}))
     assert page.tags.count("svg") == 2
     assert page.texts[-10:] == ["n", "1", "2", "3", "1", "T", "1", "2", "3", "0"]
@@ -171,7 +171,7 @@ def test_degenerate_values_have_a_display(value):
     shown(value)
 
 
-def test_a_result_tells_what_the_data_do_not_determine(result):
+def test_a_result_names_what_the_data_do_not_determine(result):
     assert "Parameters not determined by the data:" in text_of(result)
     assert "Parameters not determined by the data:" in str(result)
     assert "Scaling a by 1.01" in str(result)

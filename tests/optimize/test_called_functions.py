@@ -75,6 +75,7 @@ def assert_equal_sums(own, reference, factor=1.0, tolerance=1e-8):
     )
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize(("calls", "text"), PAIRS.values(), ids=PAIRS)
 def test_cost_and_derivatives_are_those_of_the_formula(calls, text):
     own, reference = CompiledProblem(problem(calls)), CompiledProblem(problem(text))
@@ -82,6 +83,7 @@ def test_cost_and_derivatives_are_those_of_the_formula(calls, text):
         assert_equal_sums(own, reference, factor)
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize(("calls", "text"), PAIRS.values(), ids=PAIRS)
 def test_slopes_at_a_sample_are_those_of_the_formula(calls, text):
     given, slopes = values(), []
@@ -92,6 +94,7 @@ def test_slopes_at_a_sample_are_those_of_the_formula(calls, text):
         assert slopes[0][name] == pytest.approx(slope, rel=1e-7, abs=1e-9)
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize("calls", mostly_slow(["algebra", "lagged", "kinked"], 2))
 def test_a_calibration_ends_where_that_of_the_formula_does(calls):
     measured = kf.simulate(kf.formula(PAIRS[calls][1], parameters=list(values())), DATA, values())["y"].values
@@ -159,6 +162,7 @@ def test_locked_values_are_not_changed_for_slopes():
     assert [value.place for value in compiled._called.trajectories.values if value.table == "C"] == [(1,), (3,)]
 
 
+@pytest.mark.guests
 def test_lookups_before_a_trajectory_are_not_smoothed():
     assert not smoothable(trajectory_problem("y = C(lag.y(u))"))
     assert smoothable(problem("y = C(f(u, a))"))
@@ -180,6 +184,7 @@ def test_slopes_that_do_not_fit_into_memory_are_refused(monkeypatch):
     assert "slopes of lag along 6 free values at all samples need 1.44e-05 GB of memory" in str(finding)
 
 
+@pytest.mark.guests
 def test_a_call_in_a_loop_is_remarked():
     [remark] = problem(PAIRS["loop"][0]).model.remarks
     assert str(remark) == "formula: f is called in a loop, so its code runs sample by sample, which is slow"

@@ -73,7 +73,7 @@ def stairs(values):
 
 
 @pytest.mark.parametrize("cost", [stripes, stairs])
-@pytest.mark.parametrize("size", [1, 2])
+@pytest.mark.parametrize("size", mostly_slow([1, 2], 1))
 def test_a_converged_end_has_no_lower_neighbour(cost, size):
     statuses = set()
     for evaluations in (60, 600):
@@ -142,7 +142,7 @@ def test_a_cost_of_zero_is_the_lowest():
     assert (end.status, end.cost) == ("converged", 0.0)
 
 
-@pytest.mark.parametrize("size", [2, 5])
+@pytest.mark.parametrize("size", mostly_slow([2, 5], 1))
 def test_a_smooth_cost_needs_part_of_the_evaluations(size):
     function = Function(lambda values: 1 + np.sum((values - 0.3) ** 2))
     end = global_search(function, np.full(size, 0.9), box(*[(0, 1)] * size), GlobalSettings())
@@ -228,7 +228,7 @@ def test_stopping_keeps_the_best(stop):
 
 
 @few_or_many(
-    few=6,
+    few=3,
     many=30,
     seed=st.integers(0, 100),
     size=st.integers(1, 4),

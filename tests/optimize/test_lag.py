@@ -112,7 +112,13 @@ def line(data):
     return kf.calibrate("y = k * u", data, {"k": 1.0}, target="m", shift={"m": "auto"})
 
 
-@pytest.mark.parametrize("delay", mostly_slow([3.5, 2.0, -5.0], [3.5]))
+@pytest.mark.usefixtures("narrow_window")
+def test_the_search_continues_from_the_edge_of_a_narrow_window():
+    assert line(noisy(0.9, 300)).shifts["drive"]["m"] == pytest.approx(-0.9, abs=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [3.5, 2.0, -5.0])
 def test_the_search_continues_from_the_edge_of_the_window(delay):
     result = line(noisy(delay))
     assert result.shifts["drive"]["m"] == pytest.approx(-delay, abs=0.02)

@@ -78,7 +78,7 @@ def result_of_floats():
     return fitted()
 
 
-@pytest.mark.parametrize("of", mostly_slow(NUMBERS, [np.int8, np.array]))
+@pytest.mark.parametrize("of", mostly_slow(NUMBERS, [np.array]))
 def test_settings_of_any_type_give_the_result_of_floats(of):
     expected, found = result_of_floats(), fitted(of)
     assert found.status == expected.status == "converged"

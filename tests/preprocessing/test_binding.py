@@ -92,7 +92,7 @@ def test_the_next_step_leads_to_the_next_sample_of_the_piece():
     assert bound.columns["dt"].tolist() == [1.0, 1.0, 2.0, 0.25, 0.25, 0.5, 0.75]
 
 
-def test_steps_of_a_second_raster_are_no_pauses():
+def test_steps_of_a_second_raster_are_not_pauses():
     times = np.concatenate([[0.0], np.cumsum(np.resize([0.01, 0.01, 0.5], 60))])
     assert bind_inputs(Dataset.of("d", columns(np.zeros(61)), time=times), LAG, {}).starts.tolist() == [0]
     times[40:] += 60.0
@@ -141,7 +141,7 @@ def test_a_function_of_time_needs_time_stamps():
         bind_inputs(Dataset.of("bench", columns([1.0, 2.0])), TIMED, {})
 
 
-def test_a_dataset_of_which_nothing_is_left_has_no_samples():
+def test_a_dataset_without_remaining_samples_is_empty():
     for graph, time in ((STEADY, None), (TIMED, np.arange(2.0)), (LAG, np.arange(2.0))):
         bound = bind_inputs(Dataset.of("d", columns([NAN, NAN]), time=time), graph, {})
         assert (bound.count, bound.starts.size, bound.columns["u"].size) == (0, 0, 0)
@@ -170,7 +170,7 @@ def test_the_clock_of_dropped_points_is_unknown():
     assert np.nan_to_num(bind_inputs(data, TIMED, {}).whole.columns["t"], nan=-1.0).tolist() == [0, 1, -1, 0, 1]
 
 
-def test_only_the_clock_that_is_read_is_made():
+def test_only_the_clock_in_use_is_built():
     data = Dataset.of("d", columns(np.arange(4.0)), time=np.arange(4.0))
     assert bind_inputs(data, formula("y = u * t").graph, {}).clock.keys() == {"t"}
     assert bind_inputs(data, LAG, {}).clock.keys() == {"dt"}
@@ -191,12 +191,12 @@ def test_a_pause_as_long_as_an_allowed_gap_is_a_step():
     assert bound.columns["dt"][4] == pytest.approx(8.7)
 
 
-def test_uneven_steps_are_no_pauses():
+def test_uneven_steps_are_not_pauses():
     time = np.cumsum(np.tile([0.05, 0.2, 0.1, 0.9], 5))
     assert bind_inputs(Dataset.of("d", columns(range(20)), time=time), TIMED, {}).starts.tolist() == [0]
 
 
-def test_the_time_between_two_recordings_is_no_step():
+def test_the_time_between_two_recordings_is_not_a_step():
     time = np.concatenate([np.arange(5) / 10, 500 + np.arange(5) / 10])
     bound = bind_inputs(Dataset.of("d", columns(range(10)), time=time, starts=[0, 5], max_gap=1000.0), TIMED, {})
     assert bound.starts.tolist() == [0, 5]

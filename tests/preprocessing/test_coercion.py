@@ -58,15 +58,15 @@ def test_a_column_called_time_is_the_time_of_the_samples(form):
 
 def test_a_function_may_read_the_time_as_an_input_too():
     data = {"time": TIME, "u": STEP}
-    found = kf.simulate("y = PT1(time, 0.0001) + 0 * u", data, {})
-    np.testing.assert_allclose(found["y"].values, TIME, atol=1e-3)
+    simulation = kf.simulate("y = PT1(time, 0.0001) + 0 * u", data, {})
+    np.testing.assert_allclose(simulation["y"].values, TIME, atol=1e-3)
 
 
 def test_an_input_called_t_is_a_channel_unless_its_unit_is_one_of_time():
     with pytest.raises(kf.InputError, match="requires time stamps, but the data have none"):
         kf.simulate("input x\ny = PT1(x, 1)", {"t": TIME}, {}, channels={"x": "t"})
-    found = kf.simulate("input x\ny = PT1(x, 1)", {"t": TIME, "time": TIME}, {}, channels={"x": "t"})
-    np.testing.assert_allclose(found.time, TIME)
+    simulation = kf.simulate("input x\ny = PT1(x, 1)", {"t": TIME, "time": TIME}, {}, channels={"x": "t"})
+    np.testing.assert_allclose(simulation.time, TIME)
 
 
 def test_the_time_that_a_dataset_has_counts_more_than_a_channel():
@@ -85,21 +85,21 @@ def test_rows_in_any_order_are_points_for_a_function_without_memory():
 
 
 @pytest.mark.parametrize(
-    ("time", "told"),
+    ("time", "problem"),
     [
         ([0.0, 2.0, 1.0], "time does not increase at sample 3: 2 s, then 1 s"),
         ([0.0, np.nan, 1.0], "time does not increase at sample 2: 0 s, then nan s"),
         ([0.0, 1.0, 1.0], "time does not increase at sample 3: 1 s, then 1 s"),
     ],
 )
-def test_time_that_does_not_increase_is_told_where_time_matters(time, told):
+def test_time_that_does_not_increase_is_reported_if_time_matters(time, problem):
     with pytest.raises(kf.InputError) as error:
         kf.simulate(SLOW, {"time": time, "u": [1, 2, 3]}, {"T": 1.0})
     remedy = "Sort the rows by time, and pass each recording as a dataset of its own."
-    assert str(error.value) == f"dataset data: {told}. {remedy}"
+    assert str(error.value) == f"dataset data: {problem}. {remedy}"
 
 
-def test_data_without_a_column_of_time_are_told_to_have_none():
+def test_a_missing_column_of_time_is_reported():
     with pytest.raises(kf.InputError, match="requires time stamps, but the data have none"):
         kf.simulate(SLOW, {"u": STEP}, {"T": 1.0})
 
@@ -111,7 +111,7 @@ def test_shifts_are_in_seconds_where_a_column_holds_the_time():
     assert result.quality[0].rmse_after == pytest.approx(0, abs=1e-9)
 
 
-def test_dates_that_are_not_the_time_are_no_channels():
+def test_dates_other_than_the_time_are_not_channels():
     when = np.array(["2026-01-02", "2026-01-01", "2026-01-03"], dtype="M8[D]")
     assert list(kf.simulate("y = 2 * u", {"made": when, "u": [1, 2, 3]}, {})["y"].values) == [2, 4, 6]
 
@@ -120,9 +120,9 @@ def test_time_that_looks_like_milliseconds_is_a_warning_at_the_line_of_the_call(
     data = {"Time": 100 * np.arange(40), "u": STEP, "z": RESPONSE}
     with pytest.warns(
         kf.InputWarning, match="dataset training: the time stamps look like milliseconds: Time has"
-    ) as found:
+    ) as caught:
         kf.calibrate(SLOW, data, {"T": 200.0}, "z")
-    assert [warning.filename for warning in found] == [__file__]
+    assert [warning.filename for warning in caught] == [__file__]
     with pytest.warns(kf.InputWarning, match="dataset data: the time stamps look like milliseconds"):
         kf.simulate(SLOW, data, {"T": 200.0})
 
@@ -138,18 +138,18 @@ def test_a_unit_in_the_name_needs_no_warning(name):
     assert kf.calibrate(SLOW, data, {"T": 0.2}, "z").parameters["T"].value == pytest.approx(0.7, rel=1e-6)
 
 
-def test_dates_that_are_asked_for_are_told_to_be_no_numbers():
+def test_requested_dates_are_reported_as_nonnumeric():
     with pytest.raises(kf.InputError, match="channel z must be numbers, got dates"):
         kf.calibrate("y = k * u", {"u": [1, 2], "z": np.array([1, 2], dtype="M8[s]")}, {"k": 1}, "z")
 
 
 def test_a_function_may_read_dates_as_the_time_in_seconds():
-    found = kf.simulate("y = 2 * time", {"time": np.array([5, 6, 8], dtype="M8[s]")}, {})
-    assert found["y"].values.tolist() == [0, 2, 6]
+    simulation = kf.simulate("y = 2 * time", {"time": np.array([5, 6, 8], dtype="M8[s]")}, {})
+    assert simulation["y"].values.tolist() == [0, 2, 6]
 
 
 @pytest.mark.parametrize("given", ["bench.csv", np.ones((3, 2)), None])
-def test_what_is_no_columns_by_name_is_refused(given):
+def test_data_without_named_columns_are_refused(given):
     with pytest.raises(kf.KennfeldError, match=f"a dict or a DataFrame, got {type(given).__name__}"):
         kf.calibrate("y = k * u", given, {"k": 1}, "z")
 

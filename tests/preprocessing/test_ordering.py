@@ -25,22 +25,22 @@ def cell(values, points):
     return np.clip(np.searchsorted(points, values, side="right") - 1, 0, points.size - 1)
 
 
-def numbers(made, held):
-    return made.numbers(held, 0, held["u"].size)
+def numbers(grid, channels):
+    return grid.numbers(channels, 0, channels["u"].size)
 
 
 def test_samples_have_equal_numbers_just_if_they_are_in_the_same_cell():
-    held = columns()
-    found = numbers(cells("y = M(u, v)"), held)
-    pairs = {(n, *at) for n, *at in zip(found, cell(held["u"], X), cell(held["v"], Y), strict=True)}
+    channels = columns()
+    numbers_of_cells = numbers(cells("y = M(u, v)"), channels)
+    pairs = {(n, *at) for n, *at in zip(numbers_of_cells, cell(channels["u"], X), cell(channels["v"], Y), strict=True)}
     assert len({n for n, *_ in pairs}) == len({tuple(at) for _, *at in pairs}) == len(pairs)
 
 
 @pytest.mark.parametrize("text", ["y = C(u + K)", "y = C(C(u) * v) - C(C(v))", "y = K * u + v"])
 def test_what_a_parameter_moves_has_no_cell(text):
-    made, held = cells(text), columns()
-    alike = {n: cell(held[n], X) for n in "uv" if f"C({n})" in text}
-    assert np.unique(numbers(made, held)).size == len(set(zip(*alike.values(), strict=True))) if alike else 1
+    grid, channels = cells(text), columns()
+    alike = {n: cell(channels[n], X) for n in "uv" if f"C({n})" in text}
+    assert np.unique(numbers(grid, channels)).size == len(set(zip(*alike.values(), strict=True))) if alike else 1
 
 
 def test_a_smoothed_lookup_has_no_cell():
@@ -48,32 +48,32 @@ def test_a_smoothed_lookup_has_no_cell():
 
 
 def test_a_coordinate_may_be_computed_and_undefined():
-    held = columns()
-    found = numbers(cells("y = C(log(u) * 3)"), held)
+    channels = columns()
+    numbers_of_cells = numbers(cells("y = C(log(u) * 3)"), channels)
     with np.errstate(invalid="ignore"):
-        known = cell(np.log(held["u"]) * 3, X)[held["u"] > 0]
-    assert np.unique(found).size == np.unique(known).size
+        known = cell(np.log(channels["u"]) * 3, X)[channels["u"] > 0]
+    assert np.unique(numbers_of_cells).size == np.unique(known).size
 
 
 def test_tables_beyond_the_finest_number_of_cells_are_left_out(monkeypatch):
     monkeypatch.setattr(samples, "MAX_CELLS", 10)
-    held = columns()
-    assert np.unique(numbers(cells("y = M(u, v)"), held)).size == np.unique(cell(held["u"], X)).size
+    channels = columns()
+    assert np.unique(numbers(cells("y = M(u, v)"), channels)).size == np.unique(cell(channels["u"], X)).size
 
 
 @pytest.mark.parametrize("block", [16, 1024])
 def test_samples_with_a_target_come_once_and_by_cell_within_each_block(block, monkeypatch):
     monkeypatch.setattr(samples, "SAMPLES_PER_BLOCK", block)
     monkeypatch.setattr(samples, "SAMPLES_PER_LOOKUP", 8)
-    made, held = cells("y = M(u, v)"), columns(300)
+    grid, channels = cells("y = M(u, v)"), columns(300)
     targets = [np.full(300, np.nan), np.zeros(300)]
     targets[1][::3] = np.nan
     targets[0][3] = 1.0
-    found = list(scored_in_order(held, targets, made))
-    assert len(found) == -(-300 // block)
-    for number, order in enumerate(found):
+    orders = list(scored_in_order(channels, targets, grid))
+    assert len(orders) == -(-300 // block)
+    for number, order in enumerate(orders):
         first, last = number * block, min((number + 1) * block, 300)
         assert sorted(order) == [k for k in range(first, last) if k % 3 or k == 3]
-        at = numbers(made, held)[order]
+        at = numbers(grid, channels)[order]
         assert np.all(np.diff(at) >= 0)
         assert np.all(np.diff(order)[np.diff(at) == 0] > 0)

@@ -44,7 +44,7 @@ def test_each_sample_has_the_longest_stretch_that_ends_there(recording):
 @few_or_many(recordings(), few=20, many=100)
 def test_plateaus_are_the_longest_stretches_one_after_the_other(recording):
     time, values, starts, tolerance, window = recording
-    found = find_plateaus(time, first_in_band(values, tolerance, starts), window)
+    plateaus = find_plateaus(time, first_in_band(values, tolerance, starts), window)
     taken = np.zeros(values.size, dtype=bool)
     lengths = []
     while True:
@@ -59,9 +59,9 @@ def test_plateaus_are_the_longest_stretches_one_after_the_other(recording):
         length, begin, end = max(fits)
         lengths.append(length)
         taken[-begin : end + 1] = True
-        assert (-begin, end) in found
-    assert len(found) == len(lengths)
-    assert found == sorted(found)
+        assert (-begin, end) in plateaus
+    assert len(plateaus) == len(lengths)
+    assert plateaus == sorted(plateaus)
 
 
 @few_or_many(recordings(), few=20, many=200)
@@ -80,7 +80,7 @@ def test_a_band_that_is_met_exactly_counts():
     assert first_in_band(values, 0.1, ONE).tolist() == [0, 0, 0, 0]
 
 
-def test_a_drift_is_no_plateau_however_slow_each_step():
+def test_a_drift_is_not_a_plateau_however_slow_each_step():
     drift = np.arange(1000.0)
     assert np.max(np.arange(1000) - first_in_band(drift, 10.0, ONE)) == 20
 
@@ -100,7 +100,7 @@ def test_a_pause_and_a_new_piece_begin_a_segment():
     assert segment_starts(time, starts, every, 200.0).tolist() == [0, 10]
 
 
-def test_no_sample_and_a_single_one_are_no_segment_and_one():
+def test_no_samples_give_no_segment_and_one_sample_gives_one():
     assert segment_starts(np.arange(3.0), ONE, np.zeros(3, dtype=bool), 0.0).tolist() == []
     assert segment_starts(np.arange(3.0), ONE, np.array([False, True, False]), 0.0).tolist() == [0]
     assert longest_stretch(np.array([5.0]), np.array([0])) == (0.0, 5.0)

@@ -37,7 +37,7 @@ def columns(*gaps):
         ([0, 19], r"2 of 20 .* in 2 gaps, the first one at sample 1 \(0 s\)"),
     ],
 )
-def test_a_simulation_tells_the_samples_that_it_leaves_out(gaps, sentence):
+def test_a_simulation_reports_skipped_samples(gaps, sentence):
     with pytest.warns(kf.InputWarning, match=sentence):
         nodes = kf.simulate("y = PT1(x, 1)", columns(*gaps), {})
     assert nodes.samples == np.isfinite(columns(*gaps)["x"]).sum()
@@ -45,18 +45,18 @@ def test_a_simulation_tells_the_samples_that_it_leaves_out(gaps, sentence):
     assert "The states start anew after each gap; max_gap" in nodes.findings[0].remedy
 
 
-def test_a_simulation_of_all_samples_tells_nothing():
+def test_a_simulation_of_all_samples_reports_nothing():
     data = kf.Dataset.of("d", {"x": columns(5)["x"]}, time=columns()["time"], max_gap=1.0)
     nodes = kf.simulate("y = PT1(x, 1)", data, {})
     assert (nodes.samples, nodes.findings) == (20, ())
 
 
-def test_points_without_a_value_are_told_without_time():
+def test_points_without_a_value_are_reported_without_time():
     with pytest.warns(kf.InputWarning, match="2 of 3 samples are not simulated: x, u have no value at samples 1 to 2"):
         kf.simulate("y = x + u", {"x": [np.nan, 1.0, 2.0], "u": [1.0, np.nan, 3.0]}, {})
 
 
-def test_the_command_tells_it_on_stderr_and_in_json(tmp_path, capsys):
+def test_the_command_reports_it_on_stderr_and_in_json(tmp_path, capsys):
     x = ["" if np.isnan(value) else f"{value:g}" for value in columns(slice(7, 10))["x"]]
     rows = [f"{0.1 * k:.1f},{value},{k}" for k, value in enumerate(x)]
     (tmp_path / "drive.csv").write_text("\n".join(["time,x,m", *rows, ""]))

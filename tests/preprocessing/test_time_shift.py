@@ -8,27 +8,27 @@ from kennfeld.preprocessing.time_shift import inside_pieces, resample_channel, s
 from tests.draws import few_or_many
 
 
-def made(time, starts=(0,), **columns):
+def recording(time, starts=(0,), **columns):
     return Dataset.of("d", columns, time=np.asarray(time, dtype=float), starts=np.asarray(starts))
 
 
 def test_a_positive_shift_delays_a_channel():
-    data = shift_channels(made([0, 0.1, 0.2, 0.3], u=[1.0, 2.0, 3.0, 5.5]), {"u": 0.1})
+    data = shift_channels(recording([0, 0.1, 0.2, 0.3], u=[1.0, 2.0, 3.0, 5.5]), {"u": 0.1})
     np.testing.assert_allclose(data["u"].values, [np.nan, 1.0, 2.0, 3.0])
 
 
 def test_a_negative_shift_between_samples_interpolates():
-    data = shift_channels(made([0, 1, 2], u=[1.0, 2.5, 4.0]), {"u": -0.5})
+    data = shift_channels(recording([0, 1, 2], u=[1.0, 2.5, 4.0]), {"u": -0.5})
     np.testing.assert_allclose(data["u"].values, [1.75, 3.25, np.nan])
 
 
 def test_a_shift_does_not_cross_pieces():
-    data = shift_channels(made([0, 1, 0, 1], starts=[0, 2], u=[1.5, 2.5, 3.5, 4.5]), {"u": 1.0})
+    data = shift_channels(recording([0, 1, 0, 1], starts=[0, 2], u=[1.5, 2.5, 3.5, 4.5]), {"u": 1.0})
     np.testing.assert_allclose(data["u"].values, [np.nan, 1.5, np.nan, 3.5])
 
 
 def test_a_gap_stays_as_wide_when_it_is_moved():
-    data = shift_channels(made(np.arange(5) * 0.1, u=[0.5, np.nan, 2.5, 3.5, 4.5]), {"u": 0.1})
+    data = shift_channels(recording(np.arange(5) * 0.1, u=[0.5, np.nan, 2.5, 3.5, 4.5]), {"u": 0.1})
     np.testing.assert_allclose(data["u"].values, [np.nan, 0.5, np.nan, 2.5, 3.5])
 
 

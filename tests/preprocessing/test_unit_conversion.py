@@ -71,9 +71,9 @@ def test_blanks_in_a_unit_do_not_matter():
     ],
 )
 def test_values_are_converted(source, target, value, expected):
-    found = compare_units(source, target)
-    assert isinstance(found, UnitConversion)
-    assert found.of(value) == pytest.approx(expected, rel=1e-12)
+    conversion = compare_units(source, target)
+    assert isinstance(conversion, UnitConversion)
+    assert conversion.of(value) == pytest.approx(expected, rel=1e-12)
 
 
 def test_round_factors_are_exact():
@@ -103,18 +103,18 @@ def test_units_of_other_quantities_contradict_each_other(pair):
 
 
 @pytest.mark.parametrize("unit", ["FSN", "ticks", "l/100km", "barg", "°", "__import__('os')", "9**9**9", "m^99", "((("])
-def test_what_is_no_known_unit_is_unknown(unit):
+def test_an_unknown_unit_cannot_be_compared(unit):
     assert compare_units(unit, "FSN2") == "unknown"
 
 
 @pytest.mark.parametrize("pair", ["dB %", "dBm W", "degRe K", "Np %", "dB/s %/s", "count %", "bit %"])
-def test_units_that_are_no_mere_factors_apart_are_left_alone(pair):
+def test_units_that_differ_by_more_than_a_factor_count_as_unknown(pair):
     one, other = pair.split()
     assert compare_units(one, other) == compare_units(other, one) == "unknown"
 
 
 @pytest.mark.parametrize("unit", ["", "-", "[-]", "1", "--", "none", " - "])
-def test_a_unit_that_says_nothing_is_not_compared(unit):
+def test_a_placeholder_unit_is_not_compared(unit):
     assert is_unit_missing(unit)
     assert compare_units(unit, "rpm") == compare_units("rpm", unit) == "unknown"
 

@@ -29,10 +29,10 @@ IMPORTED = [
 
 
 # breakpoints that are not searched in the data
-FIXED = STEADY.replace("count = 6", "begin = 800, end = 4800, count = 4")
-FIXED = FIXED.replace("count = 5", "begin = 10, end = 100, count = 3")
+FIXED = STEADY.replace("count = 6", "begin = 800, end = 4800, count = 3")
+FIXED = FIXED.replace("count = 5", "begin = 10, end = 100, count = 2")
 FIXED = FIXED.replace(
-    '"zw", count = 4', '"zw", begin = 0, end = 12, count = 4'
+    '"zw", count = 4', '"zw", begin = 0, end = 12, count = 3'
 )  # breakpoints are not searched in the data
 
 

@@ -37,7 +37,7 @@ node = "TorqueModel"
 target = { channel = "torque" }
 """
 
-FEW = STEADY.replace("count = 6", "count = 4").replace("count = 5", "count = 3")  # values, for few samples
+FEW = STEADY.replace("count = 6", "count = 3").replace("count = 5", "count = 2")  # values, for few samples
 OFF = '\n[optimizer]\ncontinuation = "off"\n'
 
 TIMED = """

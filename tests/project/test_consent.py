@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+import pytest
+
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests
 
@@ -19,6 +21,7 @@ TRANSLATED = "def f(x):\n    return 2.0 * x + 0.0 * 1234567890123456789\n"
 RUN = "def f(x):\n    open('written', 'w')\n    return 2.0 * x\n"
 
 
+@pytest.mark.guests
 def test_code_of_the_same_size_and_time_is_asked_for(tmp_path: Path) -> None:
     file = tmp_path / "f.py"
     file.write_text(TRANSLATED, encoding="utf-8")

@@ -24,7 +24,7 @@ def test_an_algebraic_loop_is_named(shop):
         ("sensor.slx", "file sensor.slx does not exist. Did you mean sensor.kf?"),
         ("sensor.onnx", "file sensor.onnx does not exist. Did you mean sensor.kf?"),
         ("sensor.py:f", "file sensor.py:f does not exist. Did you mean sensor.kf?"),
-        ("bench.csv", "unknown model format .csv. Use formula text (.kf), a Simulink model"),
+        ("bench.csv", "unknown model format .csv. Use formula text (.kf)"),
         ("lost/sensor.kf", "file lost/sensor.kf does not exist. Check the path."),
     ],
 )

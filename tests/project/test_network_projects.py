@@ -16,6 +16,8 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.project import Project
 from tests.importers.onnx.networks import perceptron, random_layers
 
+pytestmark = pytest.mark.guests
+
 PROJECT = """
 [model]
 file = "f.kf"

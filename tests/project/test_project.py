@@ -195,6 +195,7 @@ def test_the_file_of_parameters_is_updated_whatever_the_present_folder_is(folder
     assert "* here" in (folders / "there" / "saved.dcm").read_text(encoding="utf-8")
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize("at", ["here", ".", "there"])
 def test_messages_name_files_as_they_are_reached_from_the_present_folder(at, folders, monkeypatch):
     (folders / "here" / "net.onnx").write_bytes(b"damaged")

@@ -28,6 +28,7 @@ def write_calling(folder, model="Lagged = PT1(gain(K(u), 0.5), T)"):
     return path
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize("size", mostly_slow([120, 10**6], 1))
 @pytest.mark.parametrize("model", ["Lagged = PT1(gain(K(u), 0.5), T)", "Lagged = gain(K(u), T)"])
 def test_functions_over_partitions_give_what_they_give_for_all_samples(tmp_path, size, model):
@@ -39,6 +40,7 @@ def test_functions_over_partitions_give_what_they_give_for_all_samples(tmp_path,
         assert parted.sums.cost(whole.start * factor) == pytest.approx(whole.sums.cost(whole.start * factor))
 
 
+@pytest.mark.guests
 def test_a_project_with_a_function_in_python_is_calibrated(tmp_path, capsys):
     path = write_calling(tmp_path)
     assert cli.run(["check", "--trust", str(path)]) == 0
@@ -60,6 +62,7 @@ def test_a_function_whose_file_is_missing_or_a_folder_is_an_error(tmp_path):
         Project.read(path).problem()
 
 
+@pytest.mark.guests
 def test_an_input_of_a_function_in_a_file_is_set_to_a_number_and_not_made_a_parameter(tmp_path):
     (tmp_path / "twice.py").write_text("def twice(u, k):\n    return k * u\n")
     (tmp_path / "bench.csv").write_text("u,y\n1,2\n2,4\n")

@@ -8,6 +8,8 @@ import pytest
 from kennfeld import cli
 from tests.importers.simulink.simulink_files import Model
 
+pytestmark = pytest.mark.guests
+
 PROJECT = """[model]
 file = "lag.slx"
 [[dataset]]

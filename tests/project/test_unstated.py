@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld import Curve, ParameterSet, read_parameters
+from kennfeld import Curve, ParameterSet, Scalar, read_parameters
 from kennfeld.domain.parameters import Axis
 from kennfeld.project import Project
 
@@ -73,6 +73,56 @@ def test_a_set_from_python_is_taken_as_it_is(project):
     [simulated] = project.simulate(clipped)
     np.testing.assert_array_equal(simulated["y"].values, [0.0, 1.0, 3.0])
     assert clipped.completed(project.problem().parameters) is clipped
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda values: values.with_parameters(Scalar("K", 3.0)),
+        lambda values: values.with_parameters(values["C"].with_values([0.0, 1.0, 3.0])),
+        lambda values: ParameterSet([Scalar("K", 3.0)]).merged(values),
+        lambda values: ParameterSet().merged(values),
+        lambda values: values.select(["C"]),
+        lambda values: values.without(["K"]),
+        lambda values: values.from_origin(None),
+        lambda values: ParameterSet(values.values()),
+    ],
+)
+def test_values_of_a_file_are_simulated_alike_in_whatever_set_they_are(project, change):
+    file = project.path.with_name("values.dcm")
+    project.problem().parameters.save(file)
+    [simulated] = project.simulate(change(project.read_values(file)))
+    np.testing.assert_array_equal(simulated["y"].values, [-1.0, 1.0, 5.0])
+
+
+def test_a_variant_of_a_file_is_completed():
+    values = [Curve("C", [0.0, 1.0], [0.0, k], variant=f"Engine={k}") for k in (1, 2)]
+    stored = ParameterSet(values[:1], others=values[1:]).read_without(["extrapolation", "bounds"])
+    known = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0)])
+    completed = stored.in_variant("Engine=2").completed(known)["C"]
+    assert (completed.values[1], completed.extrapolation, completed.lower[1]) == (2.0, "linear", 0.0)
+
+
+def test_each_parameter_of_a_merged_set_is_completed_by_its_own_file():
+    known = ParameterSet([Curve(name, [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0) for name in "AB"])
+    stored = {name: ParameterSet([Curve(name, [0.0, 1.0], [0.0, 1.0])]) for name in "AB"}
+    merged = stored["A"].read_without(["extrapolation"]).merged(stored["B"].read_without(["bounds"]))
+    completed = merged.completed(known)
+    assert [completed[name].extrapolation for name in "AB"] == ["linear", "clip"]
+    assert [completed[name].limited for name in "AB"] == [False, True]
+    assert merged.unstated == {"extrapolation", "bounds"}
+
+
+def test_what_python_changes_is_stated():
+    known = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0, locked=True)])
+    stored = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 1.0])], unstated=["extrapolation", "bounds", "locks"])
+    for changes in ({"extrapolation": "clip"}, {"lower": -np.inf}, {"locked": False}):
+        changed = stored["C"].changed(**changes)
+        completed = stored.with_parameters(changed).completed(known)["C"]
+        for name in changes:
+            np.testing.assert_array_equal(getattr(completed, name), getattr(changed, name))
+    freed = stored["C"].read_without(["free axes"]).changed(axes=[Axis([0.0, 1.0], free=True)])
+    assert ParameterSet([freed]).completed(known)["C"].axes[0].free
 
 
 def test_other_breakpoints_keep_what_belongs_to_the_old_ones(project):

@@ -27,7 +27,7 @@ def rows(surrogate):
     return {(line.dataset, line.mode): line for line in surrogate.quality}
 
 
-@pytest.mark.parametrize("method", ["auto", "sparse", "expansion"])
+@pytest.mark.parametrize("method", mostly_slow(["auto", "sparse", "expansion"], ["auto", "expansion"]))
 def test_a_static_surrogate_is_trained_and_tested(method):
     settings = SurrogateSettings("torque", ("speed", "air"), "torque", method=method, centres=40, starts=1)
     made = train_surrogate([bench("a", 0), bench("b", 1, "test")], settings)

@@ -29,7 +29,7 @@ def files(folder):
     return sorted(path.name for path in (folder / ".kennfeld").rglob("*") if path.is_file())
 
 
-def test_what_is_kept_is_listed(kept, capsys):
+def test_kept_entries_are_listed(kept, capsys):
     before = files(kept)
     assert cli.run(["cache", str(kept)]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -38,12 +38,12 @@ def test_what_is_kept_is_listed(kept, capsys):
     assert files(kept) == before
 
 
-def test_what_is_kept_is_removed_and_nothing_else(kept):
+def test_only_kept_entries_are_removed(kept):
     assert cli.run(["cache", str(kept / "kennfeld.toml"), "--clear"]) == 0
     assert files(kept) == ["mine.parquet"] * 3
 
 
-def test_what_a_killed_process_left_half_written_is_removed(kept):
+def test_half_written_files_of_a_killed_process_are_removed(kept):
     for name, ending in (("cache", ".parquet"), ("partitions", ".columns"), ("code", "")):
         (kept / ".kennfeld" / name / f".{DIGEST}.4711-abcd{ending}").write_bytes(b"x")
     cli.run(["cache", str(kept), "--clear"])

@@ -23,11 +23,11 @@ def test_differences_stand_under_the_names_of_the_files():
     ]
 
 
-def test_equal_files_say_so():
+def test_equal_files_are_reported_as_equal():
     assert difference_lines(compare(LEFT, LEFT), "a", "b") == ["equal: 4 names in both"]
 
 
-def test_colours_say_which_file_has_it():
+def test_colours_show_which_file_has_the_entry():
     lines = difference_lines(compare(LEFT, RIGHT), "a", "b", coloured=True)
     assert [line[:5] for line in lines[1:-2]] == ["\x1b[33m"] * 3 + ["\x1b[31m", "\x1b[33m", "\x1b[32m"]
     assert all(line.endswith("\x1b[0m") for line in lines[1:-2])
@@ -44,7 +44,7 @@ def test_no_colours_where_there_is_no_terminal(capsys):
     assert not any("\x1b" in line for line in difference_lines(compare(LEFT, RIGHT), "a", "b"))
 
 
-def test_changes_are_told_with_what_was_there():
+def test_changes_are_listed_with_their_old_values():
     assert change_lines(merge([("a", LEFT), ("b", RIGHT)]).changes) == [
         "name            by  what",
         "K     replaced  b   1.5 -> 1.25; unit Nm -> ''",

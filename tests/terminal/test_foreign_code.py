@@ -36,7 +36,7 @@ def marked_fmu(folder: Path) -> str:
 
 
 @pytest.mark.parametrize("command", ["calibrate", "simulate", "report"])
-def test_a_command_says_once_for_each_content_that_code_runs(
+def test_a_command_warns_once_per_content_that_code_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     project = write_python_project(tmp_path, "pass")
@@ -272,7 +272,7 @@ def test_a_scheduler_is_asked_for_once_per_address(
     assert "scheduler nobody://three:1: does not answer" in capsys.readouterr().err
 
 
-def test_what_is_not_a_scheduler_is_one_message(
+def test_an_address_without_a_scheduler_gives_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("kennfeld.base.dask_runner.CONNECT_TIMEOUT", 0.2)

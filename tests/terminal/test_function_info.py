@@ -6,6 +6,8 @@ import pytest
 
 from kennfeld.cli import run
 
+pytestmark = pytest.mark.guests
+
 C_FILE = """
     const volatile double GAIN[3] = {1, 2, 3};
     const volatile unsigned char MODE = 1;

@@ -12,6 +12,8 @@ from onnx import helper
 from kennfeld.cli import run
 from tests.importers.onnx.networks import perceptron, random_layers, save
 
+pytestmark = pytest.mark.guests
+
 
 def test_info_shows_inputs_outputs_layers_and_operators(tmp_path, capsys):
     path = perceptron(tmp_path / "net.onnx", random_layers([4, 8, 1], kind=np.float32), kind=np.float32)
@@ -25,7 +27,7 @@ def test_info_shows_inputs_outputs_layers_and_operators(tmp_path, capsys):
     assert "computed in double" in text
 
 
-def test_info_names_what_is_not_supported(tmp_path, capsys):
+def test_info_names_unsupported_operators(tmp_path, capsys):
     path = save(tmp_path / "net.onnx", [helper.make_node("Det", ["x"], ["y"])], {"x": [1, 1]}, {"y": []})
     assert run(["info", str(path), "--json"]) == 0
     content = json.loads(capsys.readouterr().out)

@@ -26,7 +26,7 @@ def test_colours_of_our_own_stay(capsys):
     assert capsys.readouterr().out == f"\x1b[31m{SHOWN}\x1b[0m\n"
 
 
-def test_columns_of_a_table_fit_what_is_shown():
+def test_columns_of_a_table_fit_their_contents():
     heading, row = align([("name", "unit"), (f"a\n{EVIL}", "rpm")])
     assert row == rf"a\u000a{SHOWN}  rpm"
     assert heading.index("unit") == row.index("rpm")
@@ -51,9 +51,9 @@ def test_info_shows_names_of_channels_units_and_files_as_escapes(tmp_path, capsy
     assert r"Lo\u202ead" in out
     assert not {"\x1b", "\x9b", "\u202e"} & set(out)
     assert cli.run(["info", "--json", str(path)]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["file"] == name
-    assert told["tables"][0]["channels"][1]["name"] == "Sp\x1b[31meed"
+    info = json.loads(capsys.readouterr().out)
+    assert info["file"] == name
+    assert info["tables"][0]["channels"][1]["name"] == "Sp\x1b[31meed"
 
 
 def test_json_that_is_not_ascii_stays_json(capsys):

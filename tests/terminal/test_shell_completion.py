@@ -103,13 +103,13 @@ def ask_powershell(monkeypatch, capsys, words, incomplete):
     return [line.split("\t") for line in capsys.readouterr().out.splitlines()]
 
 
-def test_powershell_is_told_commands_with_their_help(monkeypatch, capsys):
+def test_powershell_completes_commands_with_their_help(monkeypatch, capsys):
     rows = ask_powershell(monkeypatch, capsys, ["kennfeld"], "c")
     assert {value for _, value, _ in rows} == COMMANDS
     assert all(kind == "plain" and text for kind, _, text in rows)
 
 
-def test_powershell_is_told_options_and_kinds_of_files(monkeypatch, capsys):
+def test_powershell_completes_options_and_kinds_of_files(monkeypatch, capsys):
     assert ask_powershell(monkeypatch, capsys, ["kennfeld", "check"], "--no")[0][:2] == ["plain", "--no-run"]
     assert ask_powershell(monkeypatch, capsys, ["kennfeld", "check"], "a b") == [["file", "a b", ""]]
 

@@ -129,7 +129,7 @@ def test_the_remedy_for_an_undefined_name_is_whole(project: Path, capsys: Captur
     assert "section. Define it: [parameters.Wxyzvq]" in err
 
 
-def test_a_function_without_nodes_is_said_to_have_none(project: Path, capsys: Captured) -> None:
+def test_a_function_without_nodes_is_reported(project: Path, capsys: Captured) -> None:
     project.with_name("function.kf").write_text("input u\n")
     assert cli.run(["check", "."]) == 2
     assert "The function has ." not in capsys.readouterr().err
@@ -171,6 +171,7 @@ PUMP = (
 )
 
 
+@pytest.mark.guests
 @pytest.mark.parametrize(
     ("name", "content"),
     [("engine.mdl", DIAGRAM.encode()), ("pump.esdl", PUMP.encode()), ("plant.axl", archive(plant_component()))],

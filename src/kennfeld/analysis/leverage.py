@@ -66,7 +66,7 @@ class LookupWeights:
         series: CriterionSeries,
         leverage: Mapping[str, Float],
     ) -> Float:
-        """Approximate the leverage of each sample of a series, once the weights of all samples are in.
+        """Share out the leverage of grid points to the samples of a series, after all weights are in.
 
         Args:
             problem: criteria and their weights.

@@ -1,6 +1,7 @@
 """Text for messages: similar names, short lists, counts, numbers, sizes and quotes."""
 
 import difflib
+import json
 import math
 import re
 from collections.abc import Collection, Iterable, Sequence
@@ -123,9 +124,21 @@ def size_text(shape: Iterable[int]) -> str:
 def quoted(name: str) -> str:
     r"""Return a name as a TOML key, in quotes if it needs them.
 
-    >>> print(quoted("n_rpm"), quoted("air mass"), quoted(r"n\ETKC:1"))
-    n_rpm "air mass" 'n\ETKC:1'
+    >>> print(quoted("n_rpm"), quoted("air mass"), quoted(r"n\ETKC:1"), quoted(r"driver's\n"))
+    n_rpm "air mass" 'n\ETKC:1' "driver's\\n"
     """
     if name.replace("_", "a").replace("-", "a").isalnum() and name.isascii():
         return name
-    return f"'{name}'" if "\\" in name or '"' in name else f'"{name}"'
+    # single quotes spare the escapes, but cannot hold all characters
+    is_literal = ("\\" in name or '"' in name) and "'" not in name and not holds_control_characters(name)
+    return f"'{name}'" if is_literal else toml_text(name)
+
+
+def toml_text(text: str) -> str:
+    r"""Return a text as a string of TOML, which Python reads, too.
+
+    >>> print(toml_text("bar"), toml_text('5" pipe'))
+    "bar" "5\" pipe"
+    """
+    # strings of JSON are strings of TOML, except that TOML does not allow DEL
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -21,6 +21,7 @@ from threading import Lock
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, Protocol
 
 from kennfeld.base.errors import InputError, Location
+from kennfeld.base.exit_status import signal_name
 from kennfeld.base.process_limits import MEMORY_EXCEEDED, limit_memory, limit_time, memory_bound
 from kennfeld.base.windows_job import WindowsJob
 
@@ -163,10 +164,10 @@ def _reason(status: int, size: int) -> str:
     """Return why the process ended with an exit status while it read a file of so many bytes."""
     if status == MEMORY_EXCEEDED:
         return _too_large(size)
-    if status == -getattr(signal, "SIGXCPU", 0):
+    name = signal_name(status)
+    if name == "SIGXCPU":
         return _ENDLESS
-    name = next((member.name for member in signal.Signals if member == -status), f"exit status {status}")
-    return f"the library that reads it crashed ({name})"
+    return f"the library that reads it crashed ({name or f'exit status {status}'})"
 
 
 def _too_large(size: int) -> str:

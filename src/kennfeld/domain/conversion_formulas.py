@@ -6,6 +6,7 @@ operator ^ is a power in older versions of ASAM MCD-2 MC and an exclusive or in 
 """
 
 import ast
+import math
 import re
 from collections.abc import Callable, Sequence
 
@@ -65,7 +66,8 @@ def _compile(node: ast.expr) -> Formula:
     match node:
         # `True` is an int to Python
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-            return lambda raw: np.full(np.shape(raw), float(number))
+            constant = _nearest_float(number)
+            return lambda raw: np.full(np.shape(raw), constant)
         case ast.Name(id=name) if name.casefold() in ("x", "x1"):
             return lambda raw: raw
         case ast.UnaryOp(op=operator, operand=operand) if type(operator) in _OPERATORS:
@@ -75,6 +77,14 @@ def _compile(node: ast.expr) -> Formula:
         case ast.Call(func=ast.Name(id=name), args=operands, keywords=[]) if name.casefold() in _FUNCTIONS:
             return _call(_FUNCTIONS[name.casefold()], operands)
     raise _UnsupportedFormulaError
+
+
+def _nearest_float(number: float) -> float:
+    """Return a number as float64: an integer beyond its range is infinite, as `1e400` is."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf
 
 
 def _call(function: np.ufunc, operands: Sequence[ast.expr]) -> Formula:

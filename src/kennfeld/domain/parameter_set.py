@@ -16,6 +16,8 @@ from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.domain.data_frames import column_frame
 from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
 
+_Member = TypeVar("_Member", Parameter, Text, Parameter | Text)
+
 _FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only when needed: the import takes time
 
 
@@ -26,6 +28,9 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     A group axis (an axis with a name) has the same breakpoints in every table that uses it, and falls in files for all
     of them or for none: as it does in `axes`, else in the first table.
 
+    Members that were read from files know what the format of their file cannot state, so that `completed` can take it
+    from another set, however many sets were merged; `unstated` marks all members of a new set in this way.
+
     A parameter with several variants is a member in one of them; `in_variant` selects, and `values["Kp", "Engine=2"]`
     is the parameter in a variant.
 
@@ -35,7 +40,6 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         axes: group axes, including those without a table.
         others: further variants of members and texts.
         origin: what a format keeps of the file that the set was read from, so that it can update that file.
-        unstated: the aspects that the format of that file cannot state, such as `extrapolation`.
 
     Raises:
         ArgumentError: a name occurs twice, or tables disagree on a group axis.
@@ -51,7 +55,6 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     axes: tuple[Axis, ...] = ()  # group axes, those without a table included
     others: tuple[Parameter | Text, ...] = ()  # further variants of what is in parameters and texts
     origin: object | None = None
-    unstated: frozenset[str] = frozenset()
 
     def __init__(
         self,
@@ -63,6 +66,8 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         unstated: Iterable[str] = (),
     ) -> None:
         members, notes, rest = tuple(parameters), tuple(texts), tuple(others)
+        if aspects := frozenset(unstated):
+            members, rest = _read_without(members, aspects), _read_without(rest, aspects)
         by_name: dict[str, Parameter] = {}
         for member in members:
             if member.name in by_name:
@@ -81,7 +86,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             falling = {axis.name: axis.falling for axis in groups}
             members = tuple(_with_falling(member, falling) for member in members)
             rest = tuple(_with_falling(item, falling) if isinstance(item, Parameter) else item for item in rest)
-        vars(self).update(parameters=members, texts=notes, others=rest, origin=origin, unstated=frozenset(unstated))
+        vars(self).update(parameters=members, texts=notes, others=rest, origin=origin)
         # the members may have been replaced in that pass
         vars(self)["_by_name"] = dict(zip(by_name, members, strict=True))
         vars(self)["axes"] = groups
@@ -115,6 +120,12 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     def __hash__(self) -> int:
         return hash((self.parameters, self.texts))
+
+    @property
+    def unstated(self) -> frozenset[str]:
+        """The aspects, such as `extrapolation`, that the format of the file of any member cannot state."""
+        items = (*self.parameters, *self.others)
+        return frozenset().union(*(item.unstated for item in items if isinstance(item, Parameter)))
 
     @property
     def chosen(self) -> tuple[Parameter | Text, ...]:
@@ -191,52 +202,40 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     def select(self, names: Iterable[str]) -> "ParameterSet":
         """Return the named parameters alone, in the order of `names`."""
         chosen = [self[name] for name in names]
-        others = [item for item in self.others if item.name in {member.name for member in chosen}]
-        return ParameterSet(chosen, others=others, origin=self.origin, unstated=self.unstated)
+        selected = {member.name for member in chosen}
+        others = [item for item in self.others if item.name in selected]
+        return ParameterSet(chosen, others=others, origin=self.origin)
 
     def from_origin(self, origin: object | None) -> "ParameterSet":
         """Return the set with another origin: the file that a save is to update."""
-        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin, self.unstated)
+        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin)
 
     def read_without(self, unstated: Iterable[str]) -> "ParameterSet":
         """Return the set as one that was read from a format which cannot state some aspects."""
-        return ParameterSet(self.parameters, self.texts, self.axes, self.others, self.origin, unstated)
+        aspects = frozenset(unstated)
+        members, others = _read_without(self.parameters, aspects), _read_without(self.others, aspects)
+        return ParameterSet(members, self.texts, self.axes, others, self.origin)
 
     def completed(self, known: "ParameterSet") -> "ParameterSet":
-        """Return the set with what its format cannot state taken from the parameters of the same names in another set.
+        """Return the set with what its files cannot state taken from the parameters of the same names in another set.
 
-        They keep their values, their breakpoints and all that their file says.
+        They keep their values, their breakpoints and all that their file says. A parameter that was not read from a
+        file is unchanged.
         """
         if not self.unstated:
             return self
-        members = [self._completed(each, known[each.name]) if each.name in known else each for each in self.parameters]
+        members = [
+            _completed(each, known[each.name]) if each.unstated and each.name in known else each
+            for each in self.parameters
+        ]
         return ParameterSet(members, self.texts, self.axes, self.others, self.origin)
-
-    def _completed(self, own: Parameter, known: Parameter) -> Parameter:
-        changes: dict[str, Any] = {
-            name: getattr(known, name) for name in ("unit", "description") if not getattr(own, name)
-        }
-        if len(own.axes) == len(known.axes):
-            changes["axes"] = tuple(map(self._completed_axis, own.axes, known.axes))
-            if "extrapolation" in self.unstated and own.extrapolation == "clip":  # as a file without it is read
-                changes["extrapolation"] = known.extrapolation
-        if own.values.shape == known.values.shape:
-            bounds = ("lower", "upper") if "bounds" in self.unstated and not own.limited else ()
-            locks = ("locked",) if "locks" in self.unstated else ()
-            changes |= {name: getattr(known, name) for name in (*bounds, *locks)}
-        return own.changed(**changes)
-
-    def _completed_axis(self, own: Axis, known: Axis) -> Axis:
-        changes = {name: getattr(known, name) for name in ("input", "unit") if not getattr(own, name)}
-        if "free axes" in self.unstated and np.array_equal(own.breakpoints, known.breakpoints):
-            changes |= {name: getattr(known, name) for name in ("free", "min_distance", "range")}
-        return own.changed(**changes)
 
     def without(self, names: Collection[str]) -> "ParameterSet":
         """Return all but the named parameters; group axes stay."""
-        kept = [member for member in self.parameters if member.name not in names]
-        others = [item for item in self.others if item.name not in names]
-        return ParameterSet(kept, self.texts, self.axes, others, self.origin, self.unstated)
+        removed = frozenset(names)
+        kept = [member for member in self.parameters if member.name not in removed]
+        others = [item for item in self.others if item.name not in removed]
+        return ParameterSet(kept, self.texts, self.axes, others, self.origin)
 
     def to_frame(self) -> Any:
         """Return all values as a DataFrame of pandas, one row per value.
@@ -277,13 +276,36 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         _writer(self, Path(path))
 
 
+def _read_without(items: Iterable[_Member], aspects: frozenset[str]) -> tuple[_Member, ...]:
+    return tuple(item.read_without(aspects) if isinstance(item, Parameter) else item for item in items)
+
+
+def _completed(own: Parameter, known: Parameter) -> Parameter:
+    """Return a parameter with what its format cannot state taken from a known one."""
+    changes: dict[str, Any] = {name: getattr(known, name) for name in ("unit", "description") if not getattr(own, name)}
+    if len(own.axes) == len(known.axes):
+        pairs = zip(own.axes, known.axes, strict=True)
+        changes["axes"] = tuple(_completed_axis(axis, other, own.unstated) for axis, other in pairs)
+        if "extrapolation" in own.unstated and own.extrapolation == "clip":  # as a file without it is read
+            changes["extrapolation"] = known.extrapolation
+    if own.values.shape == known.values.shape:
+        bounds = ("lower", "upper") if "bounds" in own.unstated and not own.limited else ()
+        locks = ("locked",) if "locks" in own.unstated else ()
+        changes |= {name: getattr(known, name) for name in (*bounds, *locks)}
+    return own.changed(**changes)
+
+
+def _completed_axis(own: Axis, known: Axis, unstated: Collection[str]) -> Axis:
+    changes = {name: getattr(known, name) for name in ("input", "unit") if not getattr(own, name)}
+    if "free axes" in unstated and np.array_equal(own.breakpoints, known.breakpoints):
+        changes |= {name: getattr(known, name) for name in ("free", "min_distance", "range")}
+    return own.changed(**changes)
+
+
 def _coordinates(member: Parameter) -> list[Float]:
     """Return the coordinates of all values along each axis, Float[values]."""
     grid = np.meshgrid(*(axis.breakpoints for axis in member.index_axes), indexing="ij")
     return [points.ravel() for points in grid]
-
-
-_Member = TypeVar("_Member", Parameter, Text)
 
 
 def _of_variant(member: _Member, selected: Mapping[str, str]) -> _Member:

@@ -191,6 +191,13 @@ class Axis:
         return hash((self.breakpoints.tobytes(), self.name))
 
 
+_ASPECTS = {"extrapolation": "extrapolation", "lower": "bounds", "upper": "bounds", "locked": "locks"}  # by attribute
+
+
+def _freedom(axes: Iterable[Axis]) -> list[tuple[Any, ...]]:
+    return [(axis.free, axis.min_distance, axis.range) for axis in axes]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Parameter(NotebookDisplay):
     """A calibratable quantity: an array of values over zero to four axes.
@@ -208,6 +215,8 @@ class Parameter(NotebookDisplay):
         functions: the parts of the ECU software that use it.
         display_name: its short name.
         variant: the variant (`Engine=2`) that the values belong to; empty if there is just one.
+        unstated: the aspects that the format of its file cannot state, of "extrapolation", "bounds", "locks" and "free
+            axes". It plays no part in comparisons, and an aspect that `changed` sets is stated.
 
     Raises:
         ArgumentError: shapes, bounds or axes are inconsistent.
@@ -227,10 +236,12 @@ class Parameter(NotebookDisplay):
     functions: tuple[str, ...] = ()
     display_name: str = ""
     variant: str = ""
+    unstated: frozenset[str] = field(default=frozenset(), repr=False)
 
     def __post_init__(self) -> None:
         attributes = vars(self)  # the class is frozen
         attributes["functions"] = tuple(self.functions)
+        attributes["unstated"] = frozenset(self.unstated)
         values = attributes["values"] = readonly(self.values)
         shape = self._expected_shape(values)
         if values.shape != shape:
@@ -328,8 +339,24 @@ class Parameter(NotebookDisplay):
         """Return the same parameter with some of its attributes replaced."""
         # not the constructor of the kind, which takes other arguments
         copy = object.__new__(type(self))
-        Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
+        Parameter.__init__(copy, **self._attributes(changes))
         return copy
+
+    def read_without(self, unstated: Iterable[str]) -> Self:
+        """Return the same parameter as one that was read from a format which cannot state some aspects."""
+        # a large file has 50 000 parameters, which need no further check
+        copy = object.__new__(type(self))
+        vars(copy).update(vars(self), unstated=frozenset(unstated))
+        return copy
+
+    def _attributes(self, changes: dict[str, Any]) -> dict[str, Any]:
+        """Return all attributes with some replaced; an aspect that these set is no longer unstated."""
+        own = {f.name: getattr(self, f.name) for f in fields(Parameter)}
+        if self.unstated:
+            own["unstated"] = self.unstated - {_ASPECTS[name] for name in changes if name in _ASPECTS}
+            if _freedom(changes.get("axes", self.axes)) != _freedom(self.axes):
+                own["unstated"] -= {"free axes"}
+        return own | changes
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Parameter):

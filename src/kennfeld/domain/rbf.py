@@ -5,7 +5,6 @@ its values, so that they can be calibrated, for example in place of a large map.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from itertools import pairwise
 from numbers import Real
 from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
@@ -381,7 +380,7 @@ class RBF(Parameter):
         for name in ("inputs", "kernel", "hinges"):
             # before the others, whose check needs the number of inputs
             object.__setattr__(copy, name, changes.pop(name, getattr(self, name)))
-        Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
+        Parameter.__init__(copy, **self._attributes(changes))
         return copy
 
     def value_slopes(self, x: Float) -> Float:

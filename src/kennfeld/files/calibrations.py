@@ -124,7 +124,6 @@ ESDL = FileFormat(
     matches(_ESDL_PACKAGE),
     calibration=_convert_by("esdl.reader:read_esdl", "esdl.update:write_esdl", label="ESDL (ASCET)"),
     role=Role.PROGRAM,
-    describe="kennfeld.importers.ascet.file_info:describe_esdl",
 )
 AMD = FileFormat(
     "ASCET component",
@@ -132,7 +131,6 @@ AMD = FileFormat(
     _is_amd,
     calibration=_convert_by("amd.reader:read_amd", "amd.update:write_amd", label="AXL and AMD (ASCET 6)"),
     role=Role.PROGRAM,
-    describe="kennfeld.importers.ascet.file_info:describe_components",
 )
 SCRIPT = FileFormat(
     "MATLAB script",

@@ -1,4 +1,7 @@
-"""Formats of functions, of what is read with them, and of projects."""
+"""Formats of functions, of what is read with them, and of projects.
+
+Files of other tools are described by the record of their importer.
+"""
 
 import re
 from itertools import islice
@@ -62,37 +65,25 @@ def _function(name: str, *endings: str, **settings: object) -> FileFormat:
 
 
 _DESCRIBERS = "kennfeld.terminal.describers"
-_SIMULINK = "kennfeld.importers.simulink.file_info"
 FORMULA = _function("formula text", ".kf", describe=f"{_DESCRIBERS}:describe_formula_file")
-SIMULINK = _function(
-    "Simulink model", ".slx", ".mdl", recognises=_is_simulink, describe=f"{_SIMULINK}:describe_simulink"
-)
+SIMULINK = _function("Simulink model", ".slx", ".mdl", recognises=_is_simulink)
 PROTECTED = _function(
     "protected Simulink model",
     ".slxp",
-    describe=f"{_SIMULINK}:describe_simulink",
     description="a protected model; its blocks cannot be read",
     remedy="Obtain the unprotected model, .slx or .mdl.",
 )
-FMU = _function(
-    "FMU",
-    ".fmu",
-    recognises=lambda head: "modelDescription.xml" in head.members,
-    describe="kennfeld.importers.fmu.fmu_info:describe_fmu",
-)
-ONNX = _function("ONNX network", ".onnx", describe="kennfeld.importers.onnx.network_info:describe_network")
-C = _function("C source", ".c", describe="kennfeld.models.function_info:describe_functions")
-PYTHON = _function("Python source", ".py", describe="kennfeld.models.function_info:describe_functions")
-APPLICATION = FileFormat(
-    "ASCET application", (".app",), role=Role.PROGRAM, describe="kennfeld.importers.ascet.file_info:describe_esdl"
-)
+FMU = _function("FMU", ".fmu", recognises=lambda head: "modelDescription.xml" in head.members)
+ONNX = _function("ONNX network", ".onnx")
+C = _function("C source", ".c")
+PYTHON = _function("Python source", ".py")
+APPLICATION = FileFormat("ASCET application", (".app",), role=Role.PROGRAM)
 HEADER = FileFormat("C header", (".h",), role=Role.COMPANION, description="a C header", remedy="Name the C file.")
 DICTIONARY = FileFormat(
     "Simulink data dictionary",
     (".sldd",),
     lambda head: any(_DICTIONARY_PART.match(member) for member in head.members),
     role=Role.COMPANION,
-    describe=f"{_SIMULINK}:describe_dictionary",
     description="a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
     remedy="Convert the model: `kennfeld convert engine.slx engine.kf` writes its values to engine.json.",
 )
@@ -101,7 +92,6 @@ ENUMERATION = FileFormat(
     (".m",),
     _is_enumeration,
     role=Role.COMPANION,
-    describe=f"{_SIMULINK}:describe_enumeration",
 )
 SURROGATE = FileFormat(
     "surrogate",

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from kennfeld.base.errors import Finding, InputError, Location
@@ -67,7 +68,8 @@ class _MessageLines:
     message: BusMessage
     signals: dict[str, BusSignal] = field(default_factory=dict)
     marks: dict[str, str] = field(default_factory=dict)  # `M`, `m3` or `m3M` of each multiplexed signal
-    switches: dict[str, list[MultiplexCondition]] = field(default_factory=dict)
+    # the ranges of each multiplexed signal by multiplexer, which may be spread over several statements
+    switches: dict[str, dict[str, tuple[tuple[int, int], ...]]] = field(default_factory=dict)
     long_name: str = ""
     long_names: dict[str, str] = field(default_factory=dict)  # of its signals
 
@@ -180,8 +182,6 @@ def _split(statements: _Statements, text: str) -> Iterator[tuple[int, str, str]]
         at += 1
         keyword = match[1] if match else ""
         if keyword not in _READERS:
-            if keyword == "CM_":
-                at = _end(lines, first)
             continue
         if keyword not in ("BO_", "SG_"):
             at = _end(lines, first)
@@ -305,7 +305,8 @@ def _read_switch(statements: _Statements, line: int, text: str) -> None:
     if match and (target := _signal_of(statements, match[1], match[2])):
         lines, signal = target
         spans = tuple((int(low), int(high)) for low, high in _SPAN.findall(match[4]))
-        lines.switches.setdefault(signal.name, []).append(MultiplexCondition(match[3], spans))
+        by_multiplexer = lines.switches.setdefault(signal.name, {})
+        by_multiplexer[match[3]] = tuple(dict.fromkeys((*by_multiplexer.get(match[3], ()), *spans)))
 
 
 def _read_choices(statements: _Statements, line: int, text: str) -> None:
@@ -389,7 +390,7 @@ def _with_switches(statements: _Statements, lines: _MessageLines) -> list[BusSig
     for name in lines.signals:
         mark = lines.marks.get(name, "")
         if lines.switches.get(name):  # whatever its mark is
-            own[name] = lines.switches[name]
+            own[name] = list(map(MultiplexCondition._make, lines.switches[name].items()))
         elif mark.startswith("m"):
             value = int(mark[1:].rstrip("M"))
             own[name] = [MultiplexCondition(plain, ((value, value),))] if plain else []
@@ -407,14 +408,21 @@ def _with_switches(statements: _Statements, lines: _MessageLines) -> list[BusSig
 def _chain(name: str, own: Mapping[str, Sequence[MultiplexCondition]]) -> tuple[MultiplexCondition, ...]:
     """Return the conditions of a signal and of the multiplexers that it depends on; none if they form a cycle."""
     chain: dict[MultiplexCondition, None] = {}
-    names, seen = [name], {name}
+    multiplexers: dict[str, list[str]] = {}
+    names = [name]
     while names:
-        for switch in own.get(names.pop(), ()):
-            if switch.signal in seen:
-                return ()
-            seen.add(switch.signal)
-            chain[switch] = None
-            names.append(switch.signal)
+        here = names.pop()
+        # two multiplexers may depend on the same one
+        if here in multiplexers:
+            continue
+        switches = own.get(here, ())
+        chain |= dict.fromkeys(switches)
+        multiplexers[here] = [switch.signal for switch in switches]
+        names += multiplexers[here]
+    try:
+        TopologicalSorter(multiplexers).prepare()
+    except CycleError:
+        return ()
     return tuple(chain)
 
 

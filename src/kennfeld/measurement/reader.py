@@ -24,7 +24,7 @@ from kennfeld.measurement.fraction_columns import with_fractions
 from kennfeld.measurement.source import MeasurementFile, locate, locate_head, run_guarded
 from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
 from kennfeld.measurement.table_conversion import Description, TableDescription, assemble, describe_table
-from kennfeld.measurement.time_column import drop_untimed, with_unread_time
+from kennfeld.measurement.time_column import drop_untimed, with_date_doubts, with_unread_time
 
 
 def read(
@@ -201,7 +201,8 @@ def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
         tables = [drop_untimed(table) for table in tables]
     if source.reader.rasters:
         return tables
-    return [with_unread_time(with_fractions(with_epochs(table, selection))) for table in tables]
+    tables = [with_fractions(with_epochs(table, selection)) for table in tables]
+    return [with_date_doubts(with_unread_time(table)) for table in tables]
 
 
 def _descriptions_of(source: MeasurementFile) -> tuple[TableDescription, ...]:

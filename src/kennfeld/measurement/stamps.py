@@ -1,7 +1,8 @@
 """Dates and times of day as text: ISO, German and US order, names of months, 12-hour clocks.
 
 `03/04/2026` is the third of April or the fourth of March. `StampCollector` reads a column in both orders and decides at
-its end: a part above 12 is not a month, and time increases. If that leaves both, a `doubt` says so.
+its end: a part above 12 is not a month, the header may state the order, and time increases. If that leaves both, a
+doubt says so.
 """
 
 import re
@@ -30,6 +31,11 @@ _DATE = (
     r"|(?P<d4>\d\d?)[- ](?P<month>[^\W\d_]{3,9})\.?[- ](?P<y4>\d{4})"
 )
 _EITHER = re.compile(r"\b\d\d?([-/])\d\d?\1\d{4}")  # a date whose order shows in the data alone
+# an order that a header states: MM/DD/YYYY, dd-mm-yyyy, TT/MM/JJJJ
+_ORDERS = (
+    (re.compile(r"\bmm?[-/]dd?\b", re.IGNORECASE), True),
+    (re.compile(r"\b[dtj]{1,2}[-/]mm?\b", re.IGNORECASE), False),
+)
 _ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d):(\d\d(?:[.,]\d{1,9})?)Z?")
 _STAMP = re.compile(
     rf"\s*(?:(?P<date>{_DATE})(?:[T ,]+|$))?"
@@ -91,15 +97,26 @@ def parse_stamps(
     return values, origin
 
 
+def stated_order(header: str) -> bool | None:
+    """Return whether the header of a column states that the month comes first; None if it states no order.
+
+    >>> stated_order("Time [MM/DD/YYYY hh:mm:ss]"), stated_order("Date (dd-mm-yyyy)"), stated_order("Date")
+    (True, False, None)
+    """
+    return next((order for pattern, order in _ORDERS if pattern.search(header)), None)
+
+
 @dataclass
 class StampCollector:
     """The stamps of one column, block by block, in both orders of day and month as long as both are possible."""
 
+    month_first: bool | None = None  # as the header states it
     _blocks: dict[bool, list[Float]] = field(default_factory=lambda: {False: [], True: []})  # by month_first
     _origins: dict[bool, int | None] = field(default_factory=lambda: {False: None, True: None})
     _only_minutes: bool = True  # all times are minutes and seconds
     _example: str = ""  # a date that reads either way
     doubt: str = ""  # what the data leave open, once `build` was called
+    origin_doubt: str = ""  # the same of `origin` alone
     origin: datetime | None = None  # the midnight that `build` counts from; None if there are no dates
 
     def extend(self, values: Float) -> None:
@@ -151,17 +168,24 @@ class StampCollector:
         """Return whether the month comes first: the order in which time does not fall, else the shorter recording."""
         if len(orders) == 1:
             return next(iter(orders))
+        if self.month_first is not None:
+            return self.month_first
         elapsed = {order: _elapsed(values) for order, values in orders.items()}
-        # within one day both orders count the same seconds
         if np.array_equal(elapsed[False], elapsed[True], equal_nan=True):
+            # within one day both orders count the same seconds, but from the midnight of another day
+            if self._origins[False] != self._origins[True]:
+                self.origin_doubt = self._doubt(month_first=False)
             return False
         rising = [order for order, values in elapsed.items() if np.all(np.diff(values[~np.isnan(values)]) >= 0)]
         if len(rising) == 1:
             return rising[0]
         order = float(np.nanmax(np.abs(elapsed[True]))) < float(np.nanmax(np.abs(elapsed[False])))
-        name = "month/day" if order else "day/month"
-        self.doubt = f"dates such as {self._example.strip()[:40]} read either way; {name} is assumed"
+        self.doubt = self._doubt(month_first=order)
         return order
+
+    def _doubt(self, *, month_first: bool) -> str:
+        name = "month/day" if month_first else "day/month"
+        return f"dates such as {self._example.strip()[:40]} read either way; {name} is assumed"
 
 
 def _elapsed(values: Float) -> Float:

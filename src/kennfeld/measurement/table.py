@@ -20,7 +20,7 @@ from kennfeld.domain.dataset import replace_infinite
 from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_truth, parse_numbers, quote_cell
 from kennfeld.measurement.exact_numbers import rest_of_cells
 from kennfeld.measurement.header import Header
-from kennfeld.measurement.stamps import StampCollector, is_stamp
+from kennfeld.measurement.stamps import StampCollector, is_stamp, stated_order
 from kennfeld.measurement.unit_text import may_be_time
 
 BLOCK = 4096  # rows that text is parsed by at a time
@@ -68,6 +68,7 @@ class Column:
     description: str = ""
     words: tuple[int, str] = (0, "")  # how many words such as OFF among numbers are missing values, and the first
     doubt: str = ""  # what its text leaves open, such as the order of day and month
+    origin_doubt: str = ""  # what its text leaves open of `origin` alone
     rest: Float | None = None  # Float[samples]: what `values` lack of the numbers of a clock in the file
 
     @classmethod
@@ -200,7 +201,7 @@ class ColumnBuilder:
 
     def _add_stamps(self, cells: Sequence[object], values: Float, texts: list[int]) -> list[int]:
         """Take a block of a column of stamps; return the positions of other text."""
-        stamps = self._stamps or StampCollector()
+        stamps = self._stamps or StampCollector(stated_order(f"{self.name} {self.unit}"))
         if self._stamps is None:
             for block in self._blocks:  # all of them gaps
                 stamps.extend(block)
@@ -213,9 +214,10 @@ class ColumnBuilder:
 
     def build(self) -> Column:
         """Return the column of all cells taken."""
-        doubt, words, origin = "", (0, ""), self._origin
+        doubt, origin_doubt, words, origin = "", "", (0, ""), self._origin
         if self._dated and self._stamps is not None:
-            values, doubt, origin = self._stamps.build(), self._stamps.doubt, self._stamps.origin
+            values, origin = self._stamps.build(), self._stamps.origin
+            doubt, origin_doubt = self._stamps.doubt, self._stamps.origin_doubt
         else:
             values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
             words = self._without_truths(values)
@@ -231,6 +233,7 @@ class ColumnBuilder:
             origin,
             words=words,
             doubt=doubt,
+            origin_doubt=origin_doubt,
             rest=None if self._dated else self._rest(),
         )
 

@@ -275,13 +275,10 @@ def _marks(table: Table, rows: RowCollector) -> tuple[tuple[str, str], ...]:
 
 
 def _clock_findings(table: Table, decoded: Sequence[Column]) -> Iterator[Finding]:
-    """Report what the time stamps leave open, and numbers that were read as clock times."""
+    """Report numbers that were read as clock times."""
     for before, column in zip(table.columns, decoded, strict=True):
-        location = table.location.within(f"column {column.place}")
-        if column.doubt:
-            remedy = "Export the file with ISO dates, 2026-12-31, if that is wrong."
-            yield Finding(location, column.doubt, remedy, severity="warning")
         if before is not column:
+            location = table.location.within(f"column {column.place}")
             has_dates = float(np.nanmax(before.values)) >= _LEAST_DATE
             form = "dates with times, YYYYMMDDHHMMSS" if has_dates else "clock times, HHMMSS"
             message = f"the numbers are {form}, and were read as such"

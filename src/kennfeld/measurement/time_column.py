@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import Finding, Location, Severity
-from kennfeld.base.formatting import count_noun
+from kennfeld.base.formatting import count_noun, quoted, toml_text
 from kennfeld.domain.dataset import Clock
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.table import Column, Table, limit_findings
@@ -108,9 +108,8 @@ def clock_of(column: Column) -> Clock:
 
 def unit_remedy(name: str) -> str:
     """Return the remedy for a time column that looks like milliseconds: state its unit."""
-    return (
-        f'If they are, write [units] {name} = "ms", else "s"; in Python kennfeld.read(..., units={{"{name}": "ms"}}).'
-    )
+    python = f'kennfeld.read(..., units={{{toml_text(name)}: "ms"}})'
+    return f'If they are, write [units] {quoted(name)} = "ms", else "s"; in Python {python}.'
 
 
 def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
@@ -173,6 +172,23 @@ def with_unread_time(table: Table) -> Table:
     remedy = "Write the time in seconds, or as 2026-12-31 23:59:59.9 or 23:59:59.9."
     finding = Finding(table.at(sample, text), message, remedy, severity="warning")
     return replace(table, findings=(*table.findings, finding))
+
+
+def with_date_doubts(table: Table) -> Table:
+    """Return the table with a warning for each column whose dates read either way.
+
+    In the time column, the day of the recording counts, too.
+    """
+    if not any(column.doubt or column.origin_doubt for column in table.columns):
+        return table
+    clock = find_time(table)
+    remedy = "Export the file with ISO dates, 2026-12-31, if that is wrong."
+    findings = [
+        Finding(table.location.within(f"column {column.place}"), doubt, remedy, severity="warning")
+        for column in table.columns
+        if (doubt := column.doubt or (column.origin_doubt if column is clock else ""))
+    ]
+    return replace(table, findings=(*table.findings, *findings))
 
 
 def _names_time(column: Column) -> bool:

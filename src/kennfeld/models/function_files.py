@@ -52,9 +52,9 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
     """
     importer = importer_of_function(reference)
     if importer is None:
-        raise InputError.of(
-            Location(reference), "not a file of functions", f"Known are {', '.join(callable_endings())}."
-        )
+        known = ", ".join(callable_endings())
+        remedy = f"Known are {known}." if known else "No importer of such files is installed."
+        raise InputError.of(Location(reference), "not a file of functions", remedy)
     path, function = split_reference(reference)
     importer.check_choice(path, function)
     read: ModelFunction = call(importer.reads, folder / path, function, name, step)

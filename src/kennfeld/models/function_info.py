@@ -36,7 +36,9 @@ def describe_functions(file: DescribedFile) -> FileInfo:
 
 
 def describe_function(importer: Importer, file: DescribedFile) -> FileInfo:
-    """Describe the function of a file by the report on its import, for importers that describe nothing else."""
+    """Describe the functions of a file, or its only one by the report on its import, if its importer says no more."""
+    if importer.lists:
+        return describe_functions(file)
     request = ImportRequest(file.path, file.options or NO_OPTIONS, file.choice)
     outline = FileInfo(f"{file.path.name}: {importer.name}", [], [], json_entry("function", file.path))
     chosen = bool(file.choice) or request.options.chosen(importer.keys)

@@ -72,7 +72,7 @@ class ImportReport(ABC):
 
     @property
     @abstractmethod
-    def notes(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """Sentences for a person: what is imported, and what behaves differently from the source."""
 
     @abstractmethod
@@ -80,7 +80,7 @@ class ImportReport(ABC):
         """Return the report as JSON-compatible containers."""
 
     @property
-    def remark_notes(self) -> list[str]:
+    def remark_sentences(self) -> list[str]:
         """The remarks as sentences, of very many the first ones."""
         return shorten([str(remark) for remark in self.remarks], MAX_REMARKS, " remarks; --json lists them")
 
@@ -113,9 +113,9 @@ class FunctionReport(ImportReport):
         return []
 
     @property
-    def notes(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """The remarks."""
-        return self.remark_notes
+        return self.remark_sentences
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as JSON-compatible containers."""
@@ -142,7 +142,7 @@ def describe_import(outline: FileInfo, inspect: Callable[[], ImportReport], *, c
     return FileInfo(
         outline.summary,
         [*tables, parameter_table(report.parameters), *report.tables],
-        list(dict.fromkeys([*report.notes, *outline.notes])),
+        list(dict.fromkeys([*report.sentences, *outline.notes])),
         {**outline.as_json, "import": plain(report.as_dict())},
     )
 

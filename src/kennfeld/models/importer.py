@@ -155,6 +155,9 @@ class Importer:
         choices: what may follow a colon to choose how the file is used, also with `_` in place of `-`.
         runs: True if a file holds code that the user's machine runs.
         translated: True if functions of such files may be translated, and do not run then.
+        describes: formats with `describe(file)`, which returns the `FileInfo` of a `DescribedFile`, also of files that
+            are read with the function; by default `describe` of the format, or the list of functions, or the report on
+            the import.
         lists: `list_functions(path)`, which returns a `FunctionSummary` for each function of a file.
         digest: `digest(path)` of a file with all that its code loads; by default that of the file.
         companions: `companions(path)`, the other files that its code loads.
@@ -180,6 +183,7 @@ class Importer:
     choices: tuple[str, ...] = ()
     runs: bool = False
     translated: bool = False
+    describes: tuple[tuple[FileFormat, Reference], ...] = ()
     lists: Reference = ""
     digest: Reference = ""
     companions: Reference = ""

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 
-from kennfeld.files.file_format import FileFormat, Role
+from kennfeld.files.file_format import FileFormat, Reference, Role
 from kennfeld.files.plugins import IMPORTERS, plugins_of
 from kennfeld.models.importer import Importer
 
@@ -23,6 +23,12 @@ def importer_of_format(known: FileFormat) -> Importer | None:
     if known.role not in (Role.FUNCTION, Role.PROGRAM):
         return None
     return next((each for each in _each() if any(own.name == known.name for own in each.formats)), None)
+
+
+def describer_of(known: FileFormat) -> Reference:
+    """Return the function that describes files of a format: its own, or that of an importer; empty for neither."""
+    described = (each for importer in _each() for each in importer.describes)
+    return known.describe or next((describe for own, describe in described if own.name == known.name), "")
 
 
 def importers() -> tuple[Importer, ...]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.errors import InputError, Location
+from kennfeld.base.formatting import toml_text
 from kennfeld.files.file_format import call
 from kennfeld.graph import Graph
 from kennfeld.models.formula.printer import to_lines
@@ -47,7 +48,8 @@ def write_formula(importer: Importer, request: ImportRequest, target: Path) -> t
     model = result.require_model()
     if not is_formula(model.graph):
         message = "holds machine code or a network, which cannot be written as formula text"
-        remedy = f'Formula text can call it: write NAME = "{request.path.name}" under [functions] of a project file.'
+        file = toml_text(request.path.name)
+        remedy = f"Formula text can call it: write NAME = {file} under [functions] of a project file."
         raise InputError.of(Location(request.path.name), message, remedy)
     head: list[str] = call(importer.heading, request, result.report) if importer.heading else [request.path.name]
     lines = (line.text for line in formula_lines(importer, model))

@@ -113,7 +113,8 @@ def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
     continuous = is_continuous(equations)
     graph = apply_solver(equations, solver) if has_marks(equations) else equations
     stated = {x.name: x.unit for x in function.inputs} | {y.name: y.unit for y in function.outputs}
-    units = {name: unit for name, unit in stated.items() if unit and name in {*graph.inputs, *graph.names}}
+    known = {*graph.inputs, *graph.names}
+    units = {name: unit for name, unit in stated.items() if unit and name in known}
     return Model(
         graph=replace(graph, units=MappingProxyType(units)),
         equations=replace(equations, units=MappingProxyType(units)) if continuous else None,

@@ -1,17 +1,15 @@
 """Inputs, outputs and parameters of an imported model, as reports of imports list them."""
 
 import math
-import re
 
 import numpy as np
 
-from kennfeld.base.formatting import size_text
+from kennfeld.base.formatting import quoted, size_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter
 
 PARAMETER_KINDS = ("scalar", "curve", "map", "cube", "cube")  # by number of axes; more are those of an expansion
 _MAX_WRITTEN = 200  # values of a table that are written one by one
-_PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+\Z")  # of a TOML table, without quotes
 
 
 @dataclass(frozen=True)
@@ -62,12 +60,11 @@ class UndefinedParameter:
         [parameters.K]
         initial = nan
         """
-        key = self.name if _PLAIN_KEY.match(self.name) else f'"{self.name}"'
         size = f"{size_text(self.shape)} values" if self.shape else "a scalar"
         size = "a number, or all values" if self.shape is None else size
         shape = self.shape if self.shape and math.prod(self.shape) <= _MAX_WRITTEN else ()
         comment = "; ".join(filter(None, (self.reason, f"used by {', '.join(self.fields)}", size)))
-        return f"# {' '.join(comment.split())}\n[parameters.{key}]\ninitial = {_placeholder(shape)}"
+        return f"# {' '.join(comment.split())}\n[parameters.{quoted(self.name)}]\ninitial = {_placeholder(shape)}"
 
 
 def _placeholder(shape: tuple[int, ...]) -> str:

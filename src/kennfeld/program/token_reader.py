@@ -80,10 +80,8 @@ class TokenReader(Generic[AnyToken]):
 
     def nested(self, read: Callable[[], Result]) -> Result:
         """Call `read` one level deeper; the depth stays right if the parser goes on behind an error."""
-        self.depth += 1
         try:
-            if self.depth > self.max_depth:
-                raise self.too_deep()
+            self.enter()
             return read()
         finally:
             self.depth -= 1

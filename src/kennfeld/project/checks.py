@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Findings, InputError, Location
-from kennfeld.base.formatting import join_names, quoted
+from kennfeld.base.formatting import join_names, quoted, toml_text
 from kennfeld.calfiles import unwritable
 from kennfeld.domain.file_spans import short_names
 from kennfeld.domain.parameter_set import ParameterSet
@@ -356,7 +356,7 @@ def _units(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_War
                 continue
             message = f"channel {channel} is in {recorded}, but the {kind} {name} of the function is in {own}"
             if relation == "contrary":
-                remedy = f'Name another channel, or state its unit: [units] {quoted(channel)} = "{own}".'
+                remedy = f"Name another channel, or state its unit: [units] {quoted(channel)} = {toml_text(own)}."
                 yield locations[data.name], f"{message}, a different quantity", remedy
             else:
                 yield locations[data.name], message, "Convert it in [calculated], or correct the unit."

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from kennfeld.base.errors import Finding, Findings, Location
-from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.base.formatting import count_noun, nearest, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.domain.criteria import Criterion, Region, Target
@@ -158,7 +158,8 @@ def _target(
         if not having:
             return Target("node", target.name)
         message = f"{target.name} is both a channel and a node; the channel is used"
-        remedy = f'Write {{ channel = "{target.name}" }} or {{ node = "{target.name}" }}.'
+        text = toml_text(target.name)
+        remedy = f"Write {{ channel = {text} }} or {{ node = {text} }}."
         findings.warning(entry.location.within("target"), message, remedy)
     if having:
         findings.add(*_partly(entry, file.criteria, loaded.datasets))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.formatting import toml_text
 from kennfeld.project.forms import NamedEntriesForm, form_of, keys_of
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.section import KeyPath
@@ -304,8 +305,7 @@ def format_toml(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        # JSON strings are TOML strings, except that TOML does not allow DEL
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return toml_text(value)
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, Mapping):

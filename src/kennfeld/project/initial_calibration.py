@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.base.formatting import nearest, size_text
+from kennfeld.base.formatting import nearest, quoted, size_text, toml_text
 from kennfeld.calfiles import read_several
 from kennfeld.calfiles.a2l.origin import FlashOrigin
 from kennfeld.calfiles.format import FileFindings
@@ -134,7 +134,8 @@ def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ..
     surrogate = read_surrogate(path)
     if not isinstance(surrogate, StaticSurrogate):
         message = f"{surrogate.name} is a dynamic surrogate, which cannot be a parameter"
-        raise InputError.of(Location(path.name), message, f'Write [surrogates] and {surrogate.name} = "{path.name}".')
+        remedy = f"Write [surrogates] and {quoted(surrogate.name)} = {toml_text(path.name)}."
+        raise InputError.of(Location(path.name), message, remedy)
     unit = surrogate.units[-1] if surrogate.units else ""
     return ParameterSet([RBF(surrogate.name, surrogate.expansion, surrogate.inputs, unit=unit)]), ()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kennfeld.base.errors import Finding, Findings, InputError, Location
-from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.base.formatting import count_noun, nearest, quoted, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.files.formats import named_format
@@ -21,7 +21,7 @@ from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.function_files import read_function_file, split_reference
 from kennfeld.models.importer import ImportRequest
-from kennfeld.models.importer_registry import importer_of
+from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.models.model_function import ModelFunction
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.value_forms import DIRECTIONS
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 
-_KINDS_REMEDY = "Use formula text (.kf), a Simulink model (.slx, .mdl) or an ASCET class (.esdl, .axl)."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
 
 
@@ -198,10 +197,20 @@ def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     elif stated is not None and stated.remedy:
         findings.error(location, f"{name} is {stated.phrase}", stated.remedy)
     elif ending != ".kf" and importer_of(path.name) is None:
-        findings.error(location, f"unknown model format {path.suffix or name}", _KINDS_REMEDY)
+        findings.error(location, f"unknown model format {path.suffix or name}", _kinds_remedy())
     else:
         return True
     return False
+
+
+def _kinds_remedy() -> str:
+    """Return which files can be the function."""
+    kinds = ["formula text (.kf)"]
+    for importer in importers():
+        endings = [ending for known in importer.formats if not known.remedy for ending in known.endings]
+        kinds.append(f"{importer.label} ({', '.join(endings)})")
+    *first, last = kinds
+    return f"Use {', '.join(first)} or {last}." if first else f"Use {last}."
 
 
 def _extend_model(model: Model, file: ProjectFile, findings: Findings) -> Model:
@@ -287,10 +296,10 @@ def axis_count_finding(function: ProjectModel, name: str, kind: str, axes: int) 
 def _snippet(name: str, count: int, function: ProjectModel) -> list[str]:
     """Return lines of a project file that define a table, its axes named after the coordinates of the lookup."""
     graph = function.graph
-    lines = [f"[parameters.{name}]" if re.fullmatch(r"[\w-]+", name) else f'[parameters."{name}"]']
+    lines = [f"[parameters.{quoted(name)}]"]
     for direction, quantity in zip(DIRECTIONS, coordinates_of(graph, name)[:count], strict=False):
         spread = "count = 8" if quantity in graph.inputs else "begin = 0.0, end = 1.0, count = 8"
-        named = f'input = "{quantity}", ' if quantity else ""
+        named = f"input = {toml_text(quantity)}, " if quantity else ""
         lines.append(f"{direction} = {{ {named}{spread} }}")
     return [*lines, f"initial = {initial_level(graph, name)}"]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.formatting import join_names, nearest, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Limit
 from kennfeld.domain.criteria import Criterion
@@ -366,7 +366,7 @@ class ProblemBuilder:
         axes = [axis for entry in self.file.parameters.values() for axis in entry.axes.values()]
         for name in self.file.axes:
             if not any(axis.group == name for axis in axes):
-                remedy = f'Write x = {{ axis = "{name}" }} under [parameters.NAME] of each table on it.'
+                remedy = f"Write x = {{ axis = {toml_text(name)} }} under [parameters.NAME] of each table on it."
                 self.findings.warning(self.file.location("axes", name), "no table of this file uses the axis", remedy)
 
     def _check_shifts(self) -> None:

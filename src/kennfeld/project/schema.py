@@ -142,7 +142,7 @@ class ModelEntry:
                 keys.setdefault(takers, []).append("class" if name == "class_name" else name)
         for takers, names in keys.items():
             verb = "requires" if len(names) == 1 else "require"
-            wanted = join_names(takers, len(takers), " or ")
+            wanted = join_names(takers, len(takers), " or ") or "an importer that is not installed"
             yield "file", f"{join_names(names, len(names), ' and ')} {verb} {wanted}, got {self.file}", ""
 
 

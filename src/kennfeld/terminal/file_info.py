@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from kennfeld.base.errors import InputError, Location
 from kennfeld.calfiles.file_info import describe_calibration
 from kennfeld.files.file_format import Role, call
 from kennfeld.files.file_info import DescribedFile, FileInfo
@@ -10,7 +11,7 @@ from kennfeld.files.identification import identify
 from kennfeld.models.function_files import split_reference
 from kennfeld.models.function_info import describe_function
 from kennfeld.models.importer import NO_OPTIONS, ImportOptions
-from kennfeld.models.importer_registry import importer_of, importer_of_format
+from kennfeld.models.importer_registry import describer_of, importer_of, importer_of_format
 from kennfeld.terminal.describers import describe_recording
 from kennfeld.terminal.output import align, separate
 
@@ -34,12 +35,17 @@ def describe_file(
     is_chosen = importer is not None and bool(choice) and (importer.named or choice in importer.choices)
     described = DescribedFile(Path(file if is_chosen else path), a2l, dbc, choice if is_chosen else "", options)
     identity = identify(described.path)
-    if identity.format.describe:
-        info: FileInfo = call(identity.format.describe, described)
+    if describe := describer_of(identity.format):
+        info: FileInfo = call(describe, described)
         return info
     if (reader := importer_of_format(identity.format)) is not None:
         return describe_function(reader, described)
-    return describe_calibration(described) if identity.role is Role.CALIBRATION else describe_recording(described)
+    if Role.CALIBRATION in (identity.role, *identity.format.roles) and identity.role is not Role.RECORDING:
+        return describe_calibration(described)
+    if identity.role in (Role.FUNCTION, Role.PROGRAM):
+        message = f"this is {identity.format.phrase}, for which no importer is installed"
+        raise InputError.of(Location(described.path.name), message)
+    return describe_recording(described)
 
 
 def text_lines(info: FileInfo) -> list[str]:

@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from kennfeld.base.errors import Finding, InputError, Location
-from kennfeld.models.importer import ImportOptions
 from kennfeld.terminal.command_line import PATH, option
 
 _OPTIONS = (
@@ -62,6 +61,8 @@ def model_options(command: Callable[..., int]) -> Callable[..., int]:
         tasks: tuple[str, ...],
         **others: Any,
     ) -> int:
+        from kennfeld.models.importer import ImportOptions  # loads numpy, which help does without
+
         part = ImportOptions(
             step=step,
             folders=folders,

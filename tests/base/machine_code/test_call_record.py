@@ -57,7 +57,7 @@ def test_threads_have_slots_of_their_own(folder: Path) -> None:
     assert [call.slot[1] for call in read_calls(folder)] == [2]
 
 
-def test_calls_are_told_apart_by_their_numbers(folder: Path) -> None:
+def test_calls_are_distinguished_by_their_numbers(folder: Path) -> None:
     record = CallRecord("table.py", ["table"])
     numbers = []
     for _ in range(3):
@@ -99,7 +99,7 @@ def test_nothing_is_shared_if_nobody_watches(tmp_path: Path, monkeypatch: pytest
         assert read_calls(tmp_path) == ()
 
 
-def test_a_folder_that_has_gone_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_folder_is_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(FOLDER, str(tmp_path / "gone"))
     with CallRecord("plant.fmu", NAMES).during("fmi2GetReal"):
         assert read_calls(tmp_path / "gone") == ()

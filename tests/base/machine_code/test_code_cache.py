@@ -80,7 +80,7 @@ def test_an_empty_variable_keeps_nothing(folder: Path, monkeypatch: pytest.Monke
     assert read_code(KEY) is None
 
 
-def test_what_was_not_used_for_the_longest_time_goes_first(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_least_recently_used_entry_is_removed_first(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(code_cache, "LARGEST", 3 * 1032)
     monkeypatch.setattr(code_cache, "LIMITED_EVERY", 1)
     keys = [key_of(str(number)) for number in range(4)]
@@ -100,8 +100,8 @@ def computed(names: Iterable[str] = MODELS) -> list[np.ndarray]:
         lowered = lower_lookups(model.graph, model.parameters)
         nodes = Simulator(lowered, list(lowered.graph.names.values()), model.parameters)
         results.append(nodes.over(model.columns, model.samples, model.parameters, model.starts))
-        made = compiled(model)
-        normal = made.accumulator().normal(made.values)
+        code = compiled(model)
+        normal = code.accumulator().normal(code.values)
         results += [normal.matrix.copy(), normal.gradient.copy()]
     return results
 

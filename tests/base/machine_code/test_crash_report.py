@@ -1,8 +1,10 @@
 import math
 import signal
+from enum import IntEnum
 
 import pytest
 
+from kennfeld.base import library_process
 from kennfeld.base.machine_code.call_record import ForeignCall
 from kennfeld.base.machine_code.crash_report import crash_finding, describe_status, hang_finding, unloading_finding
 
@@ -29,6 +31,21 @@ def test_an_exit_is_not_called_a_crash() -> None:
     assert "its code ended the program with exit status 3 while running the file." in str(
         crash_finding([LOADING], FILES, 3)
     )
+
+
+@pytest.fixture
+def windows(monkeypatch):
+    """The signals of Windows, which lack most of those of other systems and count events from 0."""
+    names = {"CTRL_C_EVENT": 0, "CTRL_BREAK_EVENT": 1, "SIGINT": 2, "SIGSEGV": 11, "SIGTERM": 15}
+    monkeypatch.setattr(signal, "Signals", IntEnum("Signals", names))
+    for name in ("SIGKILL", "SIGXCPU"):
+        monkeypatch.delattr(signal, name, raising=False)
+
+
+def test_an_exit_is_not_taken_for_a_signal_that_the_system_lacks(windows) -> None:
+    assert "its code ended the program with exit status 0 while running" in str(crash_finding([LOADING], FILES, 0))
+    assert describe_status(0) == ""
+    assert library_process._reason(0, 1) == "the library that reads it crashed (exit status 0)"
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")

@@ -62,8 +62,8 @@ def test_kernels_compile_and_run_under_threads_at_once():
     models = [MODELS[name] for name in ("coupled2", "external", "layers")] * 3
 
     def work(model):
-        made = compiled(case(model(), 60, (0, 20)))
-        return made.accumulator().normal(made.values).matrix.copy()
+        code = compiled(case(model(), 60, (0, 20)))
+        return code.accumulator().normal(code.values).matrix.copy()
 
     expected = [work(model) for model in models[:3]] * 3
     with ThreadPoolExecutor(8) as pool:
@@ -72,11 +72,11 @@ def test_kernels_compile_and_run_under_threads_at_once():
 
 
 def test_one_kernel_serves_several_accumulators_at_once():
-    made = compiled(case(MODELS["lag"](), 400, (0, 90)))
-    values = [made.values + 0.01 * i for i in range(8)]
+    code = compiled(case(MODELS["lag"](), 400, (0, 90)))
+    values = [code.values + 0.01 * i for i in range(8)]
 
     def work(v):
-        return made.accumulator().normal(v).matrix.copy()
+        return code.accumulator().normal(v).matrix.copy()
 
     alone = [work(v) for v in values]
     with ThreadPoolExecutor(8) as pool:

@@ -34,6 +34,7 @@ DATA = {
         "base/atomic_files",
         "domain/criteria",
         "base/errors",
+        "base/exit_status",
         "domain/free_axes",
         "base/lazy_dataclass",
         "base/lazy_names",
@@ -48,10 +49,10 @@ DATA = {
 
 def arguments(model: str = "lag") -> tuple[Any, ...]:
     """The arguments for the code of a kernel."""
-    made = case(MODELS[model](), 20)
-    lowered = lower_lookups(made.graph, made.parameters)
-    outputs = [Output(lowered.graph.names[c.node], c.scale, c.loss, c.delta) for c in made.criteria]
-    kernel = Kernel(lowered, outputs, made.parameters, made.fitted)
+    model_case = case(MODELS[model](), 20)
+    lowered = lower_lookups(model_case.graph, model_case.parameters)
+    outputs = [Output(lowered.graph.names[c.node], c.scale, c.loss, c.delta) for c in model_case.criteria]
+    kernel = Kernel(lowered, outputs, model_case.parameters, model_case.fitted)
     return kernel.line, kernel.layout, kernel.outputs
 
 

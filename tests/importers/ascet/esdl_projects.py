@@ -3,7 +3,6 @@
 import numpy as np
 
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.importers.ascet.importing import esdl
 from tests.clocks import even_clock
 
 LIBRARY = {
@@ -305,6 +304,8 @@ def write_project(folder, files):
 def class_model(folder, text, **options):
     """The model of a class in a file of its own."""
     write_project(folder, {"Own/Own/Own.esdl": f"package Own;\n{text}"})
+    from kennfeld.importers.ascet.importing import esdl
+
     return esdl(folder / "Own/Own/Own.esdl", **options)
 
 

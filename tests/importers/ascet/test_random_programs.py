@@ -75,7 +75,7 @@ def test_formula_text_and_compiled_code_agree_with_the_interpreter(program):
     assert_close(np.asarray(compiled).reshape(exact.shape), exact, change, sound)
 
 
-@few_or_many(programs(), few=6, many=25)
+@few_or_many(programs(), few=3, many=25)
 def test_derivatives_are_those_of_differences(program):
     model = lowered(program[0])
     low, exact, _, sound = noisy(model)

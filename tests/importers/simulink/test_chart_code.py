@@ -204,6 +204,7 @@ def test_a_chart_in_matlab_knows_the_functions_of_matlab(code, wanted, tmp_path)
         ("MATLAB", "y = mean(u, 1, 2, 3);", "mean takes 1 to 2 arguments, got 4"),
         ("MATLAB", "[y, z] = fft(u);", "unknown function fft with several results"),
         ("C", "y = mean(u);", "the function mean is not supported for signals"),
+        ("C", f"y = 0x{'F' * 400};", "has more digits than an integer of C"),
     ],
 )
 def test_unknown_functions_in_charts_are_reported(language, code, told, tmp_path):

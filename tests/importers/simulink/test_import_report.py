@@ -34,7 +34,7 @@ def test_a_block_behind_an_unsupported_one_is_neither_supported_nor_unsupported(
     assert report.unreached == ("After", "y")
     assert [block.path for block in report.unsupported] == ["U", "S", "Sat", "T", "G"]
     assert (report.supported, report.total) == (1, 8)
-    assert report.notes[0] == (
+    assert report.sentences[0] == (
         "1 of 8 blocks supported, 2 not reached behind others; not all outputs can be calibrated"
     )
     assert report.as_dict()["unreached"] == ("After", "y")
@@ -64,7 +64,7 @@ def test_blocks_come_before_variables_and_both_before_remarks_on_scripts(tmp_pat
     assert headings.index("not supported") < headings.index("variable without a value")
     severities = [remark.severity for remark in report.remarks]
     assert severities == sorted(severities, key=lambda severity: severity == "remark")
-    assert report.notes[1].startswith("Define the variables with --parameters")
+    assert report.sentences[1].startswith("Define the variables with --parameters")
 
 
 @pytest.mark.parametrize("step", [None, 0.02])
@@ -76,7 +76,7 @@ def test_a_step_replaces_that_of_the_model(step, tmp_path):
     drawn.chain("u", "I", "y")
     report = inspect_simulink(drawn.write(tmp_path, "slx parts"), step=step)
     assert report.step == (step or 0.1)
-    assert f"runs with a step of {step or 0.1} s" in report.notes
+    assert f"runs with a step of {step or 0.1} s" in report.sentences
 
 
 def test_the_axes_of_a_table_that_is_undefined_are_reported_with_it(tmp_path):

@@ -6,6 +6,7 @@ import pytest
 from kennfeld.base.errors import InputError
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
+from kennfeld.importers.simulink.flattening.flat_model import DataStoreOrder, FlatBlock
 from kennfeld.importers.simulink.importing import import_simulink
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
@@ -49,6 +50,76 @@ def test_what_no_priority_decides_is_told(tmp_path):
     report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
     assert any("data store" in one and "R" in one for one in report.substitutions)
     assert any("Assign a Priority to both" in str(one) for one in report.notes)
+
+
+def several_writers(priorities):
+    """Writers of one data store in the order of the file, each of its own input; the output shows the last one."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="s")
+    for name, priority in priorities.items():
+        drawn.inport(f"u{name}")
+        setting = {"Priority": priority} if priority else {}
+        drawn.block("DataStoreWrite", name, ports=(1, 0), DataStoreName="s", **setting)
+        drawn.line(f"u{name}", name)
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="s")
+    drawn.outport("y")
+    drawn.line("R", "y")
+    return drawn
+
+
+@pytest.mark.parametrize(
+    ("priorities", "last", "undecided"),
+    [
+        ({"C": "2", "B": "", "A": "1"}, "C", {"BA", "BC"}),
+        ({"A": "1", "B": "", "C": "2"}, "C", {"AB", "BC"}),
+        ({"C": "2", "A": "1", "B": ""}, "B", {"AB", "CB"}),
+        ({"C": "3", "B": "2", "A": "1"}, "C", set()),
+        ({"C": "2", "B": "1", "A": "1"}, "C", {"BA"}),
+        ({"A": "", "B": ""}, "B", {"AB"}),
+    ],
+)
+def test_writers_run_in_the_order_of_their_priorities(priorities, last, undecided, tmp_path):
+    imported_model = import_simulink(several_writers(priorities).write(tmp_path))
+    inputs = {f"u{name}": [float(k)] * 2 for k, name in enumerate(priorities)}
+    # a reader without a priority shows what the step before has left
+    assert run(imported_model.model, inputs)["y"][1] == inputs[f"u{last}"][0]
+    notes = [note for note in imported_model.report.substitutions if "writes the data store after" in note]
+    assert {note.split(" writes")[0] + note.split(" after ")[1][0] for note in notes} == {
+        pair[::-1] for pair in undecided
+    }
+
+
+@pytest.mark.parametrize("branches", [("If:1", "If:2"), ("If:1", "If:1")])
+def test_writers_in_branches_that_exclude_each_other_need_no_order(branches, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("DataStoreMemory", "M", ports=(0, 0), DataStoreName="s")
+    drawn.block("If", "If", ports=(1, 2), IfExpression="u1 > 0", ShowElse="on")
+    drawn.line("u", "If")
+    for name, branch in zip("AB", branches, strict=True):
+        inner = drawn.subsystem(name)
+        inner.block("ActionPort", "Action", ports=(0, 0))
+        inner.block("Constant", "K", ports=(0, 1), Value="1" if name == "A" else "2")
+        inner.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="s")
+        inner.line("K", "W")
+        drawn.line(branch, f"{name}#ifaction")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="s")
+    drawn.outport("y")
+    drawn.line("R", "y")
+    notes = import_simulink(drawn.write(tmp_path)).report.substitutions
+    assert any("writes the data store after" in note for note in notes) == (branches[0] == branches[1])
+
+
+def test_tasks_that_contradict_priorities_leave_the_order_to_the_file():
+    writers = [FlatBlock("DataStoreWrite", None, name, None) for name in "ABC"]
+    memory = FlatBlock("DataStoreMemory", None, "M", None)
+    for writer, priority in zip(writers, (3, 1, 2), strict=True):
+        writer.data_store, writer.priority_path = memory, ((writer.path, priority),)
+    a, b, c = writers
+    # A is in a faster task than B, and the task of C is unknown: A, B, C, A
+    order = DataStoreOrder(writers, lambda flat, other: {(a, b): -1, (b, a): 1}.get((flat, other), 0))
+    assert order.writers[memory] == [a, b, c]
+    assert order.undecided_writers == [(a, c)]
 
 
 def tasks(reader, writer, mode, priorities):

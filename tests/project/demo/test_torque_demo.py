@@ -205,6 +205,7 @@ def test_an_unknown_demo_is_refused_before_anything_is_written(tmp_path):
     assert not (tmp_path / "demo").exists()
 
 
+@pytest.mark.slow
 def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     assert run(["demo", "torque", "--dir", str(tmp_path / "demo")]) == 0
     said = capsys.readouterr().out

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Sequence
 
 from kennfeld.base.errors import Finding, Location
+from kennfeld.base.exit_status import signal_name
 from kennfeld.base.machine_code.call_record import ForeignCall, read_calls
 from kennfeld.base.watch_folder import is_running, watch_folder
 
@@ -35,7 +36,7 @@ def crash_finding(calls: Sequence[ForeignCall], files: Sequence[str], status: in
     """
     location = Location(_names([call.file for call in calls] or files))
     places, death = _places(calls), describe_status(status)
-    if status == -_number("SIGKILL"):
+    if signal_name(status) == "SIGKILL":
         return Finding(location, f"the system ended the program{places}, probably for lack of memory", _MEMORY)
     if not files:
         end = death or f"exit status {status}"
@@ -97,7 +98,7 @@ def describe_status(status: int) -> str:
     ('segmentation fault (SIGSEGV)', '')
     """
     if status < 0:
-        name = next((member.name for member in signal.Signals if member == -status), "")
+        name = signal_name(status)
         # macOS adds the number: `Segmentation fault: 11`
         text = (signal.strsignal(-status) or "").partition(":")[0] if name else ""
         return f"{text[:1].lower()}{text[1:]} ({name})" if text else name or f"signal {-status}"
@@ -118,7 +119,3 @@ def _place(call: ForeignCall) -> str:
 def _names(files: Sequence[str]) -> str:
     names = list(dict.fromkeys(files))
     return ", ".join([*names[:_MOST_NAMES], *(["..."] if len(names) > _MOST_NAMES else [])])
-
-
-def _number(name: str) -> int:
-    return int(getattr(signal, name, 0))

@@ -115,8 +115,6 @@ def _read_higher_axes(sheet: Sheet, row: int) -> AxisCells | None:
     for column, letter in enumerate(AXIS_LETTERS[2:]):
         if row == 0 or sheet.text(row - 1, 2 * column).strip().casefold() != letter:
             break
-        if letter == AXIS_LETTERS[2] and sheet.has_number(row - 1, 0):
-            break
         cells.append((row - 1, 2 * column + 1))
     return sheet.breakpoints(cells)
 

@@ -17,12 +17,12 @@ from kennfeld.importers.ascet.program_code import MethodCode, Operand, Place, le
 from kennfeld.importers.ascet.resolved_types import (
     INTEGER,
     REAL,
-    ArrayType,
-    AxisType,
     Dimension,
     NumberType,
+    ResolvedArray,
+    ResolvedAxis,
+    ResolvedTable,
     StructType,
-    TableType,
     Type,
     describe_type,
     leaves_of,
@@ -126,7 +126,7 @@ class CallTranslation(ExpressionTranslation):
         kind = self.program.types.resolve(argument.type, instance.scope)
         if isinstance(kind, NumberType):
             return None
-        if not isinstance(kind, ArrayType | StructType):
+        if not isinstance(kind, ResolvedArray | StructType):
             raise UnsupportedEsdlError(f"{argument.name} is {describe_type(kind)}, which cannot be passed to a method")
         return with_sizes(kind, value.type) if isinstance(value, Place) else kind
 
@@ -228,12 +228,12 @@ class CallTranslation(ExpressionTranslation):
                 return self._state(instance, machine)
             case EnumerationLabel(value, _) if name == "value":
                 return Operand(m.Number(float(value)), INTEGER)
-            case Place(_, TableType()):
+            case Place(_, ResolvedTable()):
                 return self._lookup(of, name, tree)
-            case Place(_, AxisType()) if name == "search" and len(tree.arguments) == 1:
+            case Place(_, ResolvedAxis()) if name == "search" and len(tree.arguments) == 1:
                 self._search(of, tree)
                 return None
-            case Place(_, ArrayType(dimensions)) if name == "length":
+            case Place(_, ResolvedArray(dimensions)) if name == "length":
                 return Operand(m.Number(float(dimensions[self._dimension(tree, dimensions)].size or 0)), INTEGER)
             case Place(_, NumberType()) if name in ("value", "get"):
                 operand = self.operand_of(of)
@@ -254,7 +254,7 @@ class CallTranslation(ExpressionTranslation):
         return self.operand_of(state_place(instance, machine, kind))
 
     def _lookup(self, of: Place, name: str, tree: e.Call) -> Operand:
-        assert isinstance(of.type, TableType)
+        assert isinstance(of.type, ResolvedTable)
         table = self.program.tables[of.label]
         if name == "getAt" and len(tree.arguments) == len(of.type.axes):
             coordinates = [self.operand(argument).tree for argument in tree.arguments]

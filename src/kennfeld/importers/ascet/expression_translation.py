@@ -20,9 +20,9 @@ from kennfeld.importers.ascet.resolved_types import (
     BOOLEAN,
     INTEGER,
     REAL,
-    ArrayType,
     Dimension,
     NumberType,
+    ResolvedArray,
     Type,
     describe_type,
 )
@@ -149,10 +149,10 @@ class ExpressionTranslation:
 
     def _element(self, place: Place, index: e.Expression) -> Place:
         """Return an element of an array."""
-        if not isinstance(place.type, ArrayType):
+        if not isinstance(place.type, ResolvedArray):
             raise UnsupportedEsdlError(f"{place.leaf()} is not an array", place=index.place)
         dimension, *rest = place.type.dimensions
-        kind: Type = ArrayType(tuple(rest), place.type.element) if rest else place.type.element
+        kind: Type = ResolvedArray(tuple(rest), place.type.element) if rest else place.type.element
         at = self._index(dimension, self.operand(index), index)
         return replace(place, type=kind, indices=(*place.indices, at))
 

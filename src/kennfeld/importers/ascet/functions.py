@@ -4,39 +4,21 @@ Division by zero gives the numerator, unless the divisor is a characteristic, an
 towards zero, as in the code that ASCET generates by default.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Final, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
+from kennfeld.importers.rules import Rule, RuleFunction, elementwise, filled_array, known_integer, shift, symbolic_rule
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.graph_operators import ONE, operation
 from kennfeld.models.imperative.integer_types import IntegerType
-from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 from kennfeld.models.imperative.path_facts import bound_of
-
-Rule: TypeAlias = Callable[..., Nodes]  # of the evaluator and the arguments
-_MAX_ELEMENTS: Final = 100_000
-
-
-@dataclass(frozen=True)
-class EsdlFunction:
-    """A function of the library: its name behind `esdl:`, its number of arguments, and its rule."""
-
-    name: str
-    count: int
-    rule: Rule
-
-    def results(
-        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
-    ) -> tuple[s.SymbolicValue, ...]:
-        """Call the function."""
-        return (self.rule(evaluator, *(s.as_array(s.force(value)) for value in values)),)
 
 
 @dataclass(frozen=True)
@@ -112,20 +94,16 @@ def _index(evaluator: SymbolicEvaluator, at: Nodes, first: Nodes, size: Nodes) -
 
 
 def _fill(evaluator: SymbolicEvaluator, value: Nodes, *sizes: Nodes) -> Nodes:
-    shape = [int(evaluator.builder.value(int(size.item())) or 0) for size in sizes]
-    if np.prod(shape) > _MAX_ELEMENTS:
-        raise ProgramError(f"an array of more than {_MAX_ELEMENTS} elements")
-    return np.full(shape if len(shape) > 1 else (*shape, 1), value.item(), dtype=np.int64)
+    return filled_array(evaluator, value.item(), sizes)
 
 
 def _bits(name: str) -> Rule:
     """Return the rule of a bit operation on words of 32 bits; the last argument says whether they are signed."""
+    apply = symbolic_rule(name)
 
     def rule(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, signed: Nodes) -> Nodes:
-        word = IntegerType(32, bool(evaluator.builder.value(int(signed.item()))), "Round", True)
-        arguments = [s.integers(a, word), s.integers(b, word) if name != "bitshift" else b]
-        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
-        return np.asarray(s.as_array(result))
+        word = IntegerType(32, bool(known_integer(evaluator, signed)), "Round", True)
+        return apply(evaluator, s.integers(a, word), s.integers(b, word) if name != "bitshift" else b)
 
     return rule
 
@@ -153,13 +131,8 @@ def _bit_of(operator: str) -> Rule:
 
 def _shift(direction: float) -> Rule:
     """Return the rule that shifts the bits of an unsigned number of 16 bits."""
-
-    def rule(evaluator: SymbolicEvaluator, x: Nodes, count: Nodes) -> Nodes:
-        apply = Elementwise(evaluator.builder)
-        shifted = apply("floor", apply("mul", x, apply("pow", 2.0, apply("mul", count, direction))))
-        return apply("mod", shifted, 2.0**16)
-
-    return rule
+    shifted = shift(direction)
+    return lambda evaluator, x, count: Elementwise(evaluator.builder)("mod", shifted(evaluator, x, count), 2.0**16)
 
 
 def _unsigned(name: str) -> Rule:
@@ -167,36 +140,32 @@ def _unsigned(name: str) -> Rule:
     return lambda evaluator, a, b: rule(evaluator, a, b, _single(evaluator.builder.const(0.0)))
 
 
-def _elementwise(rule: Callable[..., Nodes]) -> Rule:
-    return lambda evaluator, *arguments: rule(evaluator.builder, *arguments)
-
-
 _MATHEMATICS: Final = (
-    *(EsdlFunction(name, 1, _elementwise(ONE[name])) for name in ONE if name != "uminus"),
-    *(EsdlFunction(name, 2, _elementwise(operation(name))) for name in ("min", "max", "atan2", "pow")),
+    *(RuleFunction(name, 1, elementwise(ONE[name])) for name in ONE if name != "uminus"),
+    *(RuleFunction(name, 2, elementwise(operation(name))) for name in ("min", "max", "atan2", "pow")),
 )
 _BITS: Final = (
-    *(EsdlFunction(f"bits_{name}", 2, _bit_of(name)) for name in ("get", "set", "clear", "toggle")),
-    *(EsdlFunction(f"bits_{name}", 2, _unsigned(f"bit{name}")) for name in ("and", "or", "xor")),
-    EsdlFunction("shift_left", 2, _shift(1.0)),
-    EsdlFunction("shift_right", 2, _shift(-1.0)),
+    *(RuleFunction(f"bits_{name}", 2, _bit_of(name)) for name in ("get", "set", "clear", "toggle")),
+    *(RuleFunction(f"bits_{name}", 2, _unsigned(f"bit{name}")) for name in ("and", "or", "xor")),
+    RuleFunction("shift_left", 2, _shift(1.0)),
+    RuleFunction("shift_right", 2, _shift(-1.0)),
 )
 _INTERNAL: Final = (
-    EsdlFunction("divide", 2, _divide),
-    EsdlFunction("quotient", 2, _quotient),
-    EsdlFunction("remainder", 2, _remainder),
-    EsdlFunction("limit", 3, _limit),
-    EsdlFunction("index", 3, _index),
-    EsdlFunction("fill", 1, _fill),
-    EsdlFunction("truncate", 1, lambda evaluator, x: truncate(evaluator.builder, x)),
-    EsdlFunction("and", 3, _bits("bitand")),
-    EsdlFunction("or", 3, _bits("bitor")),
-    EsdlFunction("xor", 3, _bits("bitxor")),
-    EsdlFunction("shift", 3, _bits("bitshift")),
+    RuleFunction("divide", 2, _divide),
+    RuleFunction("quotient", 2, _quotient),
+    RuleFunction("remainder", 2, _remainder),
+    RuleFunction("limit", 3, _limit),
+    RuleFunction("index", 3, _index),
+    RuleFunction("fill", 1, _fill),
+    RuleFunction("truncate", 1, lambda evaluator, x: truncate(evaluator.builder, x)),
+    RuleFunction("and", 3, _bits("bitand")),
+    RuleFunction("or", 3, _bits("bitor")),
+    RuleFunction("xor", 3, _bits("bitxor")),
+    RuleFunction("shift", 3, _bits("bitshift")),
 )
 
 # functions that programs call by their names, and those written in C, by their symbols or by the methods of SystemLib
-FUNCTIONS: Final[Mapping[str, EsdlFunction]] = {function.name: function for function in _MATHEMATICS}
+FUNCTIONS: Final[Mapping[str, RuleFunction]] = {function.name: function for function in _MATHEMATICS}
 _SYSTEM_LIB: Final = "SystemLib.Bitoperations"
 _METHODS: Final = {
     "and.getAnd": "bits_and", "or.getOr": "bits_or", "xor.getXor": "bits_xor", "getBit.getGetBit": "bits_get",
@@ -204,7 +173,7 @@ _METHODS: Final = {
     "shiftLeft.getShiftLeft": "shift_left", "shiftRight.getShiftRight": "shift_right",
 }  # fmt: skip
 _BY_NAME: Final = {function.name: function for function in (*_MATHEMATICS, *_BITS, *_INTERNAL)}
-EXTERNAL: Final[Mapping[str, EsdlFunction]] = {
+EXTERNAL: Final[Mapping[str, RuleFunction]] = {
     **{name: function for name, function in FUNCTIONS.items() if name not in ("min", "max", "fix", "sign")},
     "fabs": FUNCTIONS["abs"],
     "fmin": FUNCTIONS["min"],

@@ -71,7 +71,7 @@ class EsdlReport(ImportReport):
         ]
 
     @property
-    def notes(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """Sentences on what a step calls, whether it can be calibrated, and what behaves differently than in ASCET."""
         step = f"every {number_text(self.step)} s" if self.step is not None else "in each step of the data"
         startup = [f"calls once before: {', '.join(self.startup)}"] if self.startup else []
@@ -81,7 +81,7 @@ class EsdlReport(ImportReport):
             *([_task_note(task) for task in self.tasks] or [f"calls {step}: {', '.join(self.methods)}"]),
             *startup,
             coverage,
-            *self.remark_notes,
+            *self.remark_sentences,
         ]
 
     def as_dict(self) -> dict[str, Any]:

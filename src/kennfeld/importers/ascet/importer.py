@@ -10,6 +10,11 @@ IMPORTER = Importer(
     imports="kennfeld.importers.ascet.importing:import_requested",
     keys=("class_name", "methods", "startup", "task", "folders"),
     shared_keys=("folders",),
+    describes=(
+        (ESDL, "kennfeld.importers.ascet.file_info:describe_esdl"),
+        (APPLICATION, "kennfeld.importers.ascet.file_info:describe_esdl"),
+        (AMD, "kennfeld.importers.ascet.file_info:describe_components"),
+    ),
     heading="kennfeld.importers.ascet.importing:heading",
     screen="program",
     view="kennfeld.importers.ascet.page:view",

@@ -10,11 +10,11 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.ascet.declarations import FileScope
 from kennfeld.importers.ascet.resolved_types import (
-    ArrayType,
     Fields,
     NumberType,
+    ResolvedArray,
+    ResolvedTable,
     StructType,
-    TableType,
     Type,
 )
 from kennfeld.importers.ascet.type_resolution import TypeResolver, dotted
@@ -50,7 +50,7 @@ class InitialValues:
                 return {(): np.array(self._number(kind, value))}
             case StructType(_, elements):
                 return self._struct(elements, value)
-            case ArrayType():
+            case ResolvedArray():
                 return self._array(kind, value)
         raise UnsupportedEsdlError("an element of this type has no initial value here")
 
@@ -68,14 +68,14 @@ class InitialValues:
             result |= {(name, *path): numbers for path, numbers in self.leaves(kind, part).items()}
         return result
 
-    def _array(self, kind: ArrayType, value: e.Expression | None) -> Leaves:
+    def _array(self, kind: ResolvedArray, value: e.Expression | None) -> Leaves:
         size = kind.dimensions[0].size
         if size is None:
             if not isinstance(value, e.Braces):
                 raise UnsupportedEsdlError("an array without a size", "Write the size behind its name.")
             size = len(value.elements)
         rest = kind.dimensions[1:]
-        inner: Type = ArrayType(rest, kind.element) if rest else kind.element
+        inner: Type = ResolvedArray(rest, kind.element) if rest else kind.element
         parts = [self.leaves(inner, part) for part in self._parts(value, size)]
         return {path: np.stack([part[path] for part in parts]) for path in parts[0]} if parts else {}
 
@@ -90,7 +90,7 @@ class InitialValues:
             raise UnsupportedEsdlError(f"{len(value.elements)} elements, expected {count}", place=value.place)
         return [*value.elements, *[None] * (count - len(value.elements))]
 
-    def table(self, kind: TableType, value: e.Expression | None, shared: tuple[Float, ...] | None) -> TableValues:
+    def table(self, kind: ResolvedTable, value: e.Expression | None, shared: tuple[Float, ...] | None) -> TableValues:
         """Return breakpoints and values of a table; `shared` are the breakpoints of a group table."""
         if value is None:
             raise UnsupportedEsdlError("a table without values", "Write its breakpoints and values.")

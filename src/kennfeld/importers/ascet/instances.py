@@ -14,12 +14,12 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.ascet.declarations import Declared, FileScope
 from kennfeld.importers.ascet.initial_values import InitialValues, Leaves, TableValues
 from kennfeld.importers.ascet.resolved_types import (
-    ArrayType,
-    AxisType,
     ClassType,
     Dimension,
     NumberType,
-    TableType,
+    ResolvedArray,
+    ResolvedAxis,
+    ResolvedTable,
     Type,
     leaves_of,
     with_sizes,
@@ -53,7 +53,7 @@ class TableElement:
     """A curve, map or cube; `shared` are the labels of the axes of a group table."""
 
     label: str
-    type: TableType
+    type: ResolvedTable
     values: TableValues
     location: Location
     description: str = ""
@@ -66,7 +66,7 @@ class GroupAxis:
     """Breakpoints that group tables share."""
 
     label: str
-    type: AxisType
+    type: ResolvedAxis
     breakpoints: Float
     location: Location
 
@@ -160,7 +160,7 @@ class Program:
     def _rank(self, element: e.Element, scope: FileScope) -> int:
         """Return 0 for the axes of group tables, which must exist before the tables."""
         try:
-            return 0 if isinstance(self.types.element(element, scope), AxisType) else 1
+            return 0 if isinstance(self.types.element(element, scope), ResolvedAxis) else 1
         except UnsupportedEsdlError:
             return 1
 
@@ -195,7 +195,7 @@ class Program:
         place = holder.scope.location(holder.element.place, holder.element.name)
         description = holder.element.description
         match holder.type:
-            case TableType():
+            case ResolvedTable():
                 shared = self._shared_axes(instance, holder)
                 points = tuple(self.axes[label].breakpoints for label in shared) if shared else None
                 values = reader.table(holder.type, value, points)
@@ -204,7 +204,7 @@ class Program:
                     holder.label, holder.type, values, place, description, shared, is_constant
                 )
                 return holder.type
-            case AxisType():
+            case ResolvedAxis():
                 self._store_axis(holder, reader.axis(value), place)
                 return holder.type
         leaves = reader.leaves(holder.type, value)
@@ -221,7 +221,7 @@ class Program:
 
     def _store_axis(self, holder: Holder, breakpoints: Float, place: Location) -> None:
         """Store an axis, with the variable that holds the last value searched on it."""
-        assert isinstance(holder.type, AxisType)
+        assert isinstance(holder.type, ResolvedAxis)
         if breakpoints.ndim != 1 or np.any(np.diff(breakpoints) <= 0):
             raise UnsupportedEsdlError("the breakpoints of an axis do not increase")
         self.axes[holder.label] = GroupAxis(holder.label, holder.type, breakpoints, place)
@@ -230,7 +230,7 @@ class Program:
 
     def _shared_axes(self, instance: ClassInstance | None, holder: Holder) -> tuple[str, ...]:
         """Return the labels of the axes of a group table: those named as its sizes, or the only ones of their types."""
-        assert isinstance(holder.type, TableType)
+        assert isinstance(holder.type, ResolvedTable)
         if holder.type.form != "group" or instance is None:
             return ()
         names = [dotted(size) for size in holder.element.sizes if size is not None]
@@ -246,7 +246,7 @@ class Program:
         labels = [
             holder.label
             for holder in instance.holders.values()
-            if isinstance(holder.type, AxisType) and holder.type.name == name
+            if isinstance(holder.type, ResolvedAxis) and holder.type.name == name
         ]
         if len(labels) != 1:
             message = (
@@ -349,10 +349,10 @@ def state_label(instance: ClassInstance, machine: e.StateMachine) -> str:
 
 def _sized(kind: Type, leaves: Leaves) -> Type:
     """Return a type whose open dimensions are those of its initial values."""
-    if not isinstance(kind, ArrayType) or not leaves:
+    if not isinstance(kind, ResolvedArray) or not leaves:
         return kind
     shape = next(iter(leaves.values())).shape[: len(kind.dimensions)]
-    return with_sizes(kind, ArrayType(tuple(Dimension(0, size) for size in shape), kind.element))
+    return with_sizes(kind, ResolvedArray(tuple(Dimension(0, size) for size in shape), kind.element))
 
 
 def _initializer_values(declaration: e.ClassDeclaration, value: e.Expression | None) -> dict[str, e.Expression]:

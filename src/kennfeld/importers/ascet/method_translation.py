@@ -12,9 +12,9 @@ from kennfeld.importers.ascet.name_resolution import EnumerationName
 from kennfeld.importers.ascet.program_code import RESULT, MethodCode, Operand, Place, ProgramCode, leaf_names
 from kennfeld.importers.ascet.resolved_types import (
     INTEGER,
-    ArrayType,
     Dimension,
     NumberType,
+    ResolvedArray,
     StructType,
     Type,
     describe_type,
@@ -174,7 +174,7 @@ class MethodTranslation(CallTranslation):
             return first.tree, last.tree, INTEGER
         if isinstance(values, e.Call) and isinstance(values.of, e.Field) and values.of.name == "indexRange":
             of = self.named(values.of.of)
-            if not isinstance(of, Place) or not isinstance(of.type, ArrayType):
+            if not isinstance(of, Place) or not isinstance(of.type, ResolvedArray):
                 raise UnsupportedEsdlError("indexRange of something that is not an array", place=values.place)
             dimension = of.type.dimensions[self._dimension(values, of.type.dimensions)]
             return *_ends(dimension, values), dimension.enumeration or INTEGER
@@ -220,7 +220,7 @@ class MethodTranslation(CallTranslation):
         return name if self._taken[name] == 1 else f"{name}#{self._taken[name]}"
 
     def _declare(self, name: str, kind: Type) -> Place:
-        if not isinstance(kind, NumberType | StructType | ArrayType):
+        if not isinstance(kind, NumberType | StructType | ResolvedArray):
             raise UnsupportedEsdlError(f"the variable {name} is {describe_type(kind)}, which is not supported")
         place = Place(self._free(name), kind, is_local=True)
         self.names.locals[-1][name] = place
@@ -324,9 +324,9 @@ class MethodTranslation(CallTranslation):
                 for name, kind in elements:
                     fields = (*target.fields, name)
                     parts.append(Place(target.label, kind, fields, target.indices, target.is_local))
-            case ArrayType(dimensions, element):
+            case ResolvedArray(dimensions, element):
                 first, *rest = dimensions
-                kind = ArrayType(tuple(rest), element) if rest else element
+                kind = ResolvedArray(tuple(rest), element) if rest else element
                 for at in range(first.size or 0):
                     indices = (*target.indices, m.Number(at + 1.0))
                     parts.append(Place(target.label, kind, target.fields, indices, target.is_local))

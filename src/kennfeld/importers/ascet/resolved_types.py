@@ -54,7 +54,7 @@ class Dimension:
 
 
 @dataclass(frozen=True)
-class ArrayType:
+class ResolvedArray:
     """An array; `element` is not an array itself."""
 
     dimensions: tuple[Dimension, ...]
@@ -62,7 +62,7 @@ class ArrayType:
 
 
 @dataclass(frozen=True)
-class TableType:
+class ResolvedTable:
     """A table over one or more axes; `form` is "", "fixed" or "group"; `axis_names` are the types of its axes."""
 
     axes: tuple[NumberType, ...]
@@ -72,7 +72,7 @@ class TableType:
 
 
 @dataclass(frozen=True)
-class AxisType:
+class ResolvedAxis:
     """Breakpoints that group tables share; `name` is that of the type."""
 
     element: NumberType
@@ -86,7 +86,7 @@ class ClassType:
     declared: "Declared"
 
 
-Type: TypeAlias = NumberType | StructType | ArrayType | TableType | AxisType | ClassType
+Type: TypeAlias = NumberType | StructType | ResolvedArray | ResolvedTable | ResolvedAxis | ClassType
 
 REAL: Final = NumberType("real")
 BOOLEAN: Final = NumberType("boolean", 0.0, 1.0)
@@ -99,40 +99,42 @@ def size_of(kind: Type) -> int:
     match kind:
         case StructType():
             return kind.size
-        case ArrayType(dimensions, element):
+        case ResolvedArray(dimensions, element):
             return math.prod(dimension.size or 1 for dimension in dimensions) * size_of(element)
     return 1
 
 
-def leaves_of(kind: Type) -> Iterator[tuple[Fields, "NumberType | TableType | AxisType", tuple[Dimension, ...]]]:
+def leaves_of(
+    kind: Type,
+) -> Iterator[tuple[Fields, "NumberType | ResolvedTable | ResolvedAxis", tuple[Dimension, ...]]]:
     """Yield the numbers and tables within a type: their path of fields, type, and dimensions."""
     match kind:
         case StructType(_, elements):
             for name, element in elements:
                 for path, leaf, dimensions in leaves_of(element):
                     yield (name, *path), leaf, dimensions
-        case ArrayType(own, element):
+        case ResolvedArray(own, element):
             for path, leaf, dimensions in leaves_of(element):
                 yield path, leaf, (*own, *dimensions)
-        case NumberType() | TableType() | AxisType():
+        case NumberType() | ResolvedTable() | ResolvedAxis():
             yield (), kind, ()
 
 
 def with_sizes(kind: Type, other: Type) -> Type:
     """Return a type whose open dimensions are those of another type."""
     match kind, other:
-        case ArrayType(own, element), ArrayType(dimensions) if len(own) == len(dimensions):
+        case ResolvedArray(own, element), ResolvedArray(dimensions) if len(own) == len(dimensions):
             sizes = (
                 mine if mine.size is not None else replace(mine, size=its.size)
                 for mine, its in zip(own, dimensions, strict=True)
             )
-            return ArrayType(tuple(sizes), element)
+            return ResolvedArray(tuple(sizes), element)
     return kind
 
 
 def is_open(kind: Type) -> bool:
     """Return True if a dimension of an array is not fixed."""
-    return isinstance(kind, ArrayType) and any(dimension.size is None for dimension in kind.dimensions)
+    return isinstance(kind, ResolvedArray) and any(dimension.size is None for dimension in kind.dimensions)
 
 
 def describe_type(kind: Type) -> str:
@@ -142,11 +144,11 @@ def describe_type(kind: Type) -> str:
             return kind.name or kind.kind
         case StructType(name, _):
             return f"the struct {name}"
-        case ArrayType():
+        case ResolvedArray():
             return "an array"
-        case TableType():
+        case ResolvedTable():
             return "a table"
-        case AxisType():
+        case ResolvedAxis():
             return "an axis"
         case ClassType(declared):
             return f"the class {declared.name}"

@@ -11,13 +11,13 @@ from kennfeld.importers.ascet.resolved_types import (
     BOOLEAN,
     INTEGER,
     REAL,
-    ArrayType,
-    AxisType,
     ClassType,
     Dimension,
     NumberType,
+    ResolvedArray,
+    ResolvedAxis,
+    ResolvedTable,
     StructType,
-    TableType,
     Type,
     size_of,
 )
@@ -89,7 +89,7 @@ class TypeResolver:
             case e.TableType(axes, value, form):
                 return self._table(axes, value, form, scope)
             case e.AxisType(element):
-                return AxisType(self._as_number(self.resolve(element, scope)), name)
+                return ResolvedAxis(self._as_number(self.resolve(element, scope)), name)
             case e.UnsupportedType(word):
                 raise UnsupportedEsdlError(f"types of the kind {word} are not supported")
 
@@ -103,10 +103,10 @@ class TypeResolver:
     def element(self, element: e.Element, scope: FileScope) -> Type:
         """Return the type of an element; sizes behind its name fill the open dimensions of its type."""
         kind = self.resolve(element.type, scope)
-        if not element.sizes or isinstance(kind, TableType | AxisType):
+        if not element.sizes or isinstance(kind, ResolvedTable | ResolvedAxis):
             return kind
-        if isinstance(kind, ArrayType) and len(kind.dimensions) == len(element.sizes):
-            return ArrayType(tuple(self.dimension(size, scope) for size in element.sizes), kind.element)
+        if isinstance(kind, ResolvedArray) and len(kind.dimensions) == len(element.sizes):
+            return ResolvedArray(tuple(self.dimension(size, scope) for size in element.sizes), kind.element)
         return self._array(element.sizes, kind, scope)
 
     def _number(self, kind: e.ScalarType, scope: FileScope, name: str) -> NumberType:
@@ -147,11 +147,11 @@ class TypeResolver:
         values = [number for _, number in numbers]
         return NumberType("enumeration", min(values), max(values), "", tuple(numbers), name)
 
-    def _array(self, sizes: tuple[e.Expression | None, ...], element: Type, scope: FileScope) -> ArrayType:
+    def _array(self, sizes: tuple[e.Expression | None, ...], element: Type, scope: FileScope) -> ResolvedArray:
         own = tuple(self.dimension(size, scope) for size in sizes)
-        inner, element = (element.dimensions, element.element) if isinstance(element, ArrayType) else ((), element)
+        inner, element = (element.dimensions, element.element) if isinstance(element, ResolvedArray) else ((), element)
         dimensions = (*own, *inner)
-        result = ArrayType(dimensions, element)
+        result = ResolvedArray(dimensions, element)
         if size_of(result) > _MAX_SIZE or len(dimensions) > 3:
             raise UnsupportedEsdlError(f"an array of more than {_MAX_SIZE} elements or 3 dimensions")
         return result
@@ -176,15 +176,15 @@ class TypeResolver:
 
     def _table(
         self, axes: tuple[e.TypeExpression, ...], value: e.TypeExpression, form: str, scope: FileScope
-    ) -> TableType:
+    ) -> ResolvedTable:
         kinds, names = list[NumberType](), list[str]()
         for axis in axes:
             kind = self.resolve(axis, scope)
-            names.append(kind.name if isinstance(kind, AxisType) else "")
-            kinds.append(kind.element if isinstance(kind, AxisType) else self._as_number(kind))
+            names.append(kind.name if isinstance(kind, ResolvedAxis) else "")
+            kinds.append(kind.element if isinstance(kind, ResolvedAxis) else self._as_number(kind))
         if len(kinds) > 4:
             raise UnsupportedEsdlError(f"a table of {len(kinds)} axes; tables have at most 4")
-        return TableType(tuple(kinds), self._as_number(self.resolve(value, scope)), form, tuple(names))
+        return ResolvedTable(tuple(kinds), self._as_number(self.resolve(value, scope)), form, tuple(names))
 
     # constants
 

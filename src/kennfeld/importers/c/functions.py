@@ -2,38 +2,20 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
+from kennfeld.importers.rules import Rule, RuleFunction, elementwise, filled_array, known_integer, shift, symbolic_rule
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, TWO, TWO_IN_C, operation
 from kennfeld.models.imperative.integer_types import EXACT, IntegerType, wrap_to_type
-from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 from kennfeld.models.imperative.path_facts import bound_of
-
-Rule: TypeAlias = Callable[..., Nodes]  # of the evaluator and the arguments
-_MAX_ELEMENTS: Final = 100_000
-
-
-@dataclass(frozen=True)
-class CFunction:
-    """A function of the library: its name, its number of arguments, and its rule."""
-
-    name: str
-    count: int
-    rule: Rule
-
-    def results(
-        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
-    ) -> tuple[s.SymbolicValue, ...]:
-        """Call the function."""
-        return (self.rule(evaluator, *(np.asarray(s.as_array(s.force(value))) for value in values)),)
 
 
 def written_last(builder: GraphBuilder, nodes: Nodes, last: Nodes, number: int) -> Nodes:
@@ -59,7 +41,7 @@ class UnionFunction:
             ProgramError: another one certainly was, and this one is read.
         """
         nodes, last, own = (np.asarray(s.as_array(s.force(value))) for value in values[:3])
-        number = _number(evaluator, own)
+        number = known_integer(evaluator, own)
         known = evaluator.builder.value(int(last.item()))
         if len(values) > 3 and known not in (None, 0.0, number):
             names = str(values[4]).split()
@@ -68,12 +50,8 @@ class UnionFunction:
         return (written_last(evaluator.builder, nodes, last, number),)
 
 
-def _number(evaluator: SymbolicEvaluator, nodes: Nodes) -> int:
-    return int(evaluator.builder.value(int(nodes.item())) or 0)
-
-
 def _word(evaluator: SymbolicEvaluator, bits: Nodes, signed: Nodes) -> IntegerType:
-    return IntegerType(_number(evaluator, bits), bool(_number(evaluator, signed)), "Round", True)
+    return IntegerType(known_integer(evaluator, bits), bool(known_integer(evaluator, signed)), "Round", True)
 
 
 def _wrap(evaluator: SymbolicEvaluator, x: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
@@ -92,7 +70,7 @@ def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, sig
     """Compute the lowest bits of a product of integers, by halves if doubles do not know it exactly."""
     builder, apply = evaluator.builder, Elementwise(evaluator.builder)
     largest = [max(bound_of(builder, int(x.item()), True), -bound_of(builder, int(x.item()), False)) for x in (a, b)]
-    if largest[0] * largest[1] <= 2.0**53 or _number(evaluator, bits) > EXACT:
+    if largest[0] * largest[1] <= 2.0**53 or known_integer(evaluator, bits) > EXACT:
         return _wrap(evaluator, apply("mul", a, b), bits, signed)
     half = 2.0**16
     high = apply("mod", apply("mul", apply("floor", apply("div", a, half)), b), half)
@@ -110,19 +88,11 @@ def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
 
 
 def _bits(name: str) -> Rule:
+    apply = symbolic_rule(name)
+
     def rule(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
         word = _word(evaluator, bits, signed)
-        arguments: list[s.SymbolicValue] = [s.integers(a, word), s.integers(b, word)]
-        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
-        return np.asarray(s.as_array(result))
-
-    return rule
-
-
-def _shift(direction: float) -> Rule:
-    def rule(evaluator: SymbolicEvaluator, x: Nodes, count: Nodes) -> Nodes:
-        apply = Elementwise(evaluator.builder)
-        return apply("floor", apply("mul", x, apply("pow", 2.0, apply("mul", count, direction))))
+        return apply(evaluator, s.integers(a, word), s.integers(b, word))
 
     return rule
 
@@ -130,29 +100,21 @@ def _shift(direction: float) -> Rule:
 def _index(evaluator: SymbolicEvaluator, place: Nodes, size: Nodes) -> Nodes:
     """Return an index, counted from 1; a path on which it is certainly out of range is one that C does not define."""
     value = evaluator.builder.value(int(place.item()))
-    if value is not None and not 1 <= value <= _number(evaluator, size):
+    if value is not None and not 1 <= value <= known_integer(evaluator, size):
         raise AbortedPathError
     return place
 
 
 def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
-    shape = [_number(evaluator, size) for size in sizes]
-    if math.prod(shape) > _MAX_ELEMENTS:
-        raise ProgramError(f"an array of more than {_MAX_ELEMENTS} elements")
-    zero = evaluator.builder.const(0.0)
-    return np.full(shape if len(shape) > 1 else (*shape, 1), zero, dtype=np.int64)
+    return filled_array(evaluator, evaluator.builder.const(0.0), sizes)
 
 
 def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
     """Return an array of `count` dimensions, whose sizes precede its elements, in the order of memory."""
-    dimensions = _number(evaluator, count)
-    shape = [_number(evaluator, size) for size in rest[:dimensions]]
+    dimensions = known_integer(evaluator, count)
+    shape = [known_integer(evaluator, size) for size in rest[:dimensions]]
     nodes = np.array([int(item.item()) for item in rest[dimensions:]], dtype=np.int64)
     return nodes.reshape(shape if len(shape) > 1 else (*shape, 1))
-
-
-def _elementwise(rule: Callable[..., Nodes]) -> Rule:
-    return lambda evaluator, *arguments: rule(evaluator.builder, *arguments)
 
 
 def _round_to_even(builder: GraphBuilder, x: Nodes) -> Nodes:
@@ -199,63 +161,53 @@ def _without_nan(name: str) -> Callable[..., Nodes]:
     return rule
 
 
-def _library_of_c(name: str) -> Callable[..., Nodes]:
-    """Return the rule of a function of MATLAB's library that C has as well."""
-
-    def rule(evaluator: SymbolicEvaluator, *arguments: Nodes) -> Nodes:
-        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
-        return np.asarray(s.as_array(result))
-
-    return rule
-
-
 _ONE_ARGUMENT: Final = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "floor", "ceil",
     "round",
 )  # fmt: skip
 _MATHEMATICS: Final = (
-    *(CFunction(name, 1, _elementwise(ONE[name])) for name in _ONE_ARGUMENT),
-    *(CFunction(name, 1, _elementwise(rule)) for name, rule in INVERSE_HYPERBOLIC.items()),
-    CFunction("fabs", 1, _elementwise(ONE["abs"])),
-    CFunction("trunc", 1, _elementwise(truncate)),
-    CFunction("rint", 1, _elementwise(_round_to_even)),
-    CFunction("nearbyint", 1, _elementwise(_round_to_even)),
-    CFunction("log2", 1, _elementwise(_scaled("log", 1.0 / math.log(2.0)))),
-    CFunction("log1p", 1, _elementwise(_log1p)),
-    CFunction("expm1", 1, _library_of_c("expm1")),
-    CFunction("exp2", 1, _elementwise(lambda builder, x: Elementwise(builder)("pow", 2.0, x))),
-    CFunction("cbrt", 1, _elementwise(_cube_root)),
-    CFunction("pow", 2, _elementwise(operation("pow"))),
-    CFunction("atan2", 2, _elementwise(operation("atan2"))),
-    CFunction("fmin", 2, _elementwise(_without_nan("min"))),
-    CFunction("fmax", 2, _elementwise(_without_nan("max"))),
-    CFunction("fmod", 2, _elementwise(TWO_IN_C["fmod"])),
-    CFunction("hypot", 2, _elementwise(TWO["hypot"])),
-    CFunction("copysign", 2, _elementwise(_copy_sign)),
-    CFunction("fdim", 2, _elementwise(lambda b, x, y: Elementwise(b)("max", Elementwise(b)("sub", x, y), 0.0))),
-    CFunction("fma", 3, _elementwise(lambda b, x, y, z: Elementwise(b)("add", Elementwise(b)("mul", x, y), z))),
+    *(RuleFunction(name, 1, elementwise(ONE[name])) for name in _ONE_ARGUMENT),
+    *(RuleFunction(name, 1, elementwise(rule)) for name, rule in INVERSE_HYPERBOLIC.items()),
+    RuleFunction("fabs", 1, elementwise(ONE["abs"])),
+    RuleFunction("trunc", 1, elementwise(truncate)),
+    RuleFunction("rint", 1, elementwise(_round_to_even)),
+    RuleFunction("nearbyint", 1, elementwise(_round_to_even)),
+    RuleFunction("log2", 1, elementwise(_scaled("log", 1.0 / math.log(2.0)))),
+    RuleFunction("log1p", 1, elementwise(_log1p)),
+    RuleFunction("expm1", 1, symbolic_rule("expm1")),
+    RuleFunction("exp2", 1, elementwise(lambda builder, x: Elementwise(builder)("pow", 2.0, x))),
+    RuleFunction("cbrt", 1, elementwise(_cube_root)),
+    RuleFunction("pow", 2, elementwise(operation("pow"))),
+    RuleFunction("atan2", 2, elementwise(operation("atan2"))),
+    RuleFunction("fmin", 2, elementwise(_without_nan("min"))),
+    RuleFunction("fmax", 2, elementwise(_without_nan("max"))),
+    RuleFunction("fmod", 2, elementwise(TWO_IN_C["fmod"])),
+    RuleFunction("hypot", 2, elementwise(TWO["hypot"])),
+    RuleFunction("copysign", 2, elementwise(_copy_sign)),
+    RuleFunction("fdim", 2, elementwise(lambda b, x, y: Elementwise(b)("max", Elementwise(b)("sub", x, y), 0.0))),
+    RuleFunction("fma", 3, elementwise(lambda b, x, y, z: Elementwise(b)("add", Elementwise(b)("mul", x, y), z))),
 )
 _TESTS: Final = (
-    CFunction("isnan", 1, _elementwise(lambda b, x: Elementwise(b)("ne", x, x))),
-    CFunction("isinf", 1, _elementwise(lambda b, x: Elementwise(b)("eq", Elementwise(b)("abs", x), math.inf))),
-    CFunction("isfinite", 1, _elementwise(lambda b, x: Elementwise(b)("lt", Elementwise(b)("abs", x), math.inf))),
-    CFunction("abs", 1, _elementwise(ONE["abs"])),
-    CFunction("labs", 1, _elementwise(ONE["abs"])),
+    RuleFunction("isnan", 1, elementwise(lambda b, x: Elementwise(b)("ne", x, x))),
+    RuleFunction("isinf", 1, elementwise(lambda b, x: Elementwise(b)("eq", Elementwise(b)("abs", x), math.inf))),
+    RuleFunction("isfinite", 1, elementwise(lambda b, x: Elementwise(b)("lt", Elementwise(b)("abs", x), math.inf))),
+    RuleFunction("abs", 1, elementwise(ONE["abs"])),
+    RuleFunction("labs", 1, elementwise(ONE["abs"])),
 )
 _INTERNAL: Final = (
-    CFunction("wrap", 3, _wrap),
-    CFunction("truncate", 1, _elementwise(truncate)),
-    CFunction("multiply", 4, _multiply),
-    CFunction("quotient", 2, _quotient),
-    CFunction("remainder", 2, _remainder),
-    CFunction("and", 4, _bits("bitand")),
-    CFunction("or", 4, _bits("bitor")),
-    CFunction("xor", 4, _bits("bitxor")),
-    CFunction("left", 2, _shift(1.0)),
-    CFunction("right", 2, _shift(-1.0)),
-    CFunction("index", 2, _index),
-    CFunction("zeros", 1, _zeros),
-    CFunction("array", 2, _array),
+    RuleFunction("wrap", 3, _wrap),
+    RuleFunction("truncate", 1, elementwise(truncate)),
+    RuleFunction("multiply", 4, _multiply),
+    RuleFunction("quotient", 2, _quotient),
+    RuleFunction("remainder", 2, _remainder),
+    RuleFunction("and", 4, _bits("bitand")),
+    RuleFunction("or", 4, _bits("bitor")),
+    RuleFunction("xor", 4, _bits("bitxor")),
+    RuleFunction("left", 2, shift(1.0)),
+    RuleFunction("right", 2, shift(-1.0)),
+    RuleFunction("index", 2, _index),
+    RuleFunction("zeros", 1, _zeros),
+    RuleFunction("array", 2, _array),
 )
 MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
 TESTS: Final = {function.name: function.count for function in _TESTS}

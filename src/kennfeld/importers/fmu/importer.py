@@ -9,5 +9,6 @@ IMPORTER = Importer(
     reads="kennfeld.importers.fmu.importing:read_fmu",
     choices=("co-simulation", "model-exchange"),
     runs=True,
+    describes=((FMU, "kennfeld.importers.fmu.fmu_info:describe_fmu"),),
     facts="kennfeld.importers.fmu.fmu_info:facts",
 )

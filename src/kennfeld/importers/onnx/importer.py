@@ -7,5 +7,6 @@ IMPORTER = Importer(
     "an ONNX network",
     (ONNX,),
     reads="kennfeld.importers.onnx.importing:read_function",
+    describes=((ONNX, "kennfeld.importers.onnx.network_info:describe_network"),),
     facts="kennfeld.importers.onnx.network_info:facts",
 )

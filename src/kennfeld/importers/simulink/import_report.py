@@ -115,7 +115,7 @@ class SimulinkReport(ImportReport):
         ]
 
     @property
-    def notes(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """Sentences on how much of the model can be calibrated, and what behaves differently than in Simulink."""
         coverage = "all outputs can be calibrated" if self.whole else "not all outputs can be calibrated"
         step = "the step of the data" if self.step is None else f"a step of {number_text(self.step)} s"
@@ -129,7 +129,7 @@ class SimulinkReport(ImportReport):
             f"runs with {step}",
             *self.substitutions,
             *self.fixed,
-            *self.remark_notes,
+            *self.remark_sentences,
             *([f"{_SECTIONS}\n\n{self.project_sections}"] if self.definitions else []),
         ]
 
@@ -148,7 +148,7 @@ class SimulinkReport(ImportReport):
         return tuple(f"{text} is constant, and so are its variables: {why}" for text, why in frozen.items())
 
     @property
-    def calibration_remarks(self) -> tuple[Finding, ...]:
+    def notes(self) -> tuple[Finding, ...]:
         """Remarks for a user who calibrates the model."""
         substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
         sentences = (Finding(Location(), text, severity="remark") for text in (*substitutions, *self.fixed))

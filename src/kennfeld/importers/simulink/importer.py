@@ -1,6 +1,6 @@
 """The record of the importer of Simulink models."""
 
-from kennfeld.files.functions import PROTECTED, SIMULINK
+from kennfeld.files.functions import DICTIONARY, ENUMERATION, PROTECTED, SIMULINK
 from kennfeld.models.importer import Importer
 
 IMPORTER = Importer(
@@ -8,6 +8,12 @@ IMPORTER = Importer(
     (SIMULINK, PROTECTED),
     imports="kennfeld.importers.simulink.importing:import_requested",
     keys=("subsystem", "parameters", "bind", "folders"),
+    describes=(
+        (SIMULINK, "kennfeld.importers.simulink.file_info:describe_simulink"),
+        (PROTECTED, "kennfeld.importers.simulink.file_info:describe_simulink"),
+        (DICTIONARY, "kennfeld.importers.simulink.file_info:describe_dictionary"),
+        (ENUMERATION, "kennfeld.importers.simulink.file_info:describe_enumeration"),
+    ),
     export="kennfeld.importers.simulink.formula_export:formula_lines",
     heading="kennfeld.importers.simulink.formula_export:heading",
     screen="diagram",

@@ -241,6 +241,11 @@ class ModelImport:
             f"{writer.path}. Assign a Priority to both, because generated code may run them in another order"
             for writer, reader in compiler.stores.undecided
         )
+        undecided |= dict.fromkeys(
+            f"{later.path} writes the data store after {first.path}, as in the file: no priority orders them. "
+            "Assign a Priority to both, because generated code may run them in another order"
+            for first, later in compiler.stores.undecided_writers
+        )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
         sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
         constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
@@ -272,7 +277,7 @@ class ModelImport:
             source=str(self.path),
             locations=MappingProxyType(names.locations | {name: Location(text) for name, text in sources.items()}),
             values=values,
-            remarks=report.calibration_remarks,
+            remarks=report.notes,
             stepped=self.stepping.replaced,
             equations=replace(equations, units=present_units) if is_continuous(equations) else None,
             solver=self.solver,

@@ -235,7 +235,8 @@ class _StatementParser(OperatorParser[Token, Expr]):
             case (("name" | "quoted"), _):
                 return self._call(token) if self.token.text == "(" else self._bare(token)
             case "op", "(":
-                inner = self._nested(0)
+                self.enter()
+                inner = self.operations()
                 self._close(token)
                 return inner
             case "op", ("-" | "+" | "not"):
@@ -256,11 +257,12 @@ class _StatementParser(OperatorParser[Token, Expr]):
     def _call(self, name: Token) -> Call:
         opening = self.take()
         self.enter()
-        args = () if self.token.text == ")" else self.series(self.operations)
+        args: list[Expr] = []
+        while self.token.text != ")" if not args else self.accept(","):
+            args.append(self.operations())
         self._close(opening)
-        self.depth -= 1
         key = self._key("call", name.name, name.quoted, *(arg.key for arg in args))
-        return Call(name.name, args, name, key)
+        return Call(name.name, tuple(args), name, key)
 
     def _prefix(self, token: Token, level: int) -> Expr:
         if token.text == "not" and level > _NOT:
@@ -278,6 +280,7 @@ class _StatementParser(OperatorParser[Token, Expr]):
                 raise SyntaxFault(opening, "unclosed parenthesis")
             self._finish()
         self.at += 1
+        self.depth -= 1
 
     def too_deep(self) -> SyntaxFault:
         """Return the error that the expression is nested too deeply."""

@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from kennfeld.base.formatting import size_text
+from kennfeld.base.formatting import size_text, toml_text
 from kennfeld.importers.simulink.lowering import (
     ARITHMETIC,
     BlockContext,
@@ -57,11 +57,11 @@ def _steps(block: BlockContext) -> int:
     step, longest = _fixed_step(block), block.numeric_field("MaximumDelay")
     count = int(np.ceil(longest / step - 1e-9))
     if not 1 <= count <= _MAX_STATES:
-        field, most = f"{block.flat.path}:MaximumDelay", f"{_MAX_STATES * step:g}"
+        field, most = toml_text(f"{block.flat.path}:MaximumDelay"), f"{_MAX_STATES * step:g}"
         raise UnsupportedError(
             f"its MaximumDelay of {longest:g} s is {count} steps of {step:g} s; at most {_MAX_STATES} are supported",
-            f'Set a shorter one: [parameters."{field}"] initial = {most} in the project, in Python '
-            f'parameters=[{{"{field}": {most}}}].',
+            f"Set a shorter one: [parameters.{field}] initial = {most} in the project, in Python "
+            f"parameters=[{{{field}: {most}}}].",
         )
     return count
 

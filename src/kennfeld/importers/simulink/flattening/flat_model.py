@@ -2,12 +2,14 @@
 
 A conditional subsystem leaves a block "ConditionalSubsystem" behind, which computes when it runs. In multitasking mode,
 faster tasks run first. Within a task, priorities decide: those of the outermost differing systems, the lower number
-first. If neither decides, a reader gets the value of the previous step.
+first. If neither decides, a reader gets the value of the previous step, and writers run in the order of the file.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import field
-from functools import cached_property, cmp_to_key
+from functools import cached_property
+from heapq import heapify, heappop, heappush
+from itertools import combinations
 from typing import NamedTuple, TypeAlias
 
 from kennfeld.base.lazy_dataclass import dataclass
@@ -159,6 +161,20 @@ def is_triggered(flat: FlatBlock) -> bool:
     return any("trigger" in control.control_ports for control in enclosing_conditions(flat))
 
 
+def _exclude_each_other(flat: FlatBlock, other: FlatBlock) -> bool:
+    """Return True if two blocks never run in one step: they are in branches of one If or Switch Case block."""
+    branches = dict(_branches(flat))
+    return any(branches.get(decision, port) != port for decision, port in _branches(other))
+
+
+def _branches(flat: FlatBlock) -> Iterator[SignalSource]:
+    """Yield the outputs of If and Switch Case blocks that make the enclosing subsystems of a block run."""
+    for control in enclosing_conditions(flat):
+        for port, source in zip(control.control_ports, control.inputs, strict=False):
+            if port == "ifaction" and source is not None:
+                yield source
+
+
 Order: TypeAlias = Callable[[FlatBlock, FlatBlock], int]
 
 
@@ -174,7 +190,10 @@ def _compare_priority(flat: FlatBlock, other: FlatBlock) -> int:
 
 
 class DataStoreOrder:
-    """Execution order of the writers of each data store; `undecided` are writer-reader pairs without an order.
+    """Execution order of the writers of each data store.
+
+    `undecided` are writer-reader pairs without an order, `undecided_writers` pairs of writers of one store that are in
+    the order of the file, as nothing else decides it.
 
     `by_task` returns -1 if the task of the first of two blocks runs first, 1 if that of the second does, else 0.
     """
@@ -188,8 +207,15 @@ class DataStoreOrder:
                 self.writers.setdefault(flat.data_store, []).append(flat)
             elif flat.data_store is not None:
                 readers.append(flat)
-        for writers in self.writers.values():
-            writers.sort(key=cmp_to_key(self._order))
+        self.writers = {memory: self._in_order(writers) for memory, writers in self.writers.items()}
+        self.undecided_writers = [
+            pair
+            for writers in self.writers.values()
+            for pair in combinations(writers, 2)
+            # all iterations of a block have one path
+            if self._order(*pair) >= 0 and pair[0].priority_path != pair[1].priority_path
+            if not _exclude_each_other(*pair)
+        ]
         self.undecided = [
             (writer, reader)
             for reader in readers
@@ -197,6 +223,28 @@ class DataStoreOrder:
             # code reads a store before it writes it
             if not self._order(writer, reader) and writer.priority_path != reader.priority_path
         ]
+
+    def _in_order(self, writers: Sequence[FlatBlock]) -> list[FlatBlock]:
+        """Return writers in a topological order of the pairs with an order, of several ones the first in file order.
+
+        A sort cannot do it: without priorities in between, two writers do not compare, though each may with a third.
+        """
+        later = [[k for k, other in enumerate(writers) if self._order(flat, other) < 0] for flat in writers]
+        awaited = [0] * len(writers)
+        for k in (k for following in later for k in following):
+            awaited[k] += 1
+        ready = [k for k, count in enumerate(awaited) if not count]
+        heapify(ready)
+        ordered: dict[int, None] = {}
+        while len(ordered) < len(writers):
+            # an unknown task may make priorities contradict the tasks; file order breaks such a cycle
+            first = heappop(ready) if ready else next(k for k in range(len(writers)) if k not in ordered)
+            ordered[first] = None
+            for k in later[first]:
+                awaited[k] -= 1
+                if not awaited[k] and k not in ordered:
+                    heappush(ready, k)
+        return [writers[k] for k in ordered]
 
     def _order(self, flat: FlatBlock, other: FlatBlock) -> int:
         return self._by_task(flat, other) or _compare_priority(flat, other)

@@ -240,7 +240,7 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
         token = self.take()
         match token.kind, token.text:
             case "number", text:
-                return m.Number(float(int(text, 16)) if text[:2] in ("0x", "0X") else float(text))
+                return m.Number(_number(text))
             case "name", text:
                 return m.Name(text)
             case "text", text:
@@ -251,3 +251,12 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
                 self.close(")")
                 return tree
         raise self.fault(f"unexpected {token.text!r}")
+
+
+def _number(text: str) -> float:
+    if text[:2] not in ("0x", "0X"):
+        return float(text)
+    try:
+        return float(int(text, 16))
+    except OverflowError:
+        raise ActionSyntaxError(f"{text[:40]} has more digits than an integer of C") from None
