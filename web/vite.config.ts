@@ -1,5 +1,5 @@
 import { createHash } from "node:crypto";
-import { readFileSync, readdirSync, statSync } from "node:fs";
+import { readdirSync, readFileSync, statSync } from "node:fs";
 import { join, relative, sep } from "node:path";
 import preact from "@preact/preset-vite";
 import { build, defineConfig, type InlineConfig, type Plugin } from "vite";
@@ -18,7 +18,10 @@ function digest(sources: string[]): Plugin {
     name: "digest",
     generateBundle() {
       const hash = createHash("sha256");
-      const files = sources.flatMap(filesIn).map((path) => relative(".", path).split(sep).join("/")).sort();
+      const files = sources
+        .flatMap(filesIn)
+        .map((path) => relative(".", path).split(sep).join("/"))
+        .sort();
       for (const name of files) hash.update(`${name}\n`).update(readFileSync(name)).update("\n");
       this.emitFile({ type: "asset", fileName: "sources.sha256", source: `${hash.digest("hex")}\n` });
     },
@@ -42,7 +45,13 @@ const report: InlineConfig = {
   },
 };
 
-const buildReport = (): Plugin => ({ name: "report", apply: "build", closeBundle: async () => { await build(report); } });
+const buildReport = (): Plugin => ({
+  name: "report",
+  apply: "build",
+  closeBundle: async () => {
+    await build(report);
+  },
+});
 
 // The bundles are committed: names without hashes, and no source maps.
 export default defineConfig({

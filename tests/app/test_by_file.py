@@ -64,7 +64,7 @@ def test_a_run_has_a_row_for_each_file_the_worst_first(tmp_path: Path, files: in
     assert head["run"] == 1
     assert head["several"] is (files > 1)
     assert [row[0] for row in head["rows"]] == ["file", *(f"drive_{number}.csv" for number in reversed(range(files)))]
-    assert head["rows"] == session.runs[-1].result.recordings_table()
+    assert head["rows"] == [list(row) for row in session.runs[-1].result.recordings_table()]
 
 
 def test_before_a_run_there_is_nothing_to_list(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from scipy.io import loadmat
 import kennfeld as kf
 from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
-from kennfeld.app.session.calibration_source import source_of
+from kennfeld.app.session.calibration_source import SourceName, source_of
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, InputError
 
@@ -234,9 +234,9 @@ def test_values_follow_a_file_that_the_description_includes(flash: Path) -> None
     included.write_text(text[start:end], encoding="latin-1")
     description.write_text(text[:start] + '/include "methods.a2l"' + text[end:], encoding="latin-1")
     session = Session(flash)
-    before = source_of(session, file("ecu.hex", "ecu.a2l")).parameters["CurveEtaDeltaSpark"].values
+    before = source_of(session, SourceName("file", "ecu.hex", "ecu.a2l")).parameters["CurveEtaDeltaSpark"].values
     included.write_text(text[start:end].replace("0 100 0", "0 200 0"), encoding="latin-1")
-    after = source_of(session, file("ecu.hex", "ecu.a2l")).parameters["CurveEtaDeltaSpark"].values
+    after = source_of(session, SourceName("file", "ecu.hex", "ecu.a2l")).parameters["CurveEtaDeltaSpark"].values
     np.testing.assert_array_equal(after, before / 2)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from kennfeld.app.answer import finite
-from kennfeld.app.questions.error_split import nearest, split, worst, worst_samples
+from kennfeld.app.questions import QUESTIONS
+from kennfeld.app.questions.error_split import nearest, worst_samples
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetTables
 from tests.draws import mostly_slow
@@ -14,7 +15,7 @@ from tests.draws import mostly_slow
 
 def asked(session: Session, sample: int) -> dict[str, object]:
     position = session.require_view().model.recordings[0].position[sample]
-    return dict(split(session, {"dataset": 0, "position": float(position)}).head)
+    return dict(QUESTIONS["split"](session, {"dataset": 0, "position": float(position)}).head)
 
 
 @pytest.mark.parametrize("name", mostly_slow(["torque", "exhaust"], 1))
@@ -62,7 +63,7 @@ def test_a_locked_table_and_one_at_its_bounds_are_out_of_reach(torque: Path) -> 
 def test_worst_samples_are_the_largest_errors_of_different_places(torque: Path) -> None:
     session = Session(torque)
     error = session.require_view().now.errors[0][0]
-    rows = worst(session, {"dataset": 0}).head["samples"]
+    rows = QUESTIONS["worst"](session, {"dataset": 0}).head["samples"]
     assert abs(rows[0]["error"]) == np.nanmax(np.abs(error))
     samples = [row["sample"] for row in rows]
     assert len(set(samples)) == len(samples) == 8

@@ -72,7 +72,7 @@ def test_without_its_binding_and_its_script_the_diagram_says_what_is_missing(sen
 def test_a_part_can_be_imported_alone(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None))
     [part] = QUESTIONS["parts"](sensor, {}).head["parts"]
-    assert (part["path"], part["outputs"]) == ("Gas", ("T_gas",))
+    assert (part["path"], part["outputs"]) == ("Gas", ["T_gas"])
     set_keys(sensor, (("model", "subsystem"), "Gas"))
     own = QUESTIONS["diagram"](sensor, {}).head
     assert own["whole"]
@@ -227,11 +227,11 @@ def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
 @pytest.mark.guests
 def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> None:
     nodes = {node["name"]: node for node in QUESTIONS["flow"](Session(torque), {}).head["nodes"]}
-    assert nodes["etaSpark"]["sources"] == ("deltaSpark",)
+    assert nodes["etaSpark"]["sources"] == ["deltaSpark"]
     assert (nodes["etaSpark"]["tables"], nodes["etaSpark"]["kind"]) == (["CurveEtaDeltaSpark"], "curve")
     assert set(nodes["product"]["sources"]) == {"trqOpt", "etaSpark"}
     nodes = {node["name"]: node for node in QUESTIONS["flow"](sensor, {}).head["nodes"]}
-    assert nodes["Sensor/Element"]["sources"] == ("T_sensor",)  # a second name
+    assert nodes["Sensor/Element"]["sources"] == ["T_sensor"]  # a second name
     assert "T_sensor" in nodes["T_sensor"]["sources"]  # a state reads itself
 
 

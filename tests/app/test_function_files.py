@@ -35,7 +35,7 @@ def ask(session: Session, question: str, **given: Any) -> dict[str, Any]:
 
 
 def allow(session: Session) -> None:
-    ask(session, "allow-code", digests=[code["digest"] for code in overview(session)["code"]])
+    ask(session, "allow-code", digests=[code.digest for code in overview(session).code])
 
 
 def errors(session: Session) -> list[str]:
@@ -104,8 +104,8 @@ def test_functions_that_formula_text_calls_are_listed_with_their_calls(tmp_path:
     assert rows["lag"]["memory"]
     assert not rows["gain"]["runs"]
     assert "no function none" in rows["bad"]["problems"][0]["text"]
-    [error] = [finding for finding in overview(session)["findings"] if finding["severity"] == "error"]
-    assert error["screen"] == "function"
+    [error] = [finding for finding in overview(session).findings if finding.severity == "error"]
+    assert error.screen == "function"
     session.do(SetKeys("removed", session.path.name, [(("functions", "bad"), None)]))
     assert errors(session) == []
     assert not (tmp_path / "ran").exists()  # a translated function does not run
@@ -173,8 +173,8 @@ def test_calls_of_functions_are_not_proposed_as_tables(tmp_path: Path) -> None:
 
 def test_code_runs_only_once_it_is_allowed(tmp_path: Path) -> None:
     session = Session(write_functions(tmp_path, "y = K * table(u)\n", CALLS))
-    [code] = overview(session)["code"]
-    assert code["file"] == "table.py"
+    [code] = overview(session).code
+    assert code.file == "table.py"
     [error] = errors(session)
     assert "[functions] table: runs code of table.py" in error
     for question in ("called-functions", "functions", "completions", "proposals", "names", "schema"):
@@ -219,9 +219,9 @@ def test_what_was_allowed_is_remembered_until_the_file_changes(tmp_path: Path) -
 
 def test_a_changed_file_does_not_run_on_a_consent_to_its_former_content(tmp_path: Path) -> None:
     session = Session(write_functions(tmp_path, "y = K * table(u)\n", CALLS))
-    former = overview(session)["code"]
+    former = overview(session).code
     (tmp_path / "table.py").write_text((tmp_path / "table.py").read_text() + "# changed\n")
-    ask(session, "allow-code", digests=[code["digest"] for code in former])
+    ask(session, "allow-code", digests=[code.digest for code in former])
     assert [code.file for code in session.undecided] == ["table.py"]
     assert not (tmp_path / "ran").exists()
 
@@ -274,7 +274,7 @@ def test_a_network_is_shown_with_its_layers(tmp_path: Path) -> None:
     perceptron(tmp_path / "net.onnx", random_layers([2, 3, 1]))
     own = ask(Session(project), "function-file")
     assert [each["name"] for each in own["inputs"]] == ["x[0]", "x[1]"]
-    assert [(each["name"], each["shape"]) for each in own["parameters"]] == [("layer1", (3, 3)), ("layer2", (4, 1))]
+    assert [(each["name"], each["shape"]) for each in own["parameters"]] == [("layer1", [3, 3]), ("layer2", [4, 1])]
     assert dict(own["facts"])["Gemm"] == "2 operators"
     assert not own["runs"]
 

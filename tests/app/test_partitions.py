@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld.app.questions import exports, overview, recordings, runs
+from kennfeld.app.questions import QUESTIONS, overview, recordings
 from kennfeld.app.session import partitioned_data
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetValues
@@ -60,17 +60,17 @@ def tables(result: Result) -> list[np.ndarray]:
 def test_screens_show_an_excerpt_and_say_so(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path))
     state = overview.overview(session)
-    shown, whole = state["excerpt"]
+    shown, whole = state.excerpt
     assert whole == SAMPLES
-    assert shown == sum(dataset["samples"] for dataset in state["datasets"]) < 0.2 * whole
-    assert state["scores"][0]["samples"] < shown
+    assert shown == sum(dataset.samples for dataset in state.datasets) < 0.2 * whole
+    assert state.scores[0].samples < shown
 
 
 def test_a_project_whose_excerpt_is_everything_says_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(partitioned_loading, "EXCERPT", 10**6)
-    assert overview.overview(Session(write_project(tmp_path)))["excerpt"] is None
+    assert overview.overview(Session(write_project(tmp_path))).excerpt is None
     plain = write_project(tmp_path, cluster="")
-    assert overview.overview(Session(plain))["excerpt"] is None
+    assert overview.overview(Session(plain)).excerpt is None
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_a_run_evaluates_all_partitions_as_the_command_does(tmp_path: Path) -> N
     assert all(
         np.array_equal(result.trust.samples[name], command.trust.samples[name]) for name in command.trust.samples
     )
-    head = runs.outcome(session, {}).head["result"]
+    head = QUESTIONS["outcome"](session, {}).head["result"]
     assert head["quality"] == command.table()
     assert session.job.trace
 
@@ -117,7 +117,7 @@ def test_a_scheduler_that_does_not_answer_fails_the_run_alone(tmp_path: Path, mo
     with pytest.raises(InputError, match=r"joins the scheduler nobody://127\.0\.0\.1:1, which can run code here"):
         session.run()
     with pytest.raises(InputError, match="has not been allowed to"):
-        exports.export(session, {"report": True})
+        QUESTIONS["export"](session, {"report": True})
     session.allow_code([request.digest for request in session.undecided])
     session.run()
     wait(session, lambda: session.job.state not in ("running", "stopping"))
@@ -140,7 +140,7 @@ def test_processes_of_a_run_end_with_the_session(tmp_path: Path) -> None:
 
 
 def export_of(session: Session, **given: bool) -> Page:
-    exports.export(session, given)
+    QUESTIONS["export"](session, given)
     return Page((session.path.parent / "results" / "report.html").read_text(encoding="utf-8"))
 
 
@@ -187,23 +187,23 @@ def test_edits_do_not_read_recordings_again(tmp_path: Path, monkeypatch: pytest.
     (tmp_path / "bench_0.csv").write_text("\n".join(lines[:60]))
     session.refresh()
     assert len(calls) == 1
-    assert overview.overview(session)["excerpt"][1] == SAMPLES - (len(lines) - 60)
+    assert overview.overview(session).excerpt[1] == SAMPLES - (len(lines) - 60)
 
 
 def test_partitions_can_be_switched_off_and_on(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path))
     session.do(SetKeys("off", session.path.name, [(("cluster", "partition"), 0)]))
-    assert overview.overview(session)["excerpt"] is None
+    assert overview.overview(session).excerpt is None
     assert session.require_view().model.problem.partitions is None
     session.undo()
-    assert overview.overview(session)["excerpt"] is not None
+    assert overview.overview(session).excerpt is not None
 
 
 def test_few_files_of_many_are_read_to_describe_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings, "MAX_DESCRIBED", 2)
     monkeypatch.setattr(recordings, "MAX_FILES", 1)
     session = Session(write_project(tmp_path))
-    described, *_ = recordings.files(session, {}).head["datasets"]
+    described, *_ = QUESTIONS["files"](session, {}).head["datasets"]
     rows = [(file["name"], file.get("note"), len(file["channels"])) for file in described["files"]]
     note = "read in partitions"
     assert rows == [
@@ -220,8 +220,8 @@ def test_files_of_a_store_are_listed_by_their_address(tmp_path: Path) -> None:
     path = write_project(tmp_path)
     path.write_text(path.read_text().replace('files = ["', f'files = ["file://{tmp_path}/'))
     session = Session(path)
-    assert overview.overview(session)["excerpt"][1] == SAMPLES
-    _, road = recordings.files(session, {}).head["datasets"]
+    assert overview.overview(session).excerpt[1] == SAMPLES
+    _, road = QUESTIONS["files"](session, {}).head["datasets"]
     assert road["files"] == [{"name": f"file://{tmp_path}/road.csv", "note": "read in partitions", "channels": []}]
 
 

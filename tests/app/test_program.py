@@ -77,7 +77,7 @@ def test_a_class_is_shown_with_its_source_and_what_it_calculates(accu: Session) 
     assert "real charge(" in places["charge"]
     assert [each["name"] for each in own["inputs"]] == ["U", "T"]
     assert {line["node"] for line in own["lines"]} - {""} == {"charge"}
-    assert own["classes"] == [{"name": "Accu", "methods": ("charge",)}]
+    assert own["classes"] == [{"name": "Accu", "methods": ["charge"]}]
 
 
 def test_an_application_is_shown_with_all_files_that_take_part(accu: Session) -> None:

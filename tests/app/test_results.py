@@ -69,9 +69,9 @@ def test_a_value_that_nothing_determines_foretells_nothing() -> None:
 
 @pytest.mark.slow
 def test_the_errors_of_a_choice_are_those_after_it_is_accepted(calibrated: Session) -> None:
-    given = {"run": 1, "cells": {"MapOptTorque": list(range(20))}, "title": "Accepted"}
-    expected = ask(calibrated, "choice", **given).head["scores"]
-    ask(calibrated, "accept", **given)
+    choice = {"run": 1, "cells": {"MapOptTorque": list(range(20))}}
+    expected = ask(calibrated, "choice", **choice).head["scores"]
+    ask(calibrated, "accept", **choice, title="Accepted")
     scores = [score.rmse for score in calibrated.require_view().now.scores if score.samples]
     calibrated.undo()
     assert [row["rmse"] for row in expected] == pytest.approx(scores)

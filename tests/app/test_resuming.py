@@ -126,7 +126,7 @@ def test_the_outcome_says_what_the_command_line_says(exhaust: Path) -> None:
     ask(session, "run")
     wait_for_end(session)
     result, head = session.runs[-1].result, ask(session, "outcome").head["result"]
-    assert head["quality"] == result.table()
+    assert head["quality"] == [list(row) for row in result.table()]
     assert head["message"] == result.message
     assert head["smoothness"] == [{"parameter": "MapSettled", "factors": dict(result.smoothness["MapSettled"])}]
 

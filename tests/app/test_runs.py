@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kennfeld.app.questions import exports, overview, parameters, runs, settings
+from kennfeld.app.questions import COMMANDS, QUESTIONS, overview
 from kennfeld.app.session.live_model import LiveModel
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
@@ -40,7 +40,7 @@ def test_start_and_now_are_compared_without_another_evaluation(ended: Session, m
     name = ended.require_view().model.problem.free_names[0]
     ended.do(SetValues("raise", name, ended.parameters[name].values + 1.0))
     calls = counted(monkeypatch, LiveModel, "evaluate")
-    head = runs.compare(ended, {"first": "start", "second": "now"}).head
+    head = QUESTIONS["compare"](ended, {"first": "start", "second": "now"}).head
     assert calls == []
     assert [row["name"] for row in head["changes"] if row["largest"]] == [name]
     view = ended.require_view()
@@ -49,7 +49,7 @@ def test_start_and_now_are_compared_without_another_evaluation(ended: Session, m
 
 
 def test_a_run_is_compared_with_its_own_values(ended: Session) -> None:
-    head = runs.compare(ended, {"first": "now", "second": 1}).head
+    head = QUESTIONS["compare"](ended, {"first": "now", "second": 1}).head
     rows = {row["name"]: row for row in head["changes"]}
     result = ended.runs[-1].result.parameters
     for name in ended.require_view().model.problem.free_names:
@@ -59,14 +59,14 @@ def test_a_run_is_compared_with_its_own_values(ended: Session) -> None:
 
 def test_report_and_results_of_an_export_share_one_simulation(ended: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = counted(monkeypatch, Scorer, "scores")
-    answer = exports.export(ended, {"whole": True, "report": True})
+    answer = QUESTIONS["export"](ended, {"whole": True, "report": True})
     assert len(calls) == 1
     assert {"report.html", "result.json"} <= {Path(path).name for path in answer.head["files"]}
 
 
 def set_bounds(session: Session, name: str, lower: float, upper: float | str) -> None:
     change = [["parameters", name, "bounds"], [lower, upper]]
-    settings.set_keys(session, {"title": "bounds", "changes": [change]})
+    COMMANDS["set-keys"](session, {"title": "bounds", "changes": [change]})
 
 
 def test_values_at_a_bound_are_those_that_the_calibration_could_move(exhaust: Path) -> None:
@@ -75,19 +75,21 @@ def test_values_at_a_bound_are_those_that_the_calibration_could_move(exhaust: Pa
     values = session.parameters[name].values
     least = float(values.min())
     set_bounds(session, name, least, "inf")
-    rows = {row["name"]: row for row in overview.overview(session)["parameters"]}
-    changes = {row["name"]: row for row in runs.compare(session, {"first": "start", "second": "now"}).head["changes"]}
+    rows = {row.name: row for row in overview.overview(session).parameters}
+    changes = {
+        row["name"]: row for row in QUESTIONS["compare"](session, {"first": "start", "second": "now"}).head["changes"]
+    }
     count = int(np.count_nonzero(values == least))
-    assert rows[name]["atBound"] == changes[name]["atBound"] == len(changes[name]["bound"]) == count > 0
+    assert rows[name].at_bound == changes[name]["atBound"] == len(changes[name]["bound"]) == count > 0
 
     set_bounds(session, name, least, least)
     session.do(SetValues("level", name, np.full_like(values, least)))
-    rows = {row["name"]: row for row in overview.overview(session)["parameters"]}
-    assert rows[name]["atBound"] == 0
+    rows = {row.name: row for row in overview.overview(session).parameters}
+    assert rows[name].at_bound == 0
 
 
 def test_axes_are_described_with_the_inputs_of_the_function(torque: Path) -> None:
     session = Session(torque)
-    axes = parameters.table(session, {"name": "MapOptTorque"}).head["table"]["axes"]
+    axes = QUESTIONS["table"](session, {"name": "MapOptTorque"}).head["table"]["axes"]
     assert [axis["input"] for axis in axes] == ["Speed", "Rel_Airmass"]
     assert [len(axis["points"]) for axis in axes] == list(session.parameters["MapOptTorque"].values.shape)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from kennfeld.app.questions import schema, settings
+from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SessionState, SetKeys
 from kennfeld.base.errors import InputError
@@ -86,9 +86,9 @@ def test_a_section_that_loses_its_last_key_is_removed_unless_it_has_a_comment() 
 def test_a_value_is_written_as_toml(torque: Path) -> None:
     session = Session(torque)
     path = ["parameters", "MapOptTorque", "lock"]
-    settings.set_toml(session, {"path": path, "text": "[{ x = [700, 1000] }]", "title": "lock"})
+    COMMANDS["set-toml"](session, {"path": path, "text": "[{ x = [700, 1000] }]", "title": "lock"})
     assert session.parameters["MapOptTorque"].locked.any()
-    settings.set_toml(session, {"path": path, "text": " ", "title": "no lock"})
+    COMMANDS["set-toml"](session, {"path": path, "text": " ", "title": "no lock"})
     assert session.state.texts == session.saved.texts
 
 
@@ -104,7 +104,7 @@ def test_a_value_is_written_as_toml(torque: Path) -> None:
 def test_toml_that_the_schema_refuses_changes_nothing(torque: Path, text: str, message: str) -> None:
     session = Session(torque)
     with pytest.raises(InputError, match=message):
-        settings.set_toml(session, {"path": ["parameters", "MapOptTorque", "lock"], "text": text, "title": "lock"})
+        COMMANDS["set-toml"](session, {"path": ["parameters", "MapOptTorque", "lock"], "text": text, "title": "lock"})
     assert session.state is session.saved
 
 
@@ -124,8 +124,8 @@ def test_values_choose_from_the_names_of_the_project(torque: Path) -> None:
     (torque.parent / "variants.dcm").write_text(DCM)
     (torque.parent / "ecu.hex").write_text("")
     session = Session(torque)
-    settings.set_keys(session, {"title": "files", "changes": [[["calibration", "initial"], ["variants.dcm"]]]})
-    names = schema.names(session, {}).head["names"]
+    COMMANDS["set-keys"](session, {"title": "files", "changes": [[["calibration", "initial"], ["variants.dcm"]]]})
+    names = QUESTIONS["names"](session, {}).head["names"]
     assert {"Speed", "Torque", "MotoringTorque"} <= set(names["channel"])
     assert "TorquePredict" in names["node"]
     assert "MapOptTorque" in names["parameter"]

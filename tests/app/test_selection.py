@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from kennfeld.app.questions import QUESTIONS
-from kennfeld.app.session.selection import condition, read_selection
+from kennfeld.app.session.selection import condition
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SampleSelection, SignalName, SignalRange
 from kennfeld.app.session.state import SetKeys, SetValues
 from kennfeld.app.session.strips import strip
+from kennfeld.app.wire import from_json
 from kennfeld.base.errors import ArgumentError
 from kennfeld.preprocessing.sample_weights import sample_weights
 
@@ -22,6 +23,11 @@ RECTANGLE = {
         {"signal": {"kind": "target", "name": "0"}, "least": 300, "greatest": 500},
     ]
 }
+
+
+def selection_of(given: dict) -> SampleSelection:
+    selection: SampleSelection = from_json(SampleSelection, given, "brush")
+    return selection
 
 
 def ask(session: Session, question: str, **given: object) -> tuple[dict, dict]:
@@ -37,8 +43,7 @@ def limit(session: Session, number: int, where: str) -> None:
 def test_a_rectangle_as_a_condition_scores_the_samples_within_or_beyond(exhaust: Path, key: str) -> None:
     session = Session(exhaust)
     view = session.require_view()
-    recording, selection = view.model.recordings[0], read_selection(RECTANGLE)
-    assert selection is not None
+    recording, selection = view.model.recordings[0], selection_of(RECTANGLE)
     scored = np.isfinite(view.now.errors[0][0])
     chosen = view.signals.selected(recording, selection)
     expected = scored & (chosen if key == "where" else ~chosen)
@@ -69,7 +74,7 @@ def test_a_region_gives_the_samples_a_weight(exhaust: Path) -> None:
     view = session.require_view()
     recording = view.model.recordings[0]
     weights = sample_weights(view.model.problem.criteria[0], recording.bound.dataset)
-    chosen = view.signals.selected(recording, read_selection(RECTANGLE) or SampleSelection())
+    chosen = view.signals.selected(recording, selection_of(RECTANGLE))
     np.testing.assert_array_equal(weights, np.where(chosen, 3.0, 1.0))
 
 
@@ -160,7 +165,7 @@ def test_the_histogram_of_a_brush_counts_its_samples(exhaust: Path) -> None:
     session = Session(exhaust)
     _, arrays = ask(session, "scatter", criterion=0, brush=RECTANGLE)
     chosen = session.require_view().signals.selected(
-        session.require_view().model.recordings[0], read_selection(RECTANGLE) or SampleSelection()
+        session.require_view().model.recordings[0], selection_of(RECTANGLE)
     )
     errors = session.require_view().now.errors[0][0]
     assert arrays["brushed"].sum() == np.isfinite(errors[chosen]).sum()

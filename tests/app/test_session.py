@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld.app.questions.runs import progress
+from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
 from kennfeld.base.errors import ArgumentError, InputError
@@ -61,7 +61,7 @@ def test_a_run_gives_what_the_command_line_gives(exhaust: Path) -> None:
     for name, table in expected.parameters.items():
         np.testing.assert_array_equal(session.parameters[name].values, table.values)
     assert session.deviation("MapSettled") is not None
-    (shown,) = [row for row in progress(session, {}).head["tables"] if row["name"] == "CurveTimeConstant"]
+    (shown,) = [row for row in QUESTIONS["progress"](session, {}).head["tables"] if row["name"] == "CurveTimeConstant"]
     final = expected.parameters["CurveTimeConstant"].values
     np.testing.assert_allclose(np.ravel(shown["values"]), final, rtol=1e-6)  # not those of an earlier step
 

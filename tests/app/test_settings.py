@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.app.questions import exports, recordings, settings
+from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.saved_values import VALUES
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText, SetValues
@@ -41,7 +41,9 @@ def test_comments_and_order_of_the_rest_stay(torque: Path) -> None:
 
 def test_bounds_of_a_key_reach_the_problem(torque: Path) -> None:
     session = Session(torque)
-    settings.set_keys(session, {"title": "x", "changes": [[["parameters", "MapOptTorque", "bounds"], ["-inf", 400]]]})
+    COMMANDS["set-keys"](
+        session, {"title": "x", "changes": [[["parameters", "MapOptTorque", "bounds"], ["-inf", 400]]]}
+    )
     table = session.parameters["MapOptTorque"]
     assert np.all(table.upper == 400.0)
     assert np.all(np.isneginf(table.lower))
@@ -142,7 +144,7 @@ def test_recordings_are_read_once(torque: Path, monkeypatch: pytest.MonkeyPatch)
 def test_exported_files_hold_the_present_values(torque: Path) -> None:
     session = Session(torque)
     session.do(SetValues("raise", "MapOptTorque", session.parameters["MapOptTorque"].values + 3.0))
-    answer = exports.export(session, {"formats": [".dcm", ".json"], "report": True, "script": True})
+    answer = QUESTIONS["export"](session, {"formats": [".dcm", ".json"], "report": True, "script": True})
     names = {Path(path).name for path in answer.head["files"]}
     assert names == {"parameters.dcm", "parameters.json", "report.html", "calibrate.py"}
     values = kf.read_parameters(torque.parent / "results" / "parameters.dcm")
@@ -151,7 +153,7 @@ def test_exported_files_hold_the_present_values(torque: Path) -> None:
 
 
 def test_the_files_of_the_data_screen_say_what_is_in_them(torque: Path) -> None:
-    head = recordings.files(Session(torque), {}).head
+    head = QUESTIONS["files"](Session(torque), {}).head
     bench = head["datasets"][0]["files"][0]
     assert (bench["name"], bench["samples"]) == ("bench.csv", 2812)
     assert {channel["name"] for channel in bench["channels"]} == {"Speed", "Rel_Airmass", "Ignition", "Torque"}

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 import kennfeld as kf
-from kennfeld.app.questions import recordings
+from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.recent import forget, recent_file, recent_projects, remember, summarise
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
-from kennfeld.app.workspace import DEMOS, AppWorkspace
+from kennfeld.app.workspace import DEMOS, AppWorkspace, DemoRow
 from kennfeld.base.errors import ArgumentError
 from kennfeld.project import Project
 from kennfeld.project.demo import write
@@ -90,11 +90,11 @@ def test_an_open_project_is_not_opened_twice(torque: Path) -> None:
     assert workspace.session is session
 
 
-@pytest.mark.parametrize("demo", DEMOS[:2], ids=lambda demo: demo["name"])
-def test_the_facts_on_a_demo_are_those_of_its_project(demo: dict[str, str], tmp_path: Path) -> None:
-    problem = Project.read(write(demo["name"], tmp_path / "demo")).problem()
+@pytest.mark.parametrize("demo", DEMOS[:2], ids=lambda demo: demo.name)
+def test_the_facts_on_a_demo_are_those_of_its_project(demo: DemoRow, tmp_path: Path) -> None:
+    problem = Project.read(write(demo.name, tmp_path / "demo")).problem()
     samples = {use: sum(each.samples for each in problem.datasets if each.use == use) for use in ("training", "test")}
-    plain = demo["facts"].replace("\u2009", "").replace(" ", "")
+    plain = demo.facts.replace("\u2009", "").replace(" ", "")
     assert plain.startswith(f"{samples['training']}+{samples['test']}")
     assert f",{problem.free_size}values" in plain
 
@@ -148,7 +148,7 @@ def test_databases_decode_the_recordings_that_come_with_them() -> None:
     workspace.answer("add-files", {"files": ["drive.mf4", "engine.dbc"]})
     assert workspace.session is not None
     assert workspace.session.settings["dataset"] == [{"files": ["drive.mf4"], "dbc": ["engine.dbc"], "use": "training"}]
-    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    (file,) = QUESTIONS["files"](workspace.session, {}).head["datasets"][0]["files"]
     groups = {channel["name"]: channel["group"] for channel in file["channels"]}
     assert (groups["Temp"], groups["Gear"]) == ("Engine", "Gearbox")
     assert (file["missing"], file["sparsest"]) == (0.0, "time")
@@ -161,14 +161,14 @@ def test_a_database_that_comes_later_decodes_the_logs_that_are_there() -> None:
     write_mf4(folder / "drive.mf4", drive())
     workspace.answer("add-files", {"files": ["drive.mf4"]})
     assert workspace.session is not None
-    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    (file,) = QUESTIONS["files"](workspace.session, {}).head["datasets"][0]["files"]
     assert "this is a bus log" in file["error"]
     (folder / "engine.dbc").write_text(DBC)
     workspace.answer("add-files", {"files": ["engine.dbc"]})
-    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    (file,) = QUESTIONS["files"](workspace.session, {}).head["datasets"][0]["files"]
     assert file["channels"] != []
     (folder / "engine.dbc").write_text(DBC.replace("Temp", "Heat"))
-    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    (file,) = QUESTIONS["files"](workspace.session, {}).head["datasets"][0]["files"]
     assert "Heat" in {channel["name"] for channel in file["channels"]}
 
 

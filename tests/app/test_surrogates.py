@@ -68,7 +68,7 @@ def test_training_ends_with_a_surrogate_that_the_formula_can_call(bench: Waiting
     with pytest.raises(ArgumentError, match="in progress"):
         COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
     assert bench.wait() == "trained"
-    assert "5 centres" in overview(session)["training"]["lines"][-1]
+    assert "5 centres" in overview(session).training.lines[-1]
     row = rows(session)["engine"]
     assert (row["state"], row["centres"]) == ("trained", 5)
     assert {line["use"] for line in row["quality"]} == {"training", "test"}

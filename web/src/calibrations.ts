@@ -2,40 +2,38 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import type { Rounded } from "./instruments/rounded";
-import { message, request, screen, settled, type Axis } from "./store";
-import type { Toml } from "./settings";
+import type {
+  AskedContents,
+  AskedDifferences,
+  AskedPair,
+  CalibrationFiles,
+  LabelPair,
+  SetContents,
+  SetDifferences,
+  SourceName,
+  WrittenCalibration,
+} from "./replies";
+import { message, request, screen, settled } from "./store";
 import { upload } from "./uploads";
 
-export interface CalibrationFile { name: string; format: string; image: boolean }
-export interface Folder { files: CalibrationFile[]; descriptions: string[]; endings: string[]; initial: Toml[] }
-export interface Aspect { aspect: string; first: string; second: string; place: string }
-export interface Row { name: string; label: string; kind: string; unit: string; function: string; only: "" | "first" | "second"; largest: number | null; differ: number; total: number; place: string; aspects: Aspect[]; takeable: boolean }
-export interface Comparison { labels: [string, string]; rows: Row[]; count: number; compared: number; findings: string[] }
-export interface Side { kind: string; unit: string; description: string; function: string; axes: Axis[]; values: (number | null)[]; text: string }
-export interface Pair { name: string; first: Side | null; second: Side | null }
-export interface Written { file: string; changes: { name: string; action: string; details: string }[]; findings: string[]; rounded: Rounded[] }
-export interface Content { name: string; size: string; kind: string; unit: string; description: string; function: string; text: string; least: number | null; greatest: number | null }
-export interface Contents { label: string; rows: Content[]; count: number; findings: string[] }
-
-export const folder = signal<Folder>({ files: [], descriptions: [], endings: [], initial: [] });
+export const folder = signal<CalibrationFiles>({ files: [], descriptions: [], endings: [], initial: [] });
 export const sides = { first: signal("now"), second: signal("start") };
 export const descriptions = signal<Record<string, string>>({}); // the A2L file of an image, by its name
 export const tolerance = signal({ absolute: 0, relative: 0 });
-export const comparison = signal<Comparison | null>(null);
+export const comparison = signal<SetDifferences | null>(null);
 export const chosen = signal("");
-export const pair = signal<Pair | null>(null);
+export const pair = signal<LabelPair | null>(null);
 export const ticked = signal(new Set<string>());
-export const written = signal<Written | null>(null);
+export const written = signal<WrittenCalibration | null>(null);
 export const existing = signal(""); // name of a file that would be replaced
-export const opened = signal<Contents | null>(null);
+export const opened = signal<SetContents | null>(null);
 export const shown = signal<"differences" | "contents">("differences");
 export const search = signal("");
 
 const changed = signal(0); // counts writes and uploads
 
 /** A source as the server names it: "now", "start", the number of a run, or "file:NAME". */
-export function source(value: string): Record<string, string> {
+export function source(value: string): SourceName {
   if (!value.startsWith("file:")) return { from: value };
   const name = value.slice(5);
   return { from: "file", file: name, a2l: descriptions.value[name] ?? "" };
@@ -43,31 +41,33 @@ export function source(value: string): Record<string, string> {
 
 const loadFolder = newest(async (_: string) => {
   const reply = await request("calibrations");
-  if (reply !== null) folder.value = reply.head as unknown as Folder;
+  if (reply !== null) folder.value = reply.head;
 });
 
-const loadComparison = newest(async (given: Record<string, unknown>) => {
+const loadComparison = newest(async (given: AskedDifferences) => {
   const reply = await request("differences", given);
-  comparison.value = reply === null ? null : (reply.head as unknown as Comparison);
+  comparison.value = reply === null ? null : reply.head;
   const rows = comparison.value?.rows ?? [];
   if (!rows.some((row) => row.label === chosen.value)) chosen.value = rows[0]?.label ?? "";
   ticked.value = new Set(rows.filter((row) => row.only !== "first").map((row) => row.label));
 });
 
-const loadPair = newest(async (given: Record<string, unknown>) => {
+const loadPair = newest(async (given: AskedPair) => {
   const reply = given.name ? await request("pair", given) : null;
-  pair.value = reply === null ? null : (reply.head as unknown as Pair);
+  pair.value = reply === null ? null : reply.head;
 });
 
-const loadContents = newest(async (given: Record<string, unknown>) => {
+const loadContents = newest(async (given: AskedContents) => {
   const reply = await request("contents", given);
-  opened.value = reply === null ? null : (reply.head as unknown as Contents);
+  opened.value = reply === null ? null : reply.head;
 });
 
 const active = computed(() => screen.value === "files" && settled.value.project !== null);
 const key = computed(() => `${settled.value.revision} ${settled.value.runs.length} ${changed.value}`);
 
-effect(() => { if (active.value) loadFolder(key.value); });
+effect(() => {
+  if (active.value) loadFolder(key.value);
+});
 effect(() => {
   if (!active.value || !key.value) return;
   const [first, second] = [source(sides.first.value), source(sides.second.value)];
@@ -75,7 +75,8 @@ effect(() => {
   else loadComparison({ first, second, tolerance: tolerance.value.absolute, relative: tolerance.value.relative });
 });
 effect(() => {
-  if (active.value && comparison.value !== null) loadPair({ first: source(sides.first.value), second: source(sides.second.value), name: chosen.value });
+  if (active.value && comparison.value !== null)
+    loadPair({ first: source(sides.first.value), second: source(sides.second.value), name: chosen.value });
 });
 
 /** Store dropped files, and compare the first with the present values. */
@@ -90,21 +91,36 @@ export async function addFiles(files: File[]): Promise<void> {
 
 /** Take the ticked labels of the second set into the values of the project. */
 export async function take(): Promise<string[] | null> {
-  const names = (comparison.value?.rows ?? []).filter((row) => row.takeable && ticked.value.has(row.label)).map((row) => row.label);
+  const names = (comparison.value?.rows ?? [])
+    .filter((row) => row.takeable && ticked.value.has(row.label))
+    .map((row) => row.label);
   const reply = await request("take-values", { source: source(sides.second.value), names });
   if (reply === null) return null;
   message.value = `Took ${names.length} parameter${names.length > 1 ? "s" : ""} from ${comparison.value?.labels[1] ?? ""}`;
-  return reply.head.findings as string[];
+  return reply.head.findings;
 }
 
 /** Write a set, or the first one with the ticked labels of the second, as a file of the folder. */
-export async function write(given: { merged: boolean; target: string; image: string; a2l: string; force: boolean }): Promise<void> {
+export async function write(given: {
+  merged: boolean;
+  target: string;
+  image: string;
+  a2l: string;
+  force: boolean;
+}): Promise<void> {
   const first = source(given.merged ? sides.first.value : sides.second.value);
   const more = given.merged ? { second: source(sides.second.value), names: [...ticked.value] } : {};
-  const reply = await request("write-calibration", { first, ...more, target: given.target, image: given.image, a2l: given.a2l, force: given.force });
-  existing.value = String(reply?.head.exists ?? "");
-  if (reply === null || existing.value) return;
-  written.value = reply.head as unknown as Written;
+  const reply = await request("write-calibration", {
+    first,
+    ...more,
+    target: given.target,
+    image: given.image,
+    a2l: given.a2l,
+    force: given.force,
+  });
+  existing.value = reply !== null && "exists" in reply.head ? reply.head.exists : "";
+  if (reply === null || "exists" in reply.head) return;
+  written.value = reply.head;
   message.value = `Written to ${written.value.file}`;
   changed.value++;
 }

@@ -5,40 +5,133 @@ import { accept } from "./comparison";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
 import { save } from "./saving";
-import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
+import { move, open, request, type Screen, screen, state, toggleTheme } from "./store";
 
-export interface Command { title: string; hint?: string; keys: string[]; run: () => void; enabled?: () => boolean }
+export interface Command {
+  title: string;
+  hint?: string;
+  keys: string[];
+  run: () => void;
+  enabled?: () => boolean;
+}
 
 export const overlay = signal<"" | "palette" | "keys">("");
 
-const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6], ["files", "Files", 7]];
+const screens: [Screen, string, number][] = [
+  ["data", "Data", 1],
+  ["function", "Function", 2],
+  ["parameters", "Parameters", 3],
+  ["optimization", "Optimization", 4],
+  ["results", "Results", 5],
+  ["plots", "Plots", 6],
+  ["files", "Files", 7],
+];
 
 export const COMMANDS: Command[] = [
-  ...screens.map(([name, title, key]): Command => ({ title: `Go to ${title}`, keys: ["Alt", String(key)], run: () => { screen.value = name; } })),
-  { title: "Projects", keys: [], run: () => { screen.value = "start"; } },
+  ...screens.map(
+    ([name, title, key]): Command => ({
+      title: `Go to ${title}`,
+      keys: ["Alt", String(key)],
+      run: () => {
+        screen.value = name;
+      },
+    }),
+  ),
+  {
+    title: "Projects",
+    keys: [],
+    run: () => {
+      screen.value = "start";
+    },
+  },
   { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() },
   { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
   { title: "Undo", keys: ["Ctrl", "Z"], run: () => void move("undo"), enabled: () => state.value.undo !== "" },
   { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },
   { title: "Save", keys: ["Ctrl", "S"], run: () => void save(), enabled: () => state.value.unsaved.length > 0 },
-  { title: "Export", keys: ["Ctrl", "E"], run: () => { screen.value = "results"; } },
+  {
+    title: "Export",
+    keys: ["Ctrl", "E"],
+    run: () => {
+      screen.value = "results";
+    },
+  },
   { title: "Accept the last run", keys: [], run: () => accept(), enabled: () => state.value.runs.length > 0 },
-  { title: "Resume an interrupted run", keys: [], run: resume, enabled: () => !running() && outcome.value.resumable !== "" },
-  { title: "Cross-validate", keys: [], run: () => { screen.value = "optimization"; view.value = "cross-validation"; }, enabled: () => state.value.project !== null },
-  { title: "Compare, merge or convert calibration files", keys: [], run: () => { screen.value = "files"; } },
-  { title: "Download the folder as ZIP", keys: [], run: () => { location.assign("/project.zip"); }, enabled: () => state.value.project !== null },
-  { title: "Settings of this screen", keys: ["Ctrl", ","], run: togglePanel, enabled: () => state.value.project !== null && screen.value in panel },
+  {
+    title: "Resume an interrupted run",
+    keys: [],
+    run: resume,
+    enabled: () => !running() && outcome.value.resumable !== "",
+  },
+  {
+    title: "Cross-validate",
+    keys: [],
+    run: () => {
+      screen.value = "optimization";
+      view.value = "cross-validation";
+    },
+    enabled: () => state.value.project !== null,
+  },
+  {
+    title: "Compare, merge or convert calibration files",
+    keys: [],
+    run: () => {
+      screen.value = "files";
+    },
+  },
+  {
+    title: "Download the folder as ZIP",
+    keys: [],
+    run: () => {
+      location.assign("/project.zip");
+    },
+    enabled: () => state.value.project !== null,
+  },
+  {
+    title: "Settings of this screen",
+    keys: ["Ctrl", ","],
+    run: togglePanel,
+    enabled: () => state.value.project !== null && screen.value in panel,
+  },
   { title: "Light or dark", keys: [], run: toggleTheme },
-  { title: "Keys", keys: ["?"], run: () => { overlay.value = "keys"; } },
+  {
+    title: "Keys",
+    keys: ["?"],
+    run: () => {
+      overlay.value = "keys";
+    },
+  },
 ];
 
 /** All commands, one for each parameter, and one for each key of the project file. */
 export function searchable(): Command[] {
-  return [...actions(), ...(state.value.project === null ? [] : allKeys()).map(({ section, key }): Command => ({ title: key.name ? `${section}.${key.name}` : section, hint: key.help, keys: [], run: () => jump(section, key.name) }))];
+  return [
+    ...actions(),
+    ...(state.value.project === null ? [] : allKeys()).map(
+      ({ section, key }): Command => ({
+        title: key.name ? `${section}.${key.name}` : section,
+        hint: key.help,
+        keys: [],
+        run: () => jump(section, key.name),
+      }),
+    ),
+  ];
 }
 
 function actions(): Command[] {
-  return [...COMMANDS.filter((command) => command.enabled?.() ?? true), ...state.value.parameters.map((p): Command => ({ title: `Open ${p.name}`, keys: [], run: () => { open(p.name); screen.value = "parameters"; } }))];
+  return [
+    ...COMMANDS.filter((command) => command.enabled?.() ?? true),
+    ...state.value.parameters.map(
+      (p): Command => ({
+        title: `Open ${p.name}`,
+        keys: [],
+        run: () => {
+          open(p.name);
+          screen.value = "parameters";
+        },
+      }),
+    ),
+  ];
 }
 
 function matches(command: Command, event: KeyboardEvent): boolean {
@@ -46,14 +139,20 @@ function matches(command: Command, event: KeyboardEvent): boolean {
   if (key === undefined) return false;
   const has = (name: string) => command.keys.slice(0, -1).includes(name);
   const control = event.ctrlKey || event.metaKey;
-  return event.key.toLowerCase() === key.toLowerCase() && control === has("Ctrl") && event.altKey === has("Alt") && (key === "?" || event.shiftKey === has("Shift"));
+  return (
+    event.key.toLowerCase() === key.toLowerCase() &&
+    control === has("Ctrl") &&
+    event.altKey === has("Alt") &&
+    (key === "?" || event.shiftKey === has("Shift"))
+  );
 }
 
 /** Handle a key anywhere on the page. */
 export function shortcut(event: KeyboardEvent): void {
   const typing = (event.target as HTMLElement).closest("input, textarea, [contenteditable=true]") !== null;
   if (event.key === "Escape" && overlay.value) overlay.value = "";
-  else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k") overlay.value = overlay.value === "palette" ? "" : "palette";
+  else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k")
+    overlay.value = overlay.value === "palette" ? "" : "palette";
   else {
     const command = COMMANDS.find((each) => matches(each, event));
     const plainKey = !event.ctrlKey && !event.metaKey && !event.altKey && !/^F\d/.test(event.key);

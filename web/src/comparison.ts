@@ -2,37 +2,45 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import type { Change as KeyChange } from "./settings";
-import { request, screen, settled, state, type Axis } from "./store";
+import type { AskedChoice, ComparedScore, ComparedTable, TrustReply } from "./replies";
+import { request, screen, settled, state } from "./store";
 
-export interface Change { name: string; kind: string; unit: string; description: string; largest: number; mean: number; relative: number; atBound: number; axes: Axis[]; first: number[]; second: number[]; biggest: number[]; bound: number[] }
-export interface ComparedScore { use: string; unit: string; criterion: string; first: number | null; second: number | null; largest: number | null }
-export interface Remedy { kind: string; title: string; changes: KeyChange[]; applied: boolean }
-export interface PinnedRow { name: string; unit: string; before: number | null; after: number | null }
-export interface Direction { sentence: string; remedy: string; remedies: Remedy[]; exact: boolean; deviation: number | null; parameters: string[] }
-export interface Trust { directions: Direction[]; coupled: string[]; sentence: string; advice: string; remark: string; remedies: Remedy[]; holdings: string[]; noise: { criterion: string; value: number | null }[]; freedom: number | null; values: number }
-
-const NOTHING: Trust = { directions: [], coupled: [], sentence: "", advice: "", remark: "", remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
+const NOTHING: Required<TrustReply> = {
+  directions: [],
+  coupled: [],
+  sentence: "",
+  advice: "",
+  remark: "",
+  dimension: 0,
+  remedies: [],
+  holdings: [],
+  noise: [],
+  freedom: null,
+  values: 0,
+};
 
 export const first = signal("start");
 export const second = signal("now");
-export const changes = signal<Change[]>([]);
+export const changes = signal<ComparedTable[]>([]);
 export const scores = signal<ComparedScore[]>([]);
 /** The remedy whose effect is shown, by its title. */
 export const tried = signal("");
-export const trust = signal<Trust>(NOTHING);
+export const trust = signal<Required<TrustReply>>(NOTHING);
 export const chosen = signal("");
 export const rejected = signal<Record<string, Set<number>>>({}); // cells that keep their start, by parameter
 
 export const shown = computed(() => changes.value.find((each) => each.name === chosen.value) ?? changes.value[0]);
 
 const load = newest(async (_: string) => {
-  const [compared, known] = await Promise.all([request("compare", { first: first.value, second: second.value }), request("trust")]);
+  const [compared, known] = await Promise.all([
+    request("compare", { first: first.value, second: second.value }),
+    request("trust"),
+  ]);
   if (compared !== null) {
-    changes.value = compared.head.changes as Change[];
-    scores.value = compared.head.scores as ComparedScore[];
+    changes.value = compared.head.changes;
+    scores.value = compared.head.scores;
   }
-  if (known !== null) trust.value = { ...NOTHING, ...(known.head as unknown as Trust) };
+  if (known !== null) trust.value = { ...NOTHING, ...known.head };
 });
 
 effect(() => {
@@ -44,23 +52,31 @@ effect(() => {
 export const ranking = signal<"max" | "mean">("max");
 
 /** Tables with the biggest change first. */
-export const ranked = computed(() => (ranking.value === "max" ? changes.value : changes.value.toSorted((a, b) => b.mean / (b.largest || 1) * b.relative - a.mean / (a.largest || 1) * a.relative)));
+export const ranked = computed(() =>
+  ranking.value === "max"
+    ? changes.value
+    : changes.value.toSorted(
+        (a, b) => (b.mean / (b.largest || 1)) * b.relative - (a.mean / (a.largest || 1)) * a.relative,
+      ),
+);
 
 export const keptCount = computed(() => Object.values(rejected.value).reduce((sum, cells) => sum + cells.size, 0));
 export const valueCount = computed(() => changes.value.reduce((sum, each) => sum + each.first.length, 0));
 
 /** Keep the start of every value, or of none. */
 export function keepAll(keep: boolean): void {
-  rejected.value = keep ? Object.fromEntries(changes.value.map((each) => [each.name, new Set(each.first.map((_, k) => k))])) : {};
+  rejected.value = keep
+    ? Object.fromEntries(changes.value.map((each) => [each.name, new Set(each.first.map((_, k) => k))]))
+    : {};
 }
 
 /** RMSE on training data if the choice were accepted; null if all is accepted. */
 export const choiceScore = signal<{ rmse: number | null; unit: string } | null>(null);
 
-const loadChoice = newest(async (given: Record<string, unknown>) => {
+const loadChoice = newest(async (given: AskedChoice) => {
   const reply = await request("choice", given);
-  const own = (reply?.head.scores as { use: string; rmse: number | null }[] | undefined)?.find((each) => each.use === "training");
-  choiceScore.value = own === undefined ? null : { rmse: own.rmse, unit: String(reply?.head.unit ?? "") };
+  const own = reply?.head.scores.find((each) => each.use === "training");
+  choiceScore.value = own === undefined ? null : { rmse: own.rmse, unit: reply?.head.unit ?? "" };
 });
 
 effect(() => {

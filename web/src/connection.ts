@@ -1,27 +1,40 @@
 // The socket: questions with answers, and news that the server pushes. A lost connection is picked up again.
 
+import type { Questions, StateNews } from "./replies";
 import { letInAgain } from "./restart";
 
-export interface Reply {
-  head: Record<string, unknown>;
+export type Question = keyof Questions;
+
+/** What is asked: left out if every detail of the question may be. */
+export type Asked<Q extends Question> =
+  Record<string, never> extends Questions[Q]["asks"] ? [given?: Questions[Q]["asks"]] : [given: Questions[Q]["asks"]];
+
+export interface Reply<Q extends Question> {
+  head: Questions[Q]["head"];
+  arrays: Questions[Q]["arrays"];
+}
+
+/** A frame: a reply by its `id`, with an `error` if there is none, or news of a topic. */
+interface Frame {
+  head: { id?: number; error?: string; push?: string; arrays: [name: string, size: number][] } & object;
   arrays: Record<string, Float32Array>;
 }
 
-type Listener = (reply: Reply) => void;
+type Listener = (news: StateNews) => void;
 
-const waiting = new Map<number, { resolve: Listener; reject: (error: Error) => void }>();
+const waiting = new Map<number, { resolve: (frame: Frame) => void; reject: (error: Error) => void }>();
 const listeners = new Map<string, Listener>();
 let socket: WebSocket | null = null;
 let count = 0;
 let online: (connected: boolean) => void = () => {};
 
 /** Split a frame into its head and its arrays; see `kennfeld.app.frames`. */
-export function unpack(frame: ArrayBuffer): Reply {
+export function unpack(frame: ArrayBuffer): Frame {
   const length = new DataView(frame).getUint32(0, true);
-  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(frame, 4, length))) as Record<string, unknown>;
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(frame, 4, length))) as Frame["head"];
   const arrays: Record<string, Float32Array> = {};
   let at = 4 + length;
-  for (const [name, size] of head.arrays as [string, number][]) {
+  for (const [name, size] of head.arrays) {
     arrays[name] = new Float32Array(frame, at, size);
     at += 4 * size;
   }
@@ -29,7 +42,7 @@ export function unpack(frame: ArrayBuffer): Reply {
 }
 
 /** Handle news of a topic. */
-export function listen(topic: string, listener: Listener): void {
+export function listen(topic: "state", listener: Listener): void {
   listeners.set(topic, listener);
 }
 
@@ -49,7 +62,9 @@ function open(pause: number): void {
   };
   next.onmessage = (event: MessageEvent<ArrayBuffer>) => receive(unpack(event.data));
   let opened = false;
-  next.addEventListener("open", () => { opened = true; });
+  next.addEventListener("open", () => {
+    opened = true;
+  });
   next.onclose = () => {
     socket = null;
     for (const { reject } of waiting.values()) reject(new Error("The connection to Kennfeld was lost."));
@@ -61,31 +76,31 @@ function open(pause: number): void {
   };
 }
 
-function receive(reply: Reply): void {
-  const topic = reply.head.push as string | undefined;
-  if (topic !== undefined) {
-    listeners.get(topic)?.(reply);
+function receive(frame: Frame): void {
+  const { push, id, error } = frame.head;
+  if (push !== undefined) {
+    listeners.get(push)?.(frame.head as Frame["head"] & StateNews);
     return;
   }
-  const id = reply.head.id as number;
+  if (id === undefined) return;
   const asked = waiting.get(id);
   waiting.delete(id);
   busy();
-  if (reply.head.error !== undefined) asked?.reject(new Error(reply.head.error as string));
-  else asked?.resolve(reply);
+  if (error !== undefined) asked?.reject(new Error(error));
+  else asked?.resolve(frame);
 }
 
 /** Ask a question; the promise fails with the server's message. */
-export function ask(question: string, given: Record<string, unknown> = {}): Promise<Reply> {
+export function ask<Q extends Question>(question: Q, ...[given]: Asked<Q>): Promise<Reply<Q>> {
   return new Promise((resolve, reject) => {
     if (socket === null) {
       reject(new Error("Kennfeld is not connected."));
       return;
     }
     const id = ++count;
-    waiting.set(id, { resolve, reject });
+    waiting.set(id, { resolve: (frame) => resolve(frame as unknown as Reply<Q>), reject });
     busy();
-    socket.send(JSON.stringify({ id, ask: question, with: given }));
+    socket.send(JSON.stringify({ id, ask: question, with: given ?? {} }));
   });
 }
 

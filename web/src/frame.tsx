@@ -3,48 +3,125 @@
 import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
-import { MISSING, count, significant, signed } from "./drawing/numbers";
+import { count, MISSING, signed, significant } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
+import type { ScoreRow } from "./replies";
 import { run } from "./runs";
 import { save } from "./saving";
 import { valueAt } from "./settings";
-import { connected, failure, isRunning, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
+import {
+  connected,
+  failure,
+  isRunning,
+  message,
+  move,
+  request,
+  type Screen,
+  screen,
+  state,
+  toggleTheme,
+} from "./store";
 
 export function Header() {
   const { project, unsaved, undo, redo, job, runs } = state.value;
   const running = isRunning(job);
   return (
     <header>
-      <div class="brand"><Logo />Kennfeld</div>
+      <div class="brand">
+        <Logo />
+        Kennfeld
+      </div>
       <div class="project">
         <b class="cut">{project?.name ?? "No project"}</b>
         <small class={unsaved.length ? "dirty" : ""} id="unsaved">
           <span class="cut" title={unsaved.join("\n")}>
-            {unsaved.length ? `${unsaved.length} unsaved change${unsaved.length > 1 ? "s" : ""}` : (project?.path ?? "")}
+            {unsaved.length
+              ? `${unsaved.length} unsaved change${unsaved.length > 1 ? "s" : ""}`
+              : (project?.path ?? "")}
           </span>
         </small>
       </div>
       <Rmse use="training" />
       <Rmse use="test" />
       <div class="set">
-        <button class="btn bare icon" id="undo" title={undo ? `Undo: ${undo} (Ctrl+Z)` : "Undo (Ctrl+Z)"} aria-label="Undo" disabled={!undo} onClick={() => move("undo")}><Icon name="undo" /></button>
-        <button class="btn bare icon" id="redo" title={redo ? `Redo: ${redo} (Ctrl+Y)` : "Redo (Ctrl+Y)"} aria-label="Redo" disabled={!redo} onClick={() => move("redo")}><Icon name="redo" /></button>
+        <button
+          class="btn bare icon"
+          id="undo"
+          title={undo ? `Undo: ${undo} (Ctrl+Z)` : "Undo (Ctrl+Z)"}
+          aria-label="Undo"
+          disabled={!undo}
+          onClick={() => move("undo")}
+        >
+          <Icon name="undo" />
+        </button>
+        <button
+          class="btn bare icon"
+          id="redo"
+          title={redo ? `Redo: ${redo} (Ctrl+Y)` : "Redo (Ctrl+Y)"}
+          aria-label="Redo"
+          disabled={!redo}
+          onClick={() => move("redo")}
+        >
+          <Icon name="redo" />
+        </button>
       </div>
       <div class="set">
-        <button class="btn" id="save" title="Save kennfeld.toml (Ctrl+S)" disabled={!unsaved.length} onClick={() => void save()}>Save</button>
-        <button class="btn" id="export" title="Export values, report, script (Ctrl+E)" onClick={() => { screen.value = "results"; }}>Export</button>
+        <button
+          class="btn"
+          id="save"
+          title="Save kennfeld.toml (Ctrl+S)"
+          disabled={!unsaved.length}
+          onClick={() => void save()}
+        >
+          Save
+        </button>
+        <button
+          class="btn"
+          id="export"
+          title="Export values, report, script (Ctrl+E)"
+          onClick={() => {
+            screen.value = "results";
+          }}
+        >
+          Export
+        </button>
       </div>
       <div class="set" style={{ gap: "6px", marginLeft: "auto" }}>
         <div class="job">
-          <div id="job-state" class={running ? "running" : job.state}>{job.state}</div>
+          <div id="job-state" class={running ? "running" : job.state}>
+            {job.state}
+          </div>
           <span>{jobText(job, runs.length)}</span>
         </div>
-        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={run}><Icon name="run" />Run</button>
-        <button class="btn stop" id="stop" title="Stop and keep the best (Shift+F5)" disabled={!running} onClick={() => request("stop")}><Icon name="stop" />Stop</button>
+        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={run}>
+          <Icon name="run" />
+          Run
+        </button>
+        <button
+          class="btn stop"
+          id="stop"
+          title="Stop and keep the best (Shift+F5)"
+          disabled={!running}
+          onClick={() => request("stop")}
+        >
+          <Icon name="stop" />
+          Stop
+        </button>
       </div>
       <div class="set" style={{ gap: 0, paddingRight: 0 }}>
-        <button class="btn bare icon" title="Find or do (Ctrl+K)" aria-label="Find or do" onClick={() => { overlay.value = "palette"; }}><Icon name="find" /></button>
-        <button class="btn bare icon" id="theme" title="Light or dark" aria-label="Light or dark" onClick={toggleTheme}><Icon name="theme" /></button>
+        <button
+          class="btn bare icon"
+          title="Find or do (Ctrl+K)"
+          aria-label="Find or do"
+          onClick={() => {
+            overlay.value = "palette";
+          }}
+        >
+          <Icon name="find" />
+        </button>
+        <button class="btn bare icon" id="theme" title="Light or dark" aria-label="Light or dark" onClick={toggleTheme}>
+          <Icon name="theme" />
+        </button>
       </div>
     </header>
   );
@@ -60,28 +137,64 @@ const criterion = signal("");
 
 function Rmse({ use }: { use: "training" | "test" }) {
   const scores = state.value.scores.filter((s) => s.use === use && s.samples > 0);
-  const score: Score | undefined = scores.find((s) => s.criterion === criterion.value) ?? scores[0];
-  const all = scores.map((s) => `${s.criterion}: ${s.rmse === null ? MISSING : significant(s.rmse)} ${s.unit}`).join("\n");
+  const score: ScoreRow | undefined = scores.find((s) => s.criterion === criterion.value) ?? scores[0];
+  const all = scores
+    .map((s) => `${s.criterion}: ${s.rmse === null ? MISSING : significant(s.rmse)} ${s.unit}`)
+    .join("\n");
   const { rmse = null, before = null, last = null, unit = "" } = score ?? {};
   const share = rmse !== null && before ? (rmse / before - 1) * 100 : null;
   const edit = rmse !== null && last !== null && last !== rmse ? rmse - last : null;
   return (
     <div class="rmse" title={scores.length > 1 ? `RMSE of the ${use} data\n${all}` : undefined}>
       {scores.length > 1 ? (
-        <span class="lab cut">{use} <select aria-label={`Criterion of the RMSE of the ${use} data`} value={score!.criterion} onChange={(event) => { criterion.value = event.currentTarget.value; }}>{scores.map((s) => <option value={s.criterion}>{s.criterion}</option>)}</select></span>
-      ) : <span class="lab cut">{state.value.criteria.length > 1 && score ? <>{use} <b>{score.criterion}</b></> : `RMSE ${use}`}</span>}
-      <span class={`last ${edit === null ? "" : edit > 0 ? "bad" : "good"}`} title="Change by the last edit">{edit === null ? "" : `${scores.length > 1 ? "" : "last edit "}${signed(edit, 3)}`}</span>
+        <span class="lab cut">
+          {use}{" "}
+          <select
+            aria-label={`Criterion of the RMSE of the ${use} data`}
+            value={score!.criterion}
+            onChange={(event) => {
+              criterion.value = event.currentTarget.value;
+            }}
+          >
+            {scores.map((s) => (
+              <option value={s.criterion}>{s.criterion}</option>
+            ))}
+          </select>
+        </span>
+      ) : (
+        <span class="lab cut">
+          {state.value.criteria.length > 1 && score ? (
+            <>
+              {use} <b>{score.criterion}</b>
+            </>
+          ) : (
+            `RMSE ${use}`
+          )}
+        </span>
+      )}
+      <span class={`last ${edit === null ? "" : edit > 0 ? "bad" : "good"}`} title="Change by the last edit">
+        {edit === null ? "" : `${scores.length > 1 ? "" : "last edit "}${signed(edit, 3)}`}
+      </span>
       <div class="val">
         <span class="from">{before === null ? MISSING : significant(before)}</span>
         <span class="q">→</span>
-        <b id={`rmse-${use}`}>{rmse === null ? MISSING : significant(rmse)} <i>{unit}</i></b>
-        {share !== null && Math.abs(share) >= 0.05 && <span class={`diff ${share > 0 ? "bad" : "good"}`}>{signed(share, 3)} %</span>}
+        <b id={`rmse-${use}`}>
+          {rmse === null ? MISSING : significant(rmse)} <i>{unit}</i>
+        </b>
+        {share !== null && Math.abs(share) >= 0.05 && (
+          <span class={`diff ${share > 0 ? "bad" : "good"}`}>{signed(share, 3)} %</span>
+        )}
       </div>
     </div>
   );
 }
 
-interface Step { screen: Screen; key: number; title: string; detail: () => string }
+interface Step {
+  screen: Screen;
+  key: number;
+  title: string;
+  detail: () => string;
+}
 
 function dataDetail(): string {
   const known = state.value.datasets;
@@ -92,23 +205,68 @@ function dataDetail(): string {
 
 const STEPS: Step[] = [
   { screen: "data", key: 1, title: "Data", detail: dataDetail },
-  { screen: "function", key: 2, title: "Function", detail: () => (state.value.nodes.length === 1 ? "1 node" : `${state.value.nodes.length} nodes`) },
-  { screen: "parameters", key: 3, title: "Parameters", detail: () => { const changed = state.value.parameters.filter((p) => p.changed).length; return `${state.value.parameters.length}${changed ? ` · ${changed} changed` : ""}`; } },
-  { screen: "optimization", key: 4, title: "Optimization", detail: () => state.value.runs.length ? `run ${state.value.runs.length} ${state.value.job.state}` : "no run yet" },
-  { screen: "results", key: 5, title: "Results", detail: () => state.value.runs.length ? `${state.value.runs.length} run${state.value.runs.length > 1 ? "s" : ""}` : MISSING },
+  {
+    screen: "function",
+    key: 2,
+    title: "Function",
+    detail: () => (state.value.nodes.length === 1 ? "1 node" : `${state.value.nodes.length} nodes`),
+  },
+  {
+    screen: "parameters",
+    key: 3,
+    title: "Parameters",
+    detail: () => {
+      const changed = state.value.parameters.filter((p) => p.changed).length;
+      return `${state.value.parameters.length}${changed ? ` · ${changed} changed` : ""}`;
+    },
+  },
+  {
+    screen: "optimization",
+    key: 4,
+    title: "Optimization",
+    detail: () => (state.value.runs.length ? `run ${state.value.runs.length} ${state.value.job.state}` : "no run yet"),
+  },
+  {
+    screen: "results",
+    key: 5,
+    title: "Results",
+    detail: () =>
+      state.value.runs.length ? `${state.value.runs.length} run${state.value.runs.length > 1 ? "s" : ""}` : MISSING,
+  },
 ];
 
 export function Rail() {
   return (
     <nav class="rail" aria-label="Steps">
-      {STEPS.map((step) => <StepButton step={step} />)}
+      {STEPS.map((step) => (
+        <StepButton step={step} />
+      ))}
       <hr />
       <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
       <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge, convert" }} />
       <span style={{ flex: 1 }} />
       <hr />
-      <button class="one" title="Keys (?)" onClick={() => { overlay.value = "keys"; }}><i>?</i><b>Keys</b></button>
-      <button class="one" data-screen="start" aria-current={screen.value === "start" ? "page" : undefined} onClick={() => { screen.value = "start"; }}><i /><b>Projects</b></button>
+      <button
+        class="one"
+        title="Keys (?)"
+        onClick={() => {
+          overlay.value = "keys";
+        }}
+      >
+        <i>?</i>
+        <b>Keys</b>
+      </button>
+      <button
+        class="one"
+        data-screen="start"
+        aria-current={screen.value === "start" ? "page" : undefined}
+        onClick={() => {
+          screen.value = "start";
+        }}
+      >
+        <i />
+        <b>Projects</b>
+      </button>
     </nav>
   );
 }
@@ -116,8 +274,16 @@ export function Rail() {
 function StepButton({ step }: { step: Step }) {
   const worst = state.value.findings.filter((f) => f.screen === step.screen && f.severity !== "remark");
   return (
-    <button data-screen={step.screen} title={`${step.title} (Alt+${step.key})`} aria-current={screen.value === step.screen ? "page" : undefined} onClick={() => { screen.value = step.screen; }}>
-      <i>{step.key}</i><b>{step.title}</b>
+    <button
+      data-screen={step.screen}
+      title={`${step.title} (Alt+${step.key})`}
+      aria-current={screen.value === step.screen ? "page" : undefined}
+      onClick={() => {
+        screen.value = step.screen;
+      }}
+    >
+      <i>{step.key}</i>
+      <b>{step.title}</b>
       {worst.length ? <Icon name="warning" kind="w" /> : <span />}
       <small>{state.value.project === null ? "no project" : step.detail()}</small>
     </button>
@@ -130,21 +296,42 @@ function Excerpt() {
   if (!excerpt) return null;
   const [shown, all] = excerpt;
   const share = `${((100 * shown) / all).toPrecision(2)} % of the samples`;
-  return <span id="excerpt" class="warn" title={`The data are in partitions. The screens show and evaluate ${count(shown)} of ${count(all)}. A run evaluates all of them; so do its table of errors, its uncertainties and the report.`}>Excerpt: {share}. Runs and reports use all.</span>;
+  return (
+    <span
+      id="excerpt"
+      class="warn"
+      title={`The data are in partitions. The screens show and evaluate ${count(shown)} of ${count(all)}. A run evaluates all of them; so do its table of errors, its uncertainties and the report.`}
+    >
+      Excerpt: {share}. Runs and reports use all.
+    </span>
+  );
 }
 
 export function Footer({ children }: { children?: ComponentChildren }) {
-  const text = !connected.value ? "Kennfeld does not answer; waiting for it to come back." : failure.value || message.value;
+  const text = !connected.value
+    ? "Kennfeld does not answer; waiting for it to come back."
+    : failure.value || message.value;
   return (
     <footer>
-      <span class={failure.value || !connected.value ? "bad" : "ink"} role="status" title={text}>{text}</span>
+      <span class={failure.value || !connected.value ? "bad" : "ink"} role="status" title={text}>
+        {text}
+      </span>
       <Excerpt />
-      {state.value.seconds > 0 && <span>recomputed in {(state.value.seconds * 1000).toFixed(state.value.seconds < 0.01 ? 1 : 0)} ms</span>}
+      {state.value.seconds > 0 && (
+        <span>recomputed in {(state.value.seconds * 1000).toFixed(state.value.seconds < 0.01 ? 1 : 0)} ms</span>
+      )}
       <span class="keys">{children}</span>
     </footer>
   );
 }
 
 export function Key({ keys, text }: { keys: string[]; text: string }) {
-  return <span>{keys.map((key) => <kbd>{key}</kbd>)} {text}</span>;
+  return (
+    <span>
+      {keys.map((key) => (
+        <kbd>{key}</kbd>
+      ))}{" "}
+      {text}
+    </span>
+  );
 }

@@ -10,4 +10,4 @@ export const holdsFunctions = (name: string): boolean => KNOWN.test(name);
 export const isHeader = (name: string): boolean => /\.h$/i.test(name);
 
 /** A file without the name of its function: `engine.c` of `engine.c:lag`. */
-export const fileOf = (reference: string): string => (/^(.*\.(?:fmu|onnx|c|py)):\w+$/i.exec(reference)?.[1] ?? reference);
+export const fileOf = (reference: string): string => /^(.*\.(?:fmu|onnx|c|py)):\w+$/i.exec(reference)?.[1] ?? reference;

@@ -33,9 +33,18 @@ export function Icon({ name, kind = "" }: { name: string; kind?: string }) {
 export function Logo() {
   return (
     <svg width="18" height="18" viewBox="0 0 18 18" aria-hidden="true" fill="var(--accent)">
-      {[0, 1, 2].flatMap((i) => [0, 1, 2].map((j) => (
-        <rect x={1 + 5.5 * i} y={12 - 5.5 * j} width="4.6" height="4.6" rx=".6" opacity={0.28 + 0.15 * i + 0.16 * j} />
-      )))}
+      {[0, 1, 2].flatMap((i) =>
+        [0, 1, 2].map((j) => (
+          <rect
+            x={1 + 5.5 * i}
+            y={12 - 5.5 * j}
+            width="4.6"
+            height="4.6"
+            rx=".6"
+            opacity={0.28 + 0.15 * i + 0.16 * j}
+          />
+        )),
+      )}
     </svg>
   );
 }

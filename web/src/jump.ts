@@ -2,5 +2,9 @@
 
 import { signal } from "@preact/signals";
 
-export interface Place { file: string; line: number; column: number }
+export interface Place {
+  file: string;
+  line: number;
+  column: number;
+}
 export const jump = signal<Place | null>(null);

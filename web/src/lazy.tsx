@@ -13,14 +13,35 @@ export function lazy(load: () => Promise<Component>): { Shown: Component; load: 
   const start = () => {
     if (begun) return;
     begun = true;
-    load().then((loaded) => { component.value = loaded; }, () => { failed.value = true; });
+    load().then(
+      (loaded) => {
+        component.value = loaded;
+      },
+      () => {
+        failed.value = true;
+      },
+    );
   };
   const Shown = () => {
     const Loaded = component.value;
     if (Loaded !== null) return <Loaded />;
     start();
-    if (!failed.value) return <main><p class="pad q">Loading</p></main>;
-    return <main><p class="pad">This screen could not be loaded, because the connection was lost. <button class="btn small" onClick={() => location.reload()}>Load the page again</button></p></main>;
+    if (!failed.value)
+      return (
+        <main>
+          <p class="pad q">Loading</p>
+        </main>
+      );
+    return (
+      <main>
+        <p class="pad">
+          This screen could not be loaded, because the connection was lost.{" "}
+          <button class="btn small" onClick={() => location.reload()}>
+            Load the page again
+          </button>
+        </p>
+      </main>
+    );
   };
   return { Shown, load: start };
 }

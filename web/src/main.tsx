@@ -1,17 +1,17 @@
 // The page: connects to the server, shows the screen of the present step, and listens to keys.
 
-import { render, type JSX } from "preact";
+import { type JSX, render } from "preact";
 import { shortcut } from "./commands";
 import { connect, listen } from "./connection";
 import { Header, Rail } from "./frame";
-import { Overlays } from "./overlays";
 import { lazy } from "./lazy";
+import { Overlays } from "./overlays";
 import { Data } from "./screens/data";
 import { Optimization } from "./screens/optimization";
 import { Parameters } from "./screens/parameters";
 import { Results } from "./screens/results";
 import { Start } from "./screens/start";
-import { connected, message, request, screen, state, takeState, type Screen } from "./store";
+import { connected, message, request, type Screen, screen, state, takeState } from "./store";
 import "./style.css";
 import "./instruments/settings.css";
 import "./screens/data.css";
@@ -27,17 +27,31 @@ const before = state.value;
 
 const LAZY = {
   files: lazy(async () => (await import("./screens/files")).Files),
-  function: lazy(async () => (await import("./screens/function")).Function),
+  function: lazy(async () => (await import("./screens/function")).FunctionScreen),
   plots: lazy(async () => (await import("./screens/plots")).Plots),
 };
 
 const SHOWN: Record<Screen, () => JSX.Element> = {
-  data: Data, files: LAZY.files.Shown, function: LAZY.function.Shown, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: LAZY.plots.Shown,
+  data: Data,
+  files: LAZY.files.Shown,
+  function: LAZY.function.Shown,
+  start: Start,
+  parameters: Parameters,
+  optimization: Optimization,
+  results: Results,
+  plots: LAZY.plots.Shown,
 };
 
 function Page() {
   const Shown = SHOWN[screen.value];
-  return <><Header /><Rail /><Shown /><Overlays /></>;
+  return (
+    <>
+      <Header />
+      <Rail />
+      <Shown />
+      <Overlays />
+    </>
+  );
 }
 
 let lost: { path: string; unsaved: boolean } | null = null; // what was open when the connection was lost
@@ -48,7 +62,8 @@ async function takeUp(): Promise<void> {
   const { path, unsaved } = lost;
   lost = null;
   if (path && state.value.project === null && (await request("open", { path })) === null) return;
-  if (unsaved && state.value.recoverable && state.value.project?.path === path && (await request("recover")) !== null) message.value = "Kennfeld was restarted. Your unsaved edits are back.";
+  if (unsaved && state.value.recoverable && state.value.project?.path === path && (await request("recover")) !== null)
+    message.value = "Kennfeld was restarted. Your unsaved edits are back.";
 }
 
 listen("state", (reply) => {
@@ -56,10 +71,17 @@ listen("state", (reply) => {
   takeState(reply);
   void takeUp();
   if (first && state.value.project === null) screen.value = "start";
-  if (first) requestIdleCallback(() => { for (const each of Object.values(LAZY)) each.load(); }, { timeout: 3000 });
+  if (first)
+    requestIdleCallback(
+      () => {
+        for (const each of Object.values(LAZY)) each.load();
+      },
+      { timeout: 3000 },
+    );
 });
 connect((on) => {
-  if (connected.value && !on && lost === null) lost = { path: state.value.project?.path ?? "", unsaved: state.value.unsaved.length > 0 };
+  if (connected.value && !on && lost === null)
+    lost = { path: state.value.project?.path ?? "", unsaved: state.value.unsaved.length > 0 };
   connected.value = on;
 });
 addEventListener("keydown", shortcut);

@@ -1,9 +1,10 @@
 // Where settings are shown: the open panel of each screen, the open entry of each section, and the jump to a key.
 
 import { signal } from "@preact/signals";
-import { keysOf, sectionOf, sections, type Key } from "./schema";
-import { valueAt, type Path } from "./settings";
-import { open, openName, screen, state, type Finding } from "./store";
+import type { FindingRow, KeyRow, Path } from "./replies";
+import { keysOf, sectionOf, sections } from "./schema";
+import { valueAt } from "./settings";
+import { open, openName, screen, state } from "./store";
 
 /** The section whose settings a screen shows, empty if none. */
 export const panel = { data: signal(""), parameters: signal(""), function: signal("") };
@@ -52,7 +53,7 @@ export function jump(section: string, key: string): void {
 const PLACES = [/^\[\[(\w+)\]\] ?(\d*) ?(\w*)/, /^\[(\w+)\.(.+?)\] ?(\w*)/, /^\[(\w+)\]() ?(\w*)/];
 
 /** Show the field that a message is about, or its screen. */
-export function showFinding(finding: Finding): void {
+export function showFinding(finding: FindingRow): void {
   const place = PLACES.map((pattern) => pattern.exec(finding.path)).find((match) => match !== null);
   const [section, entry, part] = [place?.[1] ?? "", place?.[2] ?? "", place?.[3] ?? ""];
   const key = keysOf(section).find((each) => each.name === part || (part && each.form.word === part))?.name ?? "";
@@ -64,6 +65,9 @@ export function showFinding(finding: Finding): void {
 }
 
 /** Every key with its section, in the order of the documentation. */
-export function allKeys(): { section: string; key: Key }[] {
-  return sections.value.flatMap((section) => [{ section: section.name, key: { ...section, name: "" } }, ...(section.form.keys ?? []).map((key) => ({ section: section.name, key }))]);
+export function allKeys(): { section: string; key: KeyRow }[] {
+  return sections.value.flatMap((section) => [
+    { section: section.name, key: { ...section, name: "" } },
+    ...(section.form.keys ?? []).map((key) => ({ section: section.name, key })),
+  ]);
 }

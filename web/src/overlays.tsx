@@ -2,7 +2,7 @@
 
 import { useComputed, useSignal } from "@preact/signals";
 import { CodeConsent } from "./code-consent";
-import { COMMANDS, overlay, searchable, type Command } from "./commands";
+import { COMMANDS, type Command, overlay, searchable } from "./commands";
 import { Icon } from "./icons";
 import { foreign } from "./restart";
 import { conflicts, save, takeDisk } from "./saving";
@@ -20,7 +20,14 @@ export function Overlays() {
 }
 
 function Veil() {
-  return <div class="veil" onClick={() => { overlay.value = ""; }} />;
+  return (
+    <div
+      class="veil"
+      onClick={() => {
+        overlay.value = "";
+      }}
+    />
+  );
 }
 
 function Palette() {
@@ -42,8 +49,41 @@ function Palette() {
     <>
       <Veil />
       <div class="over palette" role="dialog" aria-label="Find or do">
-        <label class="field big"><Icon name="find" kind="q" /><input ref={(element) => element?.focus()} aria-label="Command or parameter" placeholder="Find a parameter or a setting, or do something" value={text.value} onInput={(event) => { text.value = event.currentTarget.value; chosen.value = 0; }} onKeyDown={key} /></label>
-        <div role="listbox">{found.map((command, k) => <button class={`entry ${k === chosen.value ? "on" : ""}`} role="option" aria-selected={k === chosen.value} onMouseEnter={() => { chosen.value = k; }} onClick={() => run(k)}><span>{command.title}</span>{command.hint && <span class="q cut hint">{command.hint}</span>}<span>{command.keys.map((each) => <kbd>{each}</kbd>)}</span></button>)}</div>
+        <label class="field big">
+          <Icon name="find" kind="q" />
+          <input
+            ref={(element) => element?.focus()}
+            aria-label="Command or parameter"
+            placeholder="Find a parameter or a setting, or do something"
+            value={text.value}
+            onInput={(event) => {
+              text.value = event.currentTarget.value;
+              chosen.value = 0;
+            }}
+            onKeyDown={key}
+          />
+        </label>
+        <div role="listbox">
+          {found.map((command, k) => (
+            <button
+              class={`entry ${k === chosen.value ? "on" : ""}`}
+              role="option"
+              aria-selected={k === chosen.value}
+              onMouseEnter={() => {
+                chosen.value = k;
+              }}
+              onClick={() => run(k)}
+            >
+              <span>{command.title}</span>
+              {command.hint && <span class="q cut hint">{command.hint}</span>}
+              <span>
+                {command.keys.map((each) => (
+                  <kbd>{each}</kbd>
+                ))}
+              </span>
+            </button>
+          ))}
+        </div>
         {found.length === 0 && <p class="pad q">Nothing is called so.</p>}
       </div>
     </>
@@ -54,14 +94,62 @@ function Palette() {
 function rank(all: Command[], words: string[]): Command[] {
   const has = (text: string) => words.every((word) => text.toLowerCase().includes(word));
   const inTitle = all.filter((command) => has(command.title));
-  return [...inTitle, ...all.filter((command) => !inTitle.includes(command) && has(`${command.title} ${command.hint ?? ""}`))].slice(0, 12);
+  return [
+    ...inTitle,
+    ...all.filter((command) => !inTitle.includes(command) && has(`${command.title} ${command.hint ?? ""}`)),
+  ].slice(0, 12);
 }
 
 const GROUPS: [string, [string[], string][]][] = [
-  ["Table", [[["←", "→", "↑", "↓"], "move"], [["Shift", "arrows"], "select"], [["Enter"], "set all selected"], [["+", "−"], "small step, with Shift a large one"], [["=", "*", "/"], "arithmetic: *1,1"], [["i"], "interpolate"], [["s"], "smooth"], [["Del"], "back to the reference"], [["Ctrl", "C"], "copy, and Ctrl V paste, as in Excel"]]],
-  ["Plots", [[["Z"], "zoom by dragging"], [["R"], "measure a range"], [["B"], "brush: light up samples everywhere; Shift+drag always does"], [["F"], "fit the time axis to what is brushed or measured"], [["W"], "whole recording"], [["Backspace"], "back"], [["←", "→"], "cursor by a sample, with Shift ten"], [["Home", "End"], "first, last sample"], [["↑", "↓"], "closer, wider"], [["Page ↑", "Page ↓"], "move the stretch"], [["S"], "search signals"], [["M"], "strips or scatter matrix"], [["Esc"], "no selection"]]],
-  ["Strips", [[["Enter"], "add the signal as a strip"], [["Shift", "Enter"], "add it to the active strip"], [["Alt", "↑"], "move a strip up, Alt ↓ down"], [["+", "−"], "higher, lower"], [["Del"], "remove"]]],
-  ["Surface", [[["drag"], "a point up or down; the ground turns"], [["double click"], "home"]]],
+  [
+    "Table",
+    [
+      [["←", "→", "↑", "↓"], "move"],
+      [["Shift", "arrows"], "select"],
+      [["Enter"], "set all selected"],
+      [["+", "−"], "small step, with Shift a large one"],
+      [["=", "*", "/"], "arithmetic: *1,1"],
+      [["i"], "interpolate"],
+      [["s"], "smooth"],
+      [["Del"], "back to the reference"],
+      [["Ctrl", "C"], "copy, and Ctrl V paste, as in Excel"],
+    ],
+  ],
+  [
+    "Plots",
+    [
+      [["Z"], "zoom by dragging"],
+      [["R"], "measure a range"],
+      [["B"], "brush: light up samples everywhere; Shift+drag always does"],
+      [["F"], "fit the time axis to what is brushed or measured"],
+      [["W"], "whole recording"],
+      [["Backspace"], "back"],
+      [["←", "→"], "cursor by a sample, with Shift ten"],
+      [["Home", "End"], "first, last sample"],
+      [["↑", "↓"], "closer, wider"],
+      [["Page ↑", "Page ↓"], "move the stretch"],
+      [["S"], "search signals"],
+      [["M"], "strips or scatter matrix"],
+      [["Esc"], "no selection"],
+    ],
+  ],
+  [
+    "Strips",
+    [
+      [["Enter"], "add the signal as a strip"],
+      [["Shift", "Enter"], "add it to the active strip"],
+      [["Alt", "↑"], "move a strip up, Alt ↓ down"],
+      [["+", "−"], "higher, lower"],
+      [["Del"], "remove"],
+    ],
+  ],
+  [
+    "Surface",
+    [
+      [["drag"], "a point up or down; the ground turns"],
+      [["double click"], "home"],
+    ],
+  ],
 ];
 
 function Keys() {
@@ -69,10 +157,48 @@ function Keys() {
     <>
       <Veil />
       <div class="over keys" role="dialog" aria-label="Keys">
-        <div class="head"><h2>Keys</h2><span class="right"><button class="btn bare small" onClick={() => { overlay.value = ""; }}>Close</button></span></div>
+        <div class="head">
+          <h2>Keys</h2>
+          <span class="right">
+            <button
+              class="btn bare small"
+              onClick={() => {
+                overlay.value = "";
+              }}
+            >
+              Close
+            </button>
+          </span>
+        </div>
         <div class="columns">
-          <section><h3>Everywhere</h3>{COMMANDS.filter((c) => c.keys.length).map((c) => <p>{c.keys.map((each) => <kbd>{each}</kbd>)} <span>{c.title}</span></p>)}<p><kbd>Ctrl</kbd><kbd>K</kbd> <span>Find or do</span></p></section>
-          {GROUPS.map(([title, rows]) => <section><h3>{title}</h3>{rows.map(([keys, text]) => <p>{keys.map((each) => <kbd>{each}</kbd>)} <span>{text}</span></p>)}</section>)}
+          <section>
+            <h3>Everywhere</h3>
+            {COMMANDS.filter((c) => c.keys.length).map((c) => (
+              <p>
+                {c.keys.map((each) => (
+                  <kbd>{each}</kbd>
+                ))}{" "}
+                <span>{c.title}</span>
+              </p>
+            ))}
+            <p>
+              <kbd>Ctrl</kbd>
+              <kbd>K</kbd> <span>Find or do</span>
+            </p>
+          </section>
+          {GROUPS.map(([title, rows]) => (
+            <section>
+              <h3>{title}</h3>
+              {rows.map(([keys, text]) => (
+                <p>
+                  {keys.map((each) => (
+                    <kbd>{each}</kbd>
+                  ))}{" "}
+                  <span>{text}</span>
+                </p>
+              ))}
+            </section>
+          ))}
         </div>
       </div>
     </>
@@ -83,10 +209,34 @@ function Notices() {
   const { changedOnDisk, recoverable } = state.value;
   return (
     <div class="notices" role="status">
-      {!connected.value && foreign.value && <div class="note bad" id="restarted"><span class="grow">Kennfeld was restarted, and this page cannot prove that it is yours. Open the address that <b>kennfeld app</b> printed in its terminal; edits that were not saved are offered there.</span></div>}
-      {recoverable && <div class="note warn"><span class="grow">Kennfeld ended without saving. Its edits were kept.</span><button class="btn small" onClick={() => request("recover")}>Recover</button><button class="btn bare small" onClick={() => request("recover", { discard: true })}>Discard</button></div>}
+      {!connected.value && foreign.value && (
+        <div class="note bad" id="restarted">
+          <span class="grow">
+            Kennfeld was restarted, and this page cannot prove that it is yours. Open the address that{" "}
+            <b>kennfeld app</b> printed in its terminal; edits that were not saved are offered there.
+          </span>
+        </div>
+      )}
+      {recoverable && (
+        <div class="note warn">
+          <span class="grow">Kennfeld ended without saving. Its edits were kept.</span>
+          <button class="btn small" onClick={() => request("recover")}>
+            Recover
+          </button>
+          <button class="btn bare small" onClick={() => request("recover", { discard: true })}>
+            Discard
+          </button>
+        </div>
+      )}
       {screen.value !== "function" && <CodeConsent />}
-      {changedOnDisk && <div class="note warn" id="changed-on-disk"><span class="grow">Another program has changed the files of this project.</span><button class="btn small" onClick={() => request("reload")}>Show the change</button></div>}
+      {changedOnDisk && (
+        <div class="note warn" id="changed-on-disk">
+          <span class="grow">Another program has changed the files of this project.</span>
+          <button class="btn small" onClick={() => request("reload")}>
+            Show the change
+          </button>
+        </div>
+      )}
     </div>
   );
 }
@@ -97,7 +247,21 @@ function Text({ title, text, other }: { title: string; text: string; other: stri
   return (
     <section class="grow">
       <h3>{title}</h3>
-      <pre class="conflict">{text.split("\n").map((line, index) => (lines.has(line) ? <span key={index}>{line}{"\n"}</span> : <mark key={index}>{line}{"\n"}</mark>))}</pre>
+      <pre class="conflict">
+        {text.split("\n").map((line, index) =>
+          lines.has(line) ? (
+            <span key={index}>
+              {line}
+              {"\n"}
+            </span>
+          ) : (
+            <mark key={index}>
+              {line}
+              {"\n"}
+            </mark>
+          ),
+        )}
+      </pre>
     </section>
   );
 }
@@ -107,19 +271,38 @@ function Conflicts() {
   if (conflicts.value.length === 0 || state.value.project === null) return null;
   return (
     <div class="over conflicts" role="dialog" aria-label="Changed by another program">
-      <div class="head"><h2>Another program has changed {conflicts.value.map((each) => each.file).join(", ")}</h2></div>
+      <div class="head">
+        <h2>Another program has changed {conflicts.value.map((each) => each.file).join(", ")}</h2>
+      </div>
       <div class="pad">
-        <p class="q">Nothing has been saved. With yours, the other changes are lost. With those on disk, yours can be brought back by Undo.</p>
-        {conflicts.value.filter((each) => each.own !== "").map((each) => (
-          <div class="row" key={each.file}>
-            <Text title={`${each.file} on disk`} text={each.disk} other={each.own} />
-            <Text title="Yours" text={each.own} other={each.disk} />
-          </div>
-        ))}
+        <p class="q">
+          Nothing has been saved. With yours, the other changes are lost. With those on disk, yours can be brought back
+          by Undo.
+        </p>
+        {conflicts.value
+          .filter((each) => each.own !== "")
+          .map((each) => (
+            <div class="row" key={each.file}>
+              <Text title={`${each.file} on disk`} text={each.disk} other={each.own} />
+              <Text title="Yours" text={each.own} other={each.disk} />
+            </div>
+          ))}
         <div class="go">
-          <button class="btn primary" id="take-disk" onClick={takeDisk}>Take those on disk</button>
-          <button class="btn" id="replace-disk" onClick={() => save(true)}>Replace them with yours</button>
-          <button class="btn bare" id="keep-both" onClick={() => { conflicts.value = []; }}>Cancel</button>
+          <button class="btn primary" id="take-disk" onClick={takeDisk}>
+            Take those on disk
+          </button>
+          <button class="btn" id="replace-disk" onClick={() => save(true)}>
+            Replace them with yours
+          </button>
+          <button
+            class="btn bare"
+            id="keep-both"
+            onClick={() => {
+              conflicts.value = [];
+            }}
+          >
+            Cancel
+          </button>
         </div>
       </div>
     </div>

@@ -2,37 +2,101 @@
 
 import { batch, computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { brush, criterionNumber, cursor, dataset, datasetNumber, follow, hover, isStretch, keyOf, only, range, visible, width, type Brush, type SignalName, type Stretch } from "./plots";
-import { matrixSignals, rows } from "./strip-rows";
+import {
+  type Brush,
+  brush,
+  criterionNumber,
+  cursor,
+  dataset,
+  datasetNumber,
+  follow,
+  hover,
+  isStretch,
+  keyOf,
+  only,
+  range,
+  type Stretch,
+  visible,
+  width,
+} from "./plots";
+import type {
+  AskedPoints,
+  AskedScatter,
+  AskedStrip,
+  BrushedConditions,
+  ScatterArrays,
+  SignalName,
+  StatisticsRow,
+} from "./replies";
 import { request, revision, screen, settled } from "./store";
+import { matrixSignals, rows } from "./strip-rows";
 
-export interface Drawn { begin: number; raw: boolean; x: Float32Array; lines: Map<string, Float32Array>; lit: Float32Array; missing: Map<string, string> }
-export interface Statistics { samples: number; least: number | null; mean: number | null; greatest: number | null; rms: number | null }
+export interface Drawn {
+  begin: number;
+  raw: boolean;
+  x: Float32Array;
+  lines: Map<string, Float32Array>;
+  lit: Float32Array;
+  missing: Map<string, string>;
+}
 
 export const drawn = signal<Drawn | null>(null);
 export const overview = signal<Drawn | null>(null);
 
 const open = computed(() => screen.value === "plots" && dataset.value !== undefined);
-const lines = computed(() => new Map(rows.value.flatMap((row) => row.lines.map((line) => [keyOf(line.signal), line.signal]))));
+const lines = computed(
+  () => new Map(rows.value.flatMap((row) => row.lines.map((line) => [keyOf(line.signal), line.signal]))),
+);
 const pixels = computed(() => Math.max(50, Math.round(width.value)));
 
-async function fetchStrip(signals: SignalName[], part: Stretch, given: Record<string, unknown>): Promise<Drawn | null> {
-  const reply = await request("strip", { dataset: datasetNumber.peek(), signals, begin: part.begin, end: part.end, pixels: pixels.peek(), ...given });
+async function fetchStrip(
+  signals: SignalName[],
+  part: Stretch,
+  given: Pick<AskedStrip, "only" | "brush">,
+): Promise<Drawn | null> {
+  const reply = await request("strip", {
+    dataset: datasetNumber.peek(),
+    signals,
+    begin: part.begin,
+    end: part.end,
+    pixels: pixels.peek(),
+    ...given,
+  });
   if (reply === null) return null;
   const named = signals.map((own, k) => [keyOf(own), reply.arrays[String(k)]] as const);
-  const missing = Object.entries((reply.head.missing ?? {}) as Record<string, string>).map(([k, reason]) => [keyOf(signals[Number(k)]!), reason] as const);
+  const missing = Object.entries(reply.head.missing).map(
+    ([k, reason]) => [keyOf(signals[Number(k)]!), reason] as const,
+  );
   const present = named.filter((each): each is readonly [string, Float32Array] => each[1] !== undefined);
-  return { begin: reply.head.begin as number, raw: reply.head.raw as boolean, x: reply.arrays.x!, lines: new Map(present), lit: reply.arrays.lit ?? new Float32Array(), missing: new Map(missing) };
+  return {
+    begin: reply.head.begin,
+    raw: reply.head.raw,
+    x: reply.arrays.x,
+    lines: new Map(present),
+    lit: reply.arrays.lit,
+    missing: new Map(missing),
+  };
 }
 
-const load = newest(async ({ signals, part, given }: { signals: SignalName[]; part: Stretch; given: Record<string, unknown> }) => {
-  drawn.value = (await fetchStrip(signals, part, given)) ?? drawn.value;
-});
+const load = newest(
+  async ({
+    signals,
+    part,
+    given,
+  }: {
+    signals: SignalName[];
+    part: Stretch;
+    given: Pick<AskedStrip, "only" | "brush">;
+  }) => {
+    drawn.value = (await fetchStrip(signals, part, given)) ?? drawn.value;
+  },
+);
 
 effect(() => {
   void [revision.value, datasetNumber.value, pixels.value];
   const lit = isStretch(brush.value) ? null : brush.value; // a stretch is drawn without a question
-  if (open.value) load({ signals: [...lines.value.values()], part: visible.value, given: { only: only.value, brush: lit } });
+  if (open.value)
+    load({ signals: [...lines.value.values()], part: visible.value, given: { only: only.value, brush: lit } });
 });
 
 const loadOverview = newest(async (own: { signals: SignalName[]; part: Stretch }) => {
@@ -43,7 +107,8 @@ effect(() => {
   const own = dataset.value;
   const signals = rows.value[0]?.lines.map((line) => line.signal) ?? [];
   void pixels.value;
-  if (open.value && own !== undefined && signals.length) loadOverview({ signals, part: { begin: own.begin, end: own.end } });
+  if (open.value && own !== undefined && signals.length)
+    loadOverview({ signals, part: { begin: own.begin, end: own.end } });
 });
 
 export const pair = signal<[SignalName, SignalName] | null>(null); // x and y; null is calculated over measured
@@ -55,13 +120,23 @@ const plotted = computed(() => {
 });
 
 /** The sample under the cursor, with the exact values of all lines. */
-export interface Sample { dataset: number; sample: number; position: number; values: Map<string, number> }
+export interface Sample {
+  dataset: number;
+  sample: number;
+  position: number;
+  values: Map<string, number>;
+}
 export const sample = signal<Sample | null>(null);
 
 /** What is known at the cursor: the lines of the strips, and the axes of the scatter plots. */
 const atCursor = computed(() => {
   const fitted = settled.value.criteria[criterionNumber.value];
-  const axes: SignalName[] = fitted ? [{ kind: "target", name: String(criterionNumber.value) }, { kind: "node", name: fitted.node }] : [];
+  const axes: SignalName[] = fitted
+    ? [
+        { kind: "target", name: String(criterionNumber.value) },
+        { kind: "node", name: fitted.node },
+      ]
+    : [];
   return new Map([...lines.value, ...[...axes, ...plotted.value].map((own) => [keyOf(own), own] as const)]);
 });
 
@@ -72,8 +147,8 @@ const loadSample = newest(async (_: null) => {
   if (position === null) return;
   const reply = await request("cursor", { dataset: number, position, step, signals });
   if (reply === null || number !== datasetNumber.value) return;
-  const values = (reply.head.values as (number | null)[]).map((value, k) => [keyOf(signals[k]!), value ?? NaN] as const);
-  const next = { dataset: number, sample: reply.head.sample as number, position: reply.head.position as number, values: new Map(values) };
+  const values = reply.head.values.map((value, k) => [keyOf(signals[k]!), value ?? NaN] as const);
+  const next = { dataset: number, sample: reply.head.sample, position: reply.head.position, values: new Map(values) };
   batch(() => {
     sample.value = next;
     if (cursor.value === position) cursor.value = next.position;
@@ -101,16 +176,20 @@ export function stepCursor(by: number): void {
   else loadSample(null);
 }
 
-export interface Scatter { sample: Float32Array; measured: Float32Array; now: Float32Array; start: Float32Array; lit: Float32Array; position: Float32Array; edges: Float32Array; after: Float32Array; before: Float32Array; brushed: Float32Array }
-export const scatter = signal<Scatter | null>(null);
+export const scatter = signal<ScatterArrays | null>(null);
 export const both = signal(false);
 
-const loadScatter = newest(async (given: Record<string, unknown>) => {
+const loadScatter = newest(async (given: AskedScatter) => {
   const reply = await request("scatter", given);
-  scatter.value = reply === null ? null : (reply.arrays as unknown as Scatter);
+  scatter.value = reply === null ? null : reply.arrays;
 });
 
-const selected = computed(() => ({ dataset: datasetNumber.value, criterion: criterionNumber.value, only: only.value, brush: brush.value }));
+const selected = computed(() => ({
+  dataset: datasetNumber.value,
+  criterion: criterionNumber.value,
+  only: only.value,
+  brush: brush.value,
+}));
 
 effect(() => {
   void revision.value;
@@ -118,34 +197,62 @@ effect(() => {
 });
 
 /** Signals at the same samples, to be drawn over each other. */
-export interface Points { signals: SignalName[]; begin: number; position: Float32Array; lit: Float32Array; values: (Float32Array | undefined)[] }
+export interface Points {
+  signals: SignalName[];
+  begin: number;
+  position: Float32Array;
+  lit: Float32Array;
+  values: (Float32Array | undefined)[];
+}
 export const points = signal<Points | null>(null);
-const loadPoints = newest(async ({ signals, given }: { signals: SignalName[]; given: Record<string, unknown> }) => {
-  const reply = await request("points", { ...given, signals });
+const loadPoints = newest(async (given: AskedPoints) => {
+  const { signals } = given;
+  const reply = await request("points", given);
   if (reply === null) return;
-  points.value = { signals, begin: reply.head.begin as number, position: reply.arrays.position!, lit: reply.arrays.lit!, values: signals.map((_, k) => reply.arrays[String(k)]) };
+  points.value = {
+    signals,
+    begin: reply.head.begin,
+    position: reply.arrays.position,
+    lit: reply.arrays.lit,
+    values: signals.map((_, k) => reply.arrays[String(k)]),
+  };
 });
 
 effect(() => {
   void revision.value;
-  if (open.value && plotted.value.length) loadPoints({ signals: plotted.value, given: { ...selected.value, most: matrixOpen.value ? 2500 : 6000 } });
+  if (open.value && plotted.value.length)
+    loadPoints({ ...selected.value, signals: plotted.value, most: matrixOpen.value ? 2500 : 6000 });
 });
 
 /** What is brushed: the weight of each grid point in it, its errors, statistics of the lines, and its conditions. */
-export interface Brushed { samples: number; weights: Record<string, Float32Array>; rmse: number; mean: number; statistics: Map<string, Statistics>; conditions: Conditions }
-export interface Conditions { where: string; outside: string; region: string; reason: string; regionReason: string }
+export interface Brushed {
+  samples: number;
+  weights: Record<string, Float32Array>;
+  rmse: number;
+  mean: number;
+  statistics: Map<string, StatisticsRow>;
+  conditions: BrushedConditions;
+}
 export const brushed = signal<Brushed | null>(null);
 
 const loadBrushed = newest(async (own: Brush) => {
   const given = { dataset: datasetNumber.value, brush: own };
   const error: SignalName = { kind: "error", name: String(criterionNumber.value) };
   const signals = [...lines.value.values()];
-  const [passed, numbers, conditions] = await Promise.all([request("passed", given), request("statistics", { ...given, signals: [error, ...signals] }), request("conditions", given)]);
+  const [passed, numbers, conditions] = await Promise.all([
+    request("passed", given),
+    request("statistics", { ...given, signals: [error, ...signals] }),
+    request("conditions", given),
+  ]);
   if (passed === null || numbers === null || conditions === null || brush.value === null) return;
-  const [row, ...others] = numbers.head.statistics as Statistics[];
+  const [row, ...others] = numbers.head.statistics;
   brushed.value = {
-    samples: passed.head.samples as number, weights: passed.arrays, rmse: row?.rms ?? NaN, mean: row?.mean ?? NaN,
-    statistics: new Map(signals.map((each, k) => [keyOf(each), others[k]!])), conditions: conditions.head as unknown as Conditions,
+    samples: passed.head.samples,
+    weights: passed.arrays,
+    rmse: row?.rms ?? NaN,
+    mean: row?.mean ?? NaN,
+    statistics: new Map(signals.map((each, k) => [keyOf(each), others[k]!])),
+    conditions: conditions.head,
   };
 });
 
@@ -156,18 +263,42 @@ effect(() => {
 });
 
 /** The measured range: each line at both ends, and its statistics between them. */
-export interface RangeRow { signal: SignalName; label: string; colour: string; begin: number; end: number; statistics: Statistics }
+export interface RangeRow {
+  signal: SignalName;
+  label: string;
+  colour: string;
+  begin: number;
+  end: number;
+  statistics: StatisticsRow;
+}
 export const rangeRows = signal<RangeRow[] | null>(null);
 
 const loadRange = newest(async (own: Stretch) => {
   const [number, signals] = [datasetNumber.value, [...lines.value.values()]];
-  const ends = [own.begin, own.end].map((position) => request("cursor", { dataset: number, position, signals }));
-  const [begin, end, numbers] = await Promise.all([...ends, request("statistics", { dataset: number, begin: own.begin, end: own.end, signals })]);
+  const at = (position: number) => request("cursor", { dataset: number, position, signals });
+  const [begin, end, numbers] = await Promise.all([
+    at(own.begin),
+    at(own.end),
+    request("statistics", { dataset: number, begin: own.begin, end: own.end, signals }),
+  ]);
   if (!begin || !end || !numbers || range.value === null) return;
-  const at = (reply: typeof begin, k: number) => (reply.head.values as (number | null)[])[k] ?? NaN;
-  const shown = rows.value.flatMap((row) => row.lines.map((line) => ({ key: keyOf(line.signal), label: row.lines.length > 1 ? line.label : row.title, colour: line.colour })));
+  const shown = rows.value.flatMap((row) =>
+    row.lines.map((line) => ({
+      key: keyOf(line.signal),
+      label: row.lines.length > 1 ? line.label : row.title,
+      colour: line.colour,
+    })),
+  );
   const drawnAs = new Map(shown.map((line) => [line.key, line]));
-  rangeRows.value = signals.map((each, k) => ({ signal: each, label: "", colour: "measured", ...drawnAs.get(keyOf(each)), begin: at(begin, k), end: at(end, k), statistics: (numbers.head.statistics as Statistics[])[k]! }));
+  rangeRows.value = signals.map((each, k) => ({
+    signal: each,
+    label: "",
+    colour: "measured",
+    ...drawnAs.get(keyOf(each)),
+    begin: begin.head.values[k] ?? NaN,
+    end: end.head.values[k] ?? NaN,
+    statistics: numbers.head.statistics[k]!,
+  }));
 });
 
 effect(() => {

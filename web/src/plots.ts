@@ -1,11 +1,13 @@
 // What the plots look at: dataset, criterion, stretch of time, cursor, and the samples that are brushed or shown alone.
 
 import { batch, computed, signal } from "@preact/signals";
+import type { SignalName, SignalRange } from "./replies";
 import { settled } from "./store";
 
-export interface SignalName { kind: "channel" | "target" | "node" | "start" | "error" | "start error"; name: string; unit?: string } // the unit of a channel that the project does not use
-export interface Stretch { begin: number; end: number }
-export interface SignalRange { signal: SignalName; least: number; greatest: number }
+export interface Stretch {
+  begin: number;
+  end: number;
+}
 
 /** Samples that are selected: a stretch of time, those within ranges of signals, or those that inform a grid point. */
 export type Brush = Stretch | { ranges: SignalRange[] } | { point: { parameter: string; value: number } };
@@ -23,8 +25,12 @@ export const part = signal<"point" | "sample" | "range">("point"); // the pane a
 
 const chosenCriterion = signal(0);
 
-export const dataset = computed(() => settled.value.datasets[Math.min(datasetNumber.value, settled.value.datasets.length - 1)]);
-export const criterionNumber = computed(() => Math.max(0, Math.min(chosenCriterion.value, settled.value.criteria.length - 1)));
+export const dataset = computed(
+  () => settled.value.datasets[Math.min(datasetNumber.value, settled.value.datasets.length - 1)],
+);
+export const criterionNumber = computed(() =>
+  Math.max(0, Math.min(chosenCriterion.value, settled.value.criteria.length - 1)),
+);
 export const criterion = computed(() => settled.value.criteria[criterionNumber.value]);
 
 export const visible = computed<Stretch>(() => {
@@ -119,5 +125,7 @@ export function follow(position: number): void {
 
 /** Light up nothing, measure nothing, and forget the cursor. */
 export function clearMarks(): void {
-  batch(() => { brush.value = range.value = cursor.value = null; });
+  batch(() => {
+    brush.value = range.value = cursor.value = null;
+  });
 }

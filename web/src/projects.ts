@@ -2,19 +2,11 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { holdsFunctions } from "./function-files";
-import { message, request, screen, state, type Screen } from "./store";
+import type { KnownProjects, Questions } from "./replies";
+import { message, request, type Screen, screen, state } from "./store";
 import { upload } from "./uploads";
 
-export interface Picture { dataset: string; timed: boolean; x: (number | null)[]; measured: (number | null)[]; now: (number | null)[]; start: (number | null)[] }
-export interface Recent {
-  path: string; name: string; folder: string; opened: number; unsaved: boolean; open: boolean;
-  state?: string; problem?: string; file?: string; node?: string; unit?: string; training?: number; test?: number; histogram?: number[];
-  nodes?: number; datasets?: [string, string, number][]; parameters?: number; values?: number; run?: string; withoutData?: number; picture?: Picture;
-}
-export interface Demo { name: string; title: string; text: string; facts: string }
-interface Known { recent: Recent[]; demos: Demo[]; folder: string; version: string }
-
-export const known = signal<Known>({ recent: [], demos: [], folder: "", version: "" });
+export const known = signal<KnownProjects>({ recent: [], demos: [], folder: "", version: "" });
 export const chosen = signal("");
 export const filter = signal("");
 export const opening = signal(false);
@@ -23,7 +15,7 @@ const openPath = computed(() => state.value.project?.path ?? "");
 
 export async function loadProjects(): Promise<void> {
   const reply = await request("projects");
-  if (reply !== null) known.value = reply.head as unknown as Known;
+  if (reply !== null) known.value = reply.head;
 }
 
 effect(() => {
@@ -34,15 +26,23 @@ effect(() => {
 /** Projects whose name, path or node contain every word of the filter. */
 export const shownProjects = computed(() => {
   const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
-  return known.value.recent.filter((each) => words.every((word) => `${each.name} ${each.path} ${each.node ?? ""}`.toLowerCase().includes(word)));
+  return known.value.recent.filter((each) =>
+    words.every((word) => `${each.name} ${each.path} ${each.node ?? ""}`.toLowerCase().includes(word)),
+  );
 });
 
-export const selected = computed(() => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0]);
+export const selected = computed(
+  () => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0],
+);
 
-export async function openProject(question: string, given: Record<string, unknown>, next: Screen = "parameters"): Promise<void> {
+export async function openProject<Q extends "open" | "demo" | "new">(
+  question: Q,
+  given: Questions[Q]["asks"],
+  next: Screen = "parameters",
+): Promise<void> {
   opening.value = true; // files that are dropped from now on belong to that project
   try {
-    if ((await request(question, given)) !== null) screen.value = next;
+    if ((await request<"open" | "demo" | "new">(question, given)) !== null) screen.value = next;
   } finally {
     opening.value = false;
   }
@@ -50,14 +50,15 @@ export async function openProject(question: string, given: Record<string, unknow
 
 /** Make a project from dropped files: recordings, a function, or a calibration. */
 export async function projectFrom(files: File[]): Promise<void> {
-  const first = files.find((file) => /\.app$/i.test(file.name)) ?? files[0]; // an application names a project of many files
+  // an application names a project of many files
+  const first = files.find((file) => /\.app$/i.test(file.name)) ?? files[0];
   if (first === undefined || (await request("new", { name: first.name, free: true })) === null) return;
   screen.value = "data";
   const names = await upload(files);
   if (names.length === 0) return;
   const reply = await request("add-files", { files: names });
   if (reply !== null) message.value = `Added ${files.length === 1 ? first.name : `${files.length} files`}`;
-  const kinds = Object.values((reply?.head.kinds ?? {}) as Record<string, string>);
+  const kinds = Object.values(reply?.head.kinds ?? {});
   const isFunction = kinds.includes("program") || files.some((file) => holdsFunctions(file.name));
   if (isFunction && !kinds.includes("recording")) screen.value = "function";
 }
@@ -66,8 +67,11 @@ export async function projectFrom(files: File[]): Promise<void> {
 export function spoken(seconds: number, now = new Date()): string {
   if (!seconds) return "";
   const then = new Date(seconds * 1000);
-  const days = Math.round((new Date(now.toDateString()).getTime() - new Date(then.toDateString()).getTime()) / 86_400_000);
-  if (days === 0) return `today ${String(then.getHours()).padStart(2, "0")}:${String(then.getMinutes()).padStart(2, "0")}`;
+  const days = Math.round(
+    (new Date(now.toDateString()).getTime() - new Date(then.toDateString()).getTime()) / 86_400_000,
+  );
+  if (days === 0)
+    return `today ${String(then.getHours()).padStart(2, "0")}:${String(then.getMinutes()).padStart(2, "0")}`;
   if (days === 1) return "yesterday";
   return `${then.getDate()} ${then.toLocaleString("en", { month: "short" })}${then.getFullYear() === now.getFullYear() ? "" : ` ${then.getFullYear()}`}`;
 }

@@ -7,7 +7,8 @@ export const foreign = signal(false);
 
 const KEY = document.querySelector<HTMLMetaElement>("meta[name=again]")?.content ?? "";
 
-const hex = (bytes: ArrayBuffer): string => [...new Uint8Array(bytes)].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+const hex = (bytes: ArrayBuffer): string =>
+  [...new Uint8Array(bytes)].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 
 async function proof(side: string, text: string): Promise<string> {
   const encode = (value: string) => new TextEncoder().encode(value);
@@ -37,7 +38,10 @@ export async function letInAgain(): Promise<boolean> {
   foreign.value = answer.proof !== (await proof("server", nonce));
   if (foreign.value) return false;
   const own = { challenge: answer.challenge, proof: await proof("page", answer.challenge) };
-  const accepted = await fetch("/again", { method: "POST", body: JSON.stringify(own) }).then((reply) => reply.ok, () => false);
+  const accepted = await fetch("/again", { method: "POST", body: JSON.stringify(own) }).then(
+    (reply) => reply.ok,
+    () => false,
+  );
   foreign.value = !accepted;
   return accepted;
 }

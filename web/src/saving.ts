@@ -1,9 +1,8 @@
 // Saving, and the question what becomes of files that another program has changed since they were read.
 
 import { signal } from "@preact/signals";
+import type { Conflict } from "./replies";
 import { message, request } from "./store";
-
-export interface Conflict { file: string; disk: string; own: string }
 
 export const conflicts = signal<Conflict[]>([]);
 
@@ -11,7 +10,7 @@ export const conflicts = signal<Conflict[]>([]);
 export async function save(force = false): Promise<void> {
   const reply = await request("save", { force });
   if (reply === null) return;
-  conflicts.value = (reply.head.conflicts as Conflict[] | undefined) ?? [];
+  conflicts.value = reply.head.conflicts ?? [];
   if (conflicts.value.length === 0 && force) message.value = "Saved";
 }
 

@@ -2,40 +2,11 @@
 
 import { effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { textRevision, type Path, type Toml } from "./settings";
-import { request, settled, type Screen } from "./store";
+import type { KeyForm, KeyRow, Path, SectionRow, Toml } from "./replies";
+import { textRevision } from "./settings";
+import { request, settled } from "./store";
 
-/** The kind of a value, and what its field needs. */
-export interface Form {
-  kind: "text" | "number" | "integer" | "flag" | "choice" | "texts" | "numbers" | "pair" | "table" | "entry" | "entries" | "named" | "either" | "list" | "toml";
-  title?: string;
-  words?: string[]; // in place of a number
-  options?: string[];
-  numbers?: boolean; // whole numbers among texts
-  names?: string[]; // the only ones of a table
-  values?: Form; // of a table
-  keys?: Key[];
-  word?: string; // what messages call an entry
-  single?: boolean; // one table may stand for a list of one
-  forms?: Form[]; // alternatives
-  item?: Form; // of a list
-}
-
-export interface Key {
-  name: string;
-  help: string;
-  type: string;
-  default: string;
-  required: boolean;
-  unit: string;
-  holds: string; // what texts are: "channel", "condition" ...
-  by: string; // what the names of a table are
-  form: Form;
-}
-
-export interface Section extends Key { heading: string; screen: Screen }
-
-export const sections = signal<Section[]>([]);
+export const sections = signal<SectionRow[]>([]);
 export const names = signal<Record<string, string[]>>({});
 
 let asked = false;
@@ -43,12 +14,15 @@ let asked = false;
 effect(() => {
   if (settled.value.project === null || asked) return;
   asked = true;
-  void request("schema").then((reply) => { if (reply === null) asked = false; else sections.value = reply.head.sections as Section[]; });
+  void request("schema").then((reply) => {
+    if (reply === null) asked = false;
+    else sections.value = reply.head.sections;
+  });
 });
 
 const loadNames = newest(async (_: number) => {
   const reply = await request("names");
-  if (reply !== null) names.value = reply.head.names as Record<string, string[]>;
+  if (reply !== null) names.value = reply.head.names;
 });
 
 /** Number of forms on the screen; names are asked for while there is one. */
@@ -58,19 +32,21 @@ effect(() => {
   if (shownForms.value > 0 && textRevision.value > 0) loadNames(textRevision.value);
 });
 
-export const sectionOf = (name: string): Section | undefined => sections.value.find((each) => each.name === name);
+export const sectionOf = (name: string): SectionRow | undefined => sections.value.find((each) => each.name === name);
 
 /** The keys of an entry of a section, or of the section itself. */
-export const keysOf = (name: string): Key[] => sectionOf(name)?.form.keys ?? [];
+export const keysOf = (name: string): KeyRow[] => sectionOf(name)?.form.keys ?? [];
 
-/** The key that a path names, or the one around it: that of `gradient` for `["parameters", "MapX", "gradient", "x"]`. */
-export function keyAt(path: Path): Key | undefined {
+/**
+ * The key that a path names, or the one around it: that of `gradient` for `["parameters", "MapX", "gradient", "x"]`.
+ */
+export function keyAt(path: Path): KeyRow | undefined {
   const section = sectionOf(String(path[0]));
   if (section === undefined || section.form.kind === "table") return section;
   return keysOf(section.name).find((key) => key.name === path[isSingle(section) ? 1 : 2]);
 }
 
-const isSingle = (section: Section): boolean => section.form.kind === "entry";
+const isSingle = (section: SectionRow): boolean => section.form.kind === "entry";
 
 /** Name of a key without that of its entry: `parameters.bounds`. */
 export function settingName(path: Path): string {
@@ -86,22 +62,47 @@ export function directionsOf(name: string): string[] | undefined {
 }
 
 /** True if a field of this form can show the value. */
-export function shows(form: Form, value: Toml): boolean {
+export function shows(form: KeyForm, value: Toml): boolean {
   const isTable = typeof value === "object" && !Array.isArray(value);
   const isScalar = typeof value !== "object";
   switch (form.kind) {
-    case "text": case "choice": return typeof value === "string" && (form.options === undefined || form.options.includes(value));
-    case "number": case "integer": return typeof value === "number" || (typeof value === "string" && (form.words ?? []).includes(value));
-    case "flag": return typeof value === "boolean";
-    case "texts": return typeof value === "string" || (Array.isArray(value) && value.every((each) => typeof each !== "object"));
-    case "numbers": return typeof value === "number" || (Array.isArray(value) && value.every((each) => typeof each !== "object")) || (typeof value === "string" && (form.words ?? []).includes(value));
-    case "pair": return Array.isArray(value) && value.length === 2 && value.every((each) => typeof each !== "object");
-    case "table": return isTable && Object.entries(value as Table).every(([name, inner]) => (!form.names?.length || form.names.includes(name)) && shows(form.values!, inner));
-    case "entry": return isTable && Object.keys(value as Table).every((name) => form.keys!.some((key) => key.name === name));
-    case "entries": return Array.isArray(value) ? value.every((each) => typeof each === "object" && !Array.isArray(each)) : isTable && form.single === true;
-    case "either": return form.forms!.some((each) => shows(each, value));
-    case "list": return (Array.isArray(value) ? value : [value]).every((each) => shows(form.item!, each));
-    default: return !isScalar || form.kind === "toml";
+    case "text":
+    case "choice":
+      return typeof value === "string" && (form.options === undefined || form.options.includes(value));
+    case "number":
+    case "integer":
+      return typeof value === "number" || (typeof value === "string" && (form.words ?? []).includes(value));
+    case "flag":
+      return typeof value === "boolean";
+    case "texts":
+      return typeof value === "string" || (Array.isArray(value) && value.every((each) => typeof each !== "object"));
+    case "numbers":
+      return (
+        typeof value === "number" ||
+        (Array.isArray(value) && value.every((each) => typeof each !== "object")) ||
+        (typeof value === "string" && (form.words ?? []).includes(value))
+      );
+    case "pair":
+      return Array.isArray(value) && value.length === 2 && value.every((each) => typeof each !== "object");
+    case "table":
+      return (
+        isTable &&
+        Object.entries(value as Table).every(
+          ([name, inner]) => (!form.names?.length || form.names.includes(name)) && shows(form.values!, inner),
+        )
+      );
+    case "entry":
+      return isTable && Object.keys(value as Table).every((name) => form.keys!.some((key) => key.name === name));
+    case "entries":
+      return Array.isArray(value)
+        ? value.every((each) => typeof each === "object" && !Array.isArray(each))
+        : isTable && form.single === true;
+    case "either":
+      return form.forms!.some((each) => shows(each, value));
+    case "list":
+      return (Array.isArray(value) ? value : [value]).every((each) => shows(form.item!, each));
+    default:
+      return !isScalar || form.kind === "toml";
   }
 }
 
@@ -110,7 +111,10 @@ type Table = { [key: string]: Toml };
 /** A value as one line of TOML. */
 export function asToml(value: Toml): string {
   if (Array.isArray(value)) return `[${value.map(asElement).join(", ")}]`;
-  if (typeof value === "object") return `{ ${Object.entries(value).map(([name, inner]) => `${/^[\w-]+$/.test(name) ? name : JSON.stringify(name)} = ${asToml(inner)}`).join(", ")} }`;
+  if (typeof value === "object")
+    return `{ ${Object.entries(value)
+      .map(([name, inner]) => `${/^[\w-]+$/.test(name) ? name : JSON.stringify(name)} = ${asToml(inner)}`)
+      .join(", ")} }`;
   return typeof value === "string" ? JSON.stringify(value) : String(value);
 }
 
@@ -121,6 +125,9 @@ const MAIN = ["channel", "node", "hex", "parameter", "where", "input"]; // keys 
 /** A value in a few words, for the line of an entry. */
 export function brief(value: Toml): string {
   if (Array.isArray(value)) return value.length <= 3 ? value.map(brief).join(", ") : `${value.length} entries`;
-  if (typeof value === "object") return Object.entries(value).map(([name, inner]) => (MAIN.includes(name) ? brief(inner) : `${name} ${brief(inner)}`)).join(" ");
+  if (typeof value === "object")
+    return Object.entries(value)
+      .map(([name, inner]) => (MAIN.includes(name) ? brief(inner) : `${name} ${brief(inner)}`))
+      .join(" ");
   return String(value);
 }

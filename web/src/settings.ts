@@ -2,19 +2,14 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import type { Key } from "./schema";
-import { message, request, settled, state, type Finding } from "./store";
+import type { FindingRow, KeyRow, Path, SettingsReply, Toml } from "./replies";
+import { message, request, settled, state } from "./store";
 
-export type Toml = string | number | boolean | Toml[] | { [key: string]: Toml };
-export type Path = (string | number)[]; // entries of a list count from 1
-
-interface Settings { settings: { [key: string]: Toml }; text: string; file: string; function: string }
-
-export const settings = signal<Settings>({ settings: {}, text: "", file: "", function: "" });
+export const settings = signal<SettingsReply>({ settings: {}, text: "", file: "", function: "" });
 
 const load = newest(async (_: number) => {
   const reply = await request("settings");
-  if (reply !== null) settings.value = reply.head as unknown as Settings;
+  if (reply !== null) settings.value = reply.head;
 });
 
 export const textRevision = computed(() => state.value.textRevision);
@@ -45,25 +40,43 @@ export async function setKeys(changes: Change[], title: string): Promise<void> {
 export function describePath(path: Path): string {
   const [section, ...rest] = path;
   if (typeof rest[0] === "number") return `[[${section}]] ${rest.join(" ")}`;
-  if (["parameters", "axes"].includes(String(section)) && rest.length) return `[${section}.${rest[0]}] ${rest.slice(1).join(" ")}`.trim();
+  if (["parameters", "axes"].includes(String(section)) && rest.length)
+    return `[${section}.${rest[0]}] ${rest.slice(1).join(" ")}`.trim();
   return `[${section}] ${rest.join(" ")}`.trim();
 }
 
-/** The messages about a key, or about anything within it; messages call the entries of a list by a word of their own. */
-export function messagesWithin(path: Path, key?: Key): Finding[] {
+/**
+ * The messages about a key, or about anything within it; messages call the entries of a list by a word of their own.
+ */
+export function messagesWithin(path: Path, key?: KeyRow): FindingRow[] {
   const whole = describePath(path);
   const word = key?.form.word;
   const paths = word ? [whole, `${describePath(path.slice(0, -1))} ${word}`] : [whole];
   return settled.value.findings.filter((f) => paths.some((each) => f.path === each || f.path.startsWith(`${each} `)));
 }
 
-/** The messages about a section or an entry itself, not about one of its keys; those about a dataset's files belong to it. */
-export function messagesOf(path: Path): Finding[] {
+/**
+ * The messages about a section or an entry itself, not about one of its keys; those about a dataset's files belong to
+ * it.
+ */
+export function messagesOf(path: Path): FindingRow[] {
   const files = path[0] === "dataset" && path.length === 2 ? patternsOf(valueAt([...path, "files"])) : [];
-  return settled.value.findings.filter((f) => f.path === describePath(path) || files.some((pattern) => pattern.test(f.file)));
+  return settled.value.findings.filter(
+    (f) => f.path === describePath(path) || files.some((pattern) => pattern.test(f.file)),
+  );
 }
 
 function patternsOf(files: Toml | undefined): RegExp[] {
-  const names = (Array.isArray(files) ? files : [files ?? ""]).map((file) => String(file).split("#")[0]!.split("/").at(-1)!);
-  return names.filter(Boolean).map((name) => new RegExp(`^${name.replace(/[.+^${}()|[\]\\]/g, "\\$&").replace(/\*/g, ".*").replace(/\?/g, ".")}$`));
+  const names = (Array.isArray(files) ? files : [files ?? ""]).map(
+    (file) => String(file).split("#")[0]!.split("/").at(-1)!,
+  );
+  return names.filter(Boolean).map(
+    (name) =>
+      new RegExp(
+        `^${name
+          .replace(/[.+^${}()|[\]\\]/g, "\\$&")
+          .replace(/\*/g, ".*")
+          .replace(/\?/g, ".")}$`,
+      ),
+  );
 }

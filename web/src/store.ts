@@ -1,111 +1,51 @@
 // What the page shows: the server's state, and what only this page knows, such as the open screen.
 
 import { batch, computed, signal } from "@preact/signals";
-import { ask, newest, setReady, type Reply } from "./connection";
+import { type Asked, ask, newest, type Question, type Reply, setReady } from "./connection";
 import { themeChanged } from "./drawing/colours";
+import type { EditedTable, OpenProject, AppState as OpenState, StateNews, ValueEdit } from "./replies";
 
-export interface Score {
-  criterion: string;
-  use: "training" | "test";
-  unit: string;
-  samples: number;
-  rmse: number | null;
-  before: number | null;
-  last: number | null;
-  mean: number | null;
-  largest: number | null;
+/** The state of the open project; empty lists as long as it cannot be evaluated. */
+export interface AppState extends Omit<Required<OpenState>, "project"> {
+  project: OpenProject | null;
 }
 
-export interface Parameter {
-  name: string;
-  kind: "scalar" | "block" | "curve" | "map" | "cube" | "rbf";
-  unit: string;
-  description: string;
-  shape: number[];
-  free: boolean;
-  changed: number;
-  atBound: number;
-  withoutData: number;
-  thumbnail: number[][];
-}
-
-export interface Finding {
-  severity: "error" | "warning" | "remark";
-  text: string; // with its location
-  message: string; // without
-  screen: Screen;
-  file: string;
-  line: number;
-  column: number;
-  path: string; // within the file: `[model] step`
-}
-
-export interface Dataset {
-  name: string;
-  use: "training" | "test";
-  samples: number;
-  timed: boolean;
-  begin: number;
-  end: number;
-  pieces: number[];
-  channels: { name: string; unit: string }[];
-}
-
-export interface AppState {
-  project: { name: string; path: string } | null;
-  revision: number; // changes with what the model shows, not with the progress of a run
-  textRevision: number; // changes with the project file and the function
-  unsaved: string[];
-  undo: string;
-  redo: string;
-  scores: Score[];
-  findings: Finding[];
-  code: { file: string; digest: string; text: string }[]; // files whose code, and addresses that, have not been allowed
-  job: { state: string; message: string; seconds: number; run: number; iterations: number };
-  training: { state: "idle" | "running" | "trained" | "failed" | "stopped"; file: string; seconds: number; lines: string[] }; // of a surrogate
-  parameters: Parameter[];
-  freeValues: number;
-  datasets: Dataset[];
-  criteria: { node: string; target: string; unit: string }[];
-  inputs: string[];
-  nodes: { name: string; unit: string }[];
-  runs: { number: number; status: string }[];
-  seconds: number;
-  changedOnDisk: boolean;
-  recoverable: boolean;
-  /** Of data in partitions: samples that the screens show, and all samples; null if all are shown. */
-  excerpt?: [number, number] | null;
-}
-
-export interface Axis {
-  input: string;
-  unit: string;
-  points: number[];
-}
-
-/** A parameter as the editor shows it; arrays are in C order: `values[i * ny + j]` is at x[i], y[j]. */
-export interface Table {
-  name: string;
-  kind: Parameter["kind"];
-  unit: string;
-  description: string;
-  axes: Axis[];
-  values: number[];
-  reference: number[];
-  deviation: (number | null)[] | null;
-  samples: number[] | null;
-  locked: number[];
-  lower: (number | null)[];
-  upper: (number | null)[];
-}
-
-export const SCREENS = ["data", "function", "parameters", "optimization", "results", "plots", "files", "start"] as const;
+export const SCREENS = [
+  "data",
+  "function",
+  "parameters",
+  "optimization",
+  "results",
+  "plots",
+  "files",
+  "start",
+] as const;
 export type Screen = (typeof SCREENS)[number];
 
 const EMPTY: AppState = {
-  project: null, revision: 0, textRevision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [], code: [],
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, training: { state: "idle", file: "", seconds: 0, lines: [] }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
-  nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false,
+  project: null,
+  revision: 0,
+  textRevision: 0,
+  unsaved: [],
+  undo: "",
+  redo: "",
+  scores: [],
+  findings: [],
+  code: [],
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  training: { state: "idle", file: "", seconds: 0, lines: [] },
+  parameters: [],
+  freeValues: 0,
+  datasets: [],
+  criteria: [],
+  inputs: [],
+  nodes: [],
+  runs: [],
+  seconds: 0,
+  changedOnDisk: false,
+  recoverable: false,
+  function: { file: "", screen: "formula" },
+  excerpt: null,
 };
 
 export const state = signal<AppState>(EMPTY);
@@ -119,26 +59,33 @@ export const settled = computed(() => {
 export const connected = signal(false);
 export const screen = signal<Screen>("parameters");
 export const openName = signal("");
-export const table = signal<Table | null>(null);
+export const table = signal<EditedTable | null>(null);
 export const message = signal("");
 export const failure = signal("");
 export const theme = signal(document.documentElement.dataset.theme === "dark" ? "dark" : "light");
 
 /** The selected rectangle of the open table, by x and y index, and the cell that typing changes. */
-export interface Selection { x: [number, number]; y: [number, number]; active: [number, number] }
+export interface Selection {
+  x: [number, number];
+  y: [number, number];
+  active: [number, number];
+}
 export const selection = signal<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
 
 /** What the values are compared with: the last run, or the start. */
-export const referenceName = computed(() => { const last = state.value.runs.at(-1); return last === undefined ? "start" : `run ${last.number}`; });
+export const referenceName = computed(() => {
+  const last = state.value.runs.at(-1);
+  return last === undefined ? "start" : `run ${last.number}`;
+});
 
 export const parameter = computed(() => state.value.parameters.find((p) => p.name === openName.value) ?? null);
 
 let dragging = "";
 
 /** Ask, and show the server's message if it refuses. */
-export async function request(question: string, given: Record<string, unknown> = {}): Promise<Reply | null> {
+export async function request<Q extends Question>(question: Q, ...given: Asked<Q>): Promise<Reply<Q> | null> {
   try {
-    const reply = await ask(question, given);
+    const reply = await ask(question, ...given);
     failure.value = "";
     return reply;
   } catch (error) {
@@ -150,13 +97,18 @@ export async function request(question: string, given: Record<string, unknown> =
 export const isRunning = (job: AppState["job"]): boolean => job.state === "running" || job.state === "stopping";
 
 /** Take over the state that the server pushed. */
-export function takeState(reply: Reply): void {
-  const next = { ...EMPTY, ...(reply.head.state as Partial<AppState>) };
+export function takeState(news: StateNews): void {
+  const next: AppState = { ...EMPTY, ...news.state };
   const before = revision.value;
-  if (isRunning(state.value.job) && !isRunning(next.job)) message.value = next.job.state === "validated" ? `Cross-validation: ${next.job.message}` : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
+  if (isRunning(state.value.job) && !isRunning(next.job))
+    message.value =
+      next.job.state === "validated"
+        ? `Cross-validation: ${next.job.message}`
+        : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
   batch(() => {
     state.value = next;
-    if (!next.parameters.some((p) => p.name === openName.value)) openName.value = (next.parameters.find((p) => p.kind !== "rbf") ?? next.parameters[0])?.name ?? "";
+    if (!next.parameters.some((p) => p.name === openName.value))
+      openName.value = (next.parameters.find((p) => p.kind !== "rbf") ?? next.parameters[0])?.name ?? "";
   });
   if (revision.value !== before && !dragging) void loadTable();
   setReady();
@@ -168,7 +120,8 @@ export async function loadTable(): Promise<void> {
     return;
   }
   const reply = await request("table", { name: openName.value });
-  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value)) table.value = reply.head.table as Table;
+  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value))
+    table.value = reply.head.table;
 }
 
 export function open(name: string): void {
@@ -180,7 +133,7 @@ export function open(name: string): void {
 /** Undo or redo, and say what. */
 export async function move(direction: "undo" | "redo"): Promise<void> {
   const reply = await request(direction);
-  if (reply !== null && reply.head.title) message.value = `${direction === "undo" ? "Undone" : "Done again"}: ${reply.head.title}`;
+  if (reply?.head.title) message.value = `${direction === "undo" ? "Undone" : "Done again"}: ${reply.head.title}`;
 }
 
 export function toggleTheme(): void {
@@ -189,7 +142,7 @@ export function toggleTheme(): void {
   themeChanged();
 }
 
-const sendValues = newest(async (edit: Record<string, unknown>) => {
+const sendValues = newest(async (edit: ValueEdit) => {
   await request("set-values", edit);
 });
 
@@ -198,7 +151,9 @@ export function setValues(cells: number[], values: number[], title: string, drag
   const own = table.value;
   if (own === null) return;
   const next = own.values.slice();
-  cells.forEach((cell, k) => { next[cell] = values[k]!; });
+  cells.forEach((cell, k) => {
+    next[cell] = values[k]!;
+  });
   table.value = { ...own, values: next };
   message.value = title;
   dragging = drag;

@@ -2,22 +2,41 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { withUnit } from "./drawing/numbers";
-import { criterionNumber, dataset, datasetNumber, keyOf, type SignalName } from "./plots";
+import { criterionNumber, dataset, datasetNumber, keyOf } from "./plots";
+import type { SignalName, SignalRow } from "./replies";
 import { request, screen, settled, state } from "./store";
 
-export interface Line { signal: SignalName; label: string; colour: string }
-export interface Row { title: string; unit: string; weight: number; lines: Line[] }
-export interface Listed extends SignalName { unit: string; label: string; group: string }
-interface Spec { weight: number; lines: SignalName[] }
+export interface Line {
+  signal: SignalName;
+  label: string;
+  colour: string;
+}
+export interface Row {
+  title: string;
+  unit: string;
+  weight: number;
+  lines: Line[];
+}
+interface Spec {
+  weight: number;
+  lines: SignalName[];
+}
 
-const COLOURS: Record<SignalName["kind"], string> = { channel: "measured", target: "measured", node: "model", start: "before", error: "error", "start error": "before" };
+const COLOURS: Record<SignalName["kind"], string> = {
+  channel: "measured",
+  target: "measured",
+  node: "model",
+  start: "before",
+  error: "error",
+  "start error": "before",
+};
 const FURTHER = ["line-1", "line-2", "line-3", "line-4"]; // of further lines in a strip
 
 const chosen = signal<Spec[] | null>(null); // null: those of the project as it is
 const matrix = signal<SignalName[] | null>(null);
 export const SIGNAL = "application/x-kennfeld-signal"; // what is dragged from the list of signals
 export const active = signal(0); // the strip that Shift+Enter adds to
-export const listed = signal<Listed[]>([]);
+export const listed = signal<SignalRow[]>([]);
 export const searching = signal(false); // the list of signals is open
 
 const project = computed(() => state.value.project?.path ?? "");
@@ -25,9 +44,14 @@ const project = computed(() => state.value.project?.path ?? "");
 function read(key: string): { strips: Spec[] | null; matrix: SignalName[] | null } {
   try {
     const stored = JSON.parse(localStorage.getItem(key) ?? "{}");
-    const strips = Array.isArray(stored.strips) ? (stored.strips as Spec[]).filter((each) => Array.isArray(each?.lines) && each.lines.every(isSignal)) : null;
+    const strips = Array.isArray(stored.strips)
+      ? (stored.strips as Spec[]).filter((each) => Array.isArray(each?.lines) && each.lines.every(isSignal))
+      : null;
     const signals = Array.isArray(stored.matrix) ? (stored.matrix as SignalName[]).filter(isSignal) : null;
-    return { strips: strips?.map((each) => ({ weight: Number(each.weight) || 1, lines: each.lines })) ?? null, matrix: signals };
+    return {
+      strips: strips?.map((each) => ({ weight: Number(each.weight) || 1, lines: each.lines })) ?? null,
+      matrix: signals,
+    };
   } catch {
     return { strips: null, matrix: null };
   }
@@ -37,8 +61,13 @@ const isSignal = (each: SignalName): boolean => typeof each?.name === "string" &
 
 function keep(): void {
   try {
-    localStorage.setItem(`kennfeld.plots:${project.value}`, JSON.stringify({ strips: chosen.value, matrix: matrix.value }));
-  } catch { /* a browser without storage forgets the choice */ }
+    localStorage.setItem(
+      `kennfeld.plots:${project.value}`,
+      JSON.stringify({ strips: chosen.value, matrix: matrix.value }),
+    );
+  } catch {
+    /* a browser without storage forgets the choice */
+  }
 }
 
 /** The inputs of the function that are channels of the dataset. */
@@ -49,7 +78,14 @@ export const inputs = computed<SignalName[]>(() => {
 
 const defaults = computed<Spec[]>(() => [
   ...settled.value.criteria.flatMap<Spec>((criterion, i) => [
-    { weight: 1.6, lines: [{ kind: "target", name: String(i) }, { kind: "node", name: criterion.node }, { kind: "start", name: criterion.node }] },
+    {
+      weight: 1.6,
+      lines: [
+        { kind: "target", name: String(i) },
+        { kind: "node", name: criterion.node },
+        { kind: "start", name: criterion.node },
+      ],
+    },
     { weight: 1, lines: [{ kind: "error", name: String(i) }] },
   ]),
   ...inputs.value.map<Spec>((each) => ({ weight: 1, lines: [each] })),
@@ -71,7 +107,9 @@ export function rowAt(share: number): number {
 }
 
 /** The signals of the scatter matrix: the inputs of the function and the error. */
-export const matrixSignals = computed<SignalName[]>(() => matrix.value ?? [...inputs.value.slice(0, 5), { kind: "error", name: String(criterionNumber.value) }]);
+export const matrixSignals = computed<SignalName[]>(
+  () => matrix.value ?? [...inputs.value.slice(0, 5), { kind: "error", name: String(criterionNumber.value) }],
+);
 
 function describe({ weight, lines }: Spec): Row {
   const first = lines[0];
@@ -86,24 +124,35 @@ function describe({ weight, lines }: Spec): Row {
   return { title: first ? quantityOf(first) : "", unit: first ? unitOf(first) : "", weight, lines: described };
 }
 
-const nodeOf = (number: string): string => settled.value.criteria[Number(number)]?.node ?? `criterion ${Number(number) + 1}`;
+const nodeOf = (number: string): string =>
+  settled.value.criteria[Number(number)]?.node ?? `criterion ${Number(number) + 1}`;
 
 function quantityOf(own: SignalName): string {
-  if (own.kind === "error" || own.kind === "start error") return settled.value.criteria.length > 1 ? `Error of ${nodeOf(own.name)}` : "Error";
+  if (own.kind === "error" || own.kind === "start error")
+    return settled.value.criteria.length > 1 ? `Error of ${nodeOf(own.name)}` : "Error";
   return own.kind === "target" ? nodeOf(own.name) : own.name;
 }
 
-const roleOf = (own: SignalName): string => ({ channel: "measured", target: "measured", node: "now", start: "start", error: "now", "start error": "start" })[own.kind];
+const roleOf = (own: SignalName): string =>
+  ({ channel: "measured", target: "measured", node: "now", start: "start", error: "now", "start error": "start" })[
+    own.kind
+  ];
 
 /** A signal in words. */
 export function nameOf(own: SignalName): string {
   const name = quantityOf(own);
-  return own.kind === "target" ? `${name}, measured` : own.kind === "start" || own.kind === "start error" ? `${name} at the start` : name;
+  return own.kind === "target"
+    ? `${name}, measured`
+    : own.kind === "start" || own.kind === "start error"
+      ? `${name} at the start`
+      : name;
 }
 
 export function unitOf(own: SignalName): string {
-  if (own.kind === "channel") return dataset.value?.channels.find((each) => each.name === own.name)?.unit ?? own.unit ?? "";
-  if (own.kind === "node" || own.kind === "start") return settled.value.nodes.find((each) => each.name === own.name)?.unit ?? "";
+  if (own.kind === "channel")
+    return dataset.value?.channels.find((each) => each.name === own.name)?.unit ?? own.unit ?? "";
+  if (own.kind === "node" || own.kind === "start")
+    return settled.value.nodes.find((each) => each.name === own.name)?.unit ?? "";
   return settled.value.criteria[Number(own.name)]?.unit ?? "";
 }
 
@@ -116,7 +165,8 @@ function change(next: Spec[] | null): void {
   keep();
 }
 
-const plainSignal = ({ kind, name, unit }: SignalName): SignalName => (kind === "channel" && unit ? { kind, name, unit } : { kind, name });
+const plainSignal = ({ kind, name, unit }: SignalName): SignalName =>
+  kind === "channel" && unit ? { kind, name, unit } : { kind, name };
 
 /** Show a signal in a strip of its own, below the active one. */
 export function addStrip(own: SignalName): void {
@@ -129,7 +179,8 @@ export function addStrip(own: SignalName): void {
 export function addLine(row: number, own: SignalName): void {
   const spec = specs.value[row];
   if (spec === undefined) addStrip(own);
-  else if (!spec.lines.some((each) => keyOf(each) === keyOf(own))) change(specs.value.with(row, { ...spec, lines: [...spec.lines, plainSignal(own)] }));
+  else if (!spec.lines.some((each) => keyOf(each) === keyOf(own)))
+    change(specs.value.with(row, { ...spec, lines: [...spec.lines, plainSignal(own)] }));
 }
 
 export function removeStrip(row: number): void {
@@ -178,7 +229,7 @@ effect(() => {
 
 async function load(number: number): Promise<void> {
   const reply = await request("signals", { dataset: number });
-  if (reply !== null) listed.value = reply.head.signals as Listed[];
+  if (reply !== null) listed.value = reply.head.signals;
 }
 
 effect(() => {

@@ -25,21 +25,26 @@ const MOST = 3000; // files of a folder
 /** The files of a drop; of folders, those of ASCET projects within them. */
 export async function droppedFiles(event: DragEvent): Promise<File[]> {
   const entries = [...(event.dataTransfer?.items ?? [])].map((item) => item.webkitGetAsEntry?.() ?? null);
-  const files = [...(event.dataTransfer?.files ?? [])].filter((file) => !entries.some((entry) => entry?.isDirectory && entry.name === file.name));
+  const files = [...(event.dataTransfer?.files ?? [])].filter(
+    (file) => !entries.some((entry) => entry?.isDirectory && entry.name === file.name),
+  );
   for (const entry of entries) if (entry?.isDirectory) await collect(entry as FileSystemDirectoryEntry, files);
-  if (files.length === 0 && entries.some((entry) => entry?.isDirectory)) failure.value = "The folder has no ESDL files (.esdl, .app).";
+  if (files.length === 0 && entries.some((entry) => entry?.isDirectory))
+    failure.value = "The folder has no ESDL files (.esdl, .app).";
   return files;
 }
 
 async function collect(folder: FileSystemDirectoryEntry, files: File[]): Promise<void> {
   const reader = folder.createReader();
-  for (;;) { // a reader returns some entries at a time
+  for (;;) {
+    // a reader returns some entries at a time
     const entries = await new Promise<FileSystemEntry[]>((resolve, reject) => reader.readEntries(resolve, reject));
     if (entries.length === 0) return;
     for (const entry of entries) {
       if (files.length >= MOST) return;
       if (entry.isDirectory) await collect(entry as FileSystemDirectoryEntry, files);
-      else if (OF_FOLDERS.test(entry.name)) files.push(await new Promise<File>((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject)));
+      else if (OF_FOLDERS.test(entry.name))
+        files.push(await new Promise<File>((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject)));
     }
   }
 }

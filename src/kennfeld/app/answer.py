@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 
-Given = Mapping[str, Any]  # the details of a question
 Arrays = Mapping[str, NDArray[Any]]
 
 

@@ -1,20 +1,23 @@
 """The open project that all pages share, and the answers to their questions."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from kennfeld import __version__
-from kennfeld.app.answer import Answer, Given
+from kennfeld.app.answer import Answer
 from kennfeld.app.folders import confined, free_path
 from kennfeld.app.questions import COMMANDS, QUESTIONS
-from kennfeld.app.questions.overview import overview
-from kennfeld.app.recent import forget, recent_projects, remember, summarise
+from kennfeld.app.questions.overview import NoProject, StateNews, overview
+from kennfeld.app.recent import RecentProject, forget, recent_projects, remember, summarise
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.summary import summarise_session
+from kennfeld.app.session.summary import PictureLines, summarise_session
+from kennfeld.app.wire import ABSENT, Absent, Question, from_json, questions_of, to_answer
 from kennfeld.base.errors import ArgumentError, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import plain_name
 from kennfeld.project.demo import all_or_none, prepare, write
 from kennfeld.project.schemas import PROJECT_SCHEMA, directive, schema_text
@@ -66,7 +69,7 @@ class AppWorkspace:
         self.session = session
         remember(path)
 
-    def answer(self, ask: str, given: Given) -> Answer:
+    def answer(self, ask: str, given: Mapping[str, Any]) -> Answer:
         """Answer one question of a page. Raises `KennfeldError` if it cannot be answered."""
         if ask in _OWN:
             answer = _OWN[ask](self, given)
@@ -123,26 +126,125 @@ class AppWorkspace:
 
     def snapshot(self) -> Answer:
         """Return the state that every page shows."""
-        return Answer({"state": {"project": None} if self.session is None else overview(self.session)})
+        return to_answer(StateNews(NoProject() if self.session is None else overview(self.session)))
 
 
-def _projects(workspace: AppWorkspace, given: Given) -> Answer:
+@dataclass(frozen=True)
+class RecentRow:
+    """A project that was opened before; the summary that follows `open` may lack any of its parts.
+
+    Attributes:
+        opened: when, in s since 1970; 0 if unknown.
+        unsaved: true if it has unsaved edits.
+        open: true if it is the open project.
+        state: status of the last run, or the number of problems.
+        problem: the first problem.
+        file: formula file.
+        node: of the first criterion.
+        training: RMSE on training data.
+        test: RMSE on test data.
+        histogram: of the errors on training data.
+        nodes: number of nodes.
+        datasets: name, use and samples of each.
+        parameters: number of free parameters.
+        values: number of free values.
+        run: the last run in words.
+    """
+
+    path: str
+    name: str
+    folder: str
+    opened: float
+    unsaved: bool
+    open: bool
+    state: str | Absent = ABSENT
+    problem: str | Absent = ABSENT
+    file: str | Absent = ABSENT
+    node: str | Absent = ABSENT
+    unit: str | Absent = ABSENT
+    training: float | Absent = ABSENT
+    test: float | Absent = ABSENT
+    histogram: Sequence[float] | Absent = ABSENT
+    nodes: int | Absent = ABSENT
+    datasets: Sequence[tuple[str, str, int]] | Absent = ABSENT
+    parameters: int | Absent = ABSENT
+    values: int | Absent = ABSENT
+    run: str | Absent = ABSENT
+    without_data: int | Absent = ABSENT
+    picture: PictureLines | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class DemoRow:
+    """A demo that can be written."""
+
+    name: str
+    title: str
+    text: str
+    facts: str
+
+
+@dataclass(frozen=True)
+class KnownProjects:
+    """Recent projects, the demos, the folder in which new projects are made, and the version of Kennfeld."""
+
+    recent: Sequence[RecentRow]
+    demos: Sequence[DemoRow]
+    folder: str
+    version: str
+
+
+@dataclass(frozen=True)
+class ProjectPath:
+    """A project by its file or folder."""
+
+    path: str
+
+
+@dataclass(frozen=True)
+class DemoName:
+    """A demo by its name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class NewProject:
+    """A new project.
+
+    Attributes:
+        name: of its folder.
+        free: the name is that of a file that was dropped, and a number is added if the folder exists.
+    """
+
+    name: str
+    free: bool = False
+
+
+def _projects(workspace: AppWorkspace) -> KnownProjects:
     """Return recent projects with their summaries, the demos, and the folder in which new projects are made."""
     if workspace.session is not None:
         summarise(workspace.session.path, summarise_session(workspace.session))
-    recent = [
-        {
-            "path": str(each.path),
-            "name": each.path.parent.name,
-            "folder": _short(each.path.parent),
-            "opened": each.opened,
-            "unsaved": Recovery(each.path).exists,
-            "open": workspace.session is not None and workspace.session.path == each.path,
-            **each.summary,
-        }
-        for each in recent_projects()
-    ]
-    return Answer({"recent": recent, "demos": DEMOS, "folder": _short(Path.cwd()), "version": __version__})
+    opened = None if workspace.session is None else workspace.session.path
+    recent = [_recent_row(each, is_open=each.path == opened) for each in recent_projects()]
+    return KnownProjects(recent, DEMOS, _short(Path.cwd()), __version__)
+
+
+def _recent_row(own: RecentProject, *, is_open: bool) -> RecentRow:
+    """Return a recent project; of a summary that another version has kept, nothing is shown."""
+    row = {
+        "path": str(own.path),
+        "name": own.path.parent.name,
+        "folder": _short(own.path.parent),
+        "opened": own.opened,
+        "unsaved": Recovery(own.path).exists,
+        "open": is_open,
+    }
+    try:
+        recent: RecentRow = from_json(RecentRow, {**row, **own.summary}, "recent")
+    except ArgumentError:
+        recent = from_json(RecentRow, row, "recent")
+    return recent
 
 
 def _short(folder: Path) -> str:
@@ -153,18 +255,16 @@ def _short(folder: Path) -> str:
     return "~" if folder == home else f"~/{folder.relative_to(home).as_posix()}"
 
 
-def _forget(workspace: AppWorkspace, given: Given) -> Answer:
-    forget(Path(str(given["path"])))
-    return Answer()
+def _forget(workspace: AppWorkspace, asked: ProjectPath) -> None:
+    forget(Path(asked.path))
 
 
-def _open(workspace: AppWorkspace, given: Given) -> Answer:
+def _open(workspace: AppWorkspace, asked: ProjectPath) -> None:
     """Open a project, unless it is open already."""
-    path = Path(str(given["path"])).expanduser()
+    path = Path(asked.path).expanduser()
     file = path / "kennfeld.toml" if path.is_dir() else path
     if workspace.session is None or workspace.session.path != file.resolve():
         workspace.open(file)
-    return Answer()
 
 
 def _remove_parts(folder: Path) -> None:
@@ -175,28 +275,24 @@ def _remove_parts(folder: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _demo(workspace: AppWorkspace, given: Given) -> Answer:
+def _demo(workspace: AppWorkspace, asked: DemoName) -> None:
     """Write a demo into the working directory, unless it is there, and open it."""
-    name = str(given["name"])
+    name = asked.name
     folder = Path(f"kennfeld-demo-{name}")
     with all_or_none(folder):
         path = write(name, folder)
         prepare(name, path.parent, lambda line: None)
     workspace.open(path)
-    return Answer()
 
 
 NEW = f'{directive(PROJECT_SCHEMA)}\n\n[model]\nfile = "function.kf"\n'
 NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 
 
-def _new(workspace: AppWorkspace, given: Given) -> Answer:
-    """Create an empty project in a new folder of the working directory, and open it.
-
-    With `free`, the name is that of a file that was dropped, and a number is added if the folder exists.
-    """
-    name = str(given["name"]).strip()
-    folder = free_path(Path(), Path(plain_name(name)).stem) if given.get("free") else Path(name or "project")
+def _new(workspace: AppWorkspace, asked: NewProject) -> None:
+    """Create an empty project in a new folder of the working directory, and open it."""
+    name = asked.name.strip()
+    folder = free_path(Path(), Path(plain_name(name)).stem) if asked.free else Path(name or "project")
     folder = folder.expanduser()
     if folder.exists() and any(folder.iterdir()):
         raise InputError.of(Location(str(folder)), "the folder is not empty", "Choose another name.")
@@ -208,33 +304,28 @@ def _new(workspace: AppWorkspace, given: Given) -> Answer:
     except OSError as error:
         raise InputError.of(Location(str(folder)), f"cannot be created: {error.strerror or error}") from None
     workspace.open(folder / "kennfeld.toml")
-    return Answer()
 
 
 DEMOS = [
-    {
-        "name": "torque",
-        "title": "Engine torque",
-        "text": "Three maps and a curve, steady points from a test bench.",
-        "facts": "2839 + 1000 points, 519 values",
-    },
-    {
-        "name": "exhaust",
-        "title": "Exhaust gas temperature",
-        "text": "A map and a time constant, 44 minutes of driving.",
-        "facts": "26 482 + 12 000 samples, 154 values",
-    },
-    {
-        "name": "idle",
-        "title": "Idle speed governor",
-        "text": "Two gains around an engine learnt from recordings.",
-        "facts": "1500 samples, 2 values",
-    },
+    DemoRow(
+        "torque",
+        "Engine torque",
+        "Three maps and a curve, steady points from a test bench.",
+        "2839 + 1000 points, 519 values",
+    ),
+    DemoRow(
+        "exhaust",
+        "Exhaust gas temperature",
+        "A map and a time constant, 44 minutes of driving.",
+        "26 482 + 12 000 samples, 154 values",
+    ),
+    DemoRow(
+        "idle",
+        "Idle speed governor",
+        "Two gains around an engine learnt from recordings.",
+        "1500 samples, 2 values",
+    ),
 ]
-_OWN: dict[str, Callable[[AppWorkspace, Given], Answer]] = {
-    "projects": _projects,
-    "open": _open,
-    "demo": _demo,
-    "new": _new,
-    "forget": _forget,
-}
+_OWN: dict[str, Question[AppWorkspace]] = questions_of(
+    {"projects": _projects, "open": _open, "demo": _demo, "new": _new, "forget": _forget}
+)

@@ -32,7 +32,11 @@ export function redrawAll(): void {
  * The canvas fills its host. With `tall`, it stands in the flow of the page instead, as wide as its host and of that
  * height, and it is drawn at once; it may be shown at another width, as on paper.
  */
-export function canvasIn(host: HTMLElement, draw: (pen: Pen, width: number, height: number) => void, tall?: (width: number) => number) {
+export function canvasIn(
+  host: HTMLElement,
+  draw: (pen: Pen, width: number, height: number) => void,
+  tall?: (width: number) => number,
+) {
   const canvas = document.createElement("canvas");
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", host.closest("[aria-label]")?.getAttribute("aria-label") ?? "");
@@ -90,7 +94,8 @@ export function ticks(low: number, high: number, wanted: number): number[] {
   const share = raw / power;
   const step = (share > 7 ? 10 : share > 3.3 ? 5 : share > 1.4 ? 2 : 1) * power;
   const values: number[] = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) values.push(Number((k * step).toPrecision(12)));
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++)
+    values.push(Number((k * step).toPrecision(12)));
   return values;
 }
 
@@ -105,13 +110,15 @@ export function logTicks(low: number, high: number): number[] {
 }
 
 /** Return the decimals that ticks need. */
-export const decimals = (values: number[]): number => Math.min(8, Math.max(0, ...values.map((v) => String(v).split(".")[1]?.length ?? 0)));
+export const decimals = (values: number[]): number =>
+  Math.min(8, Math.max(0, ...values.map((v) => String(v).split(".")[1]?.length ?? 0)));
 
 /** Write ticks with the same decimals; very large and very small ones with an exponent, if that is shorter. */
 export function tickTexts(values: number[]): string[] {
   const largest = Math.max(...values.map(Math.abs));
   const short = (largest >= 1e6 || largest < 1e-4) && values.every((value) => Number(value.toPrecision(3)) === value);
-  if (short && largest > 0) return values.map((value) => (value === 0 ? "0" : value.toExponential().replace("-", "\u2212")));
+  if (short && largest > 0)
+    return values.map((value) => (value === 0 ? "0" : value.toExponential().replace("-", "\u2212")));
   const places = decimals(values);
   return values.map((value) => fixed(value, places));
 }
@@ -147,7 +154,12 @@ export function extent(...arrays: ArrayLike<number>[]): Range {
   return [low, high];
 }
 
-export interface Box { left: number; right: number; top: number; bottom: number }
+export interface Box {
+  left: number;
+  right: number;
+  top: number;
+  bottom: number;
+}
 
 export interface Area {
   x: (value: number) => number;
@@ -170,15 +182,23 @@ export interface AreaOptions {
 
 /** Draw a plot area and return its scales. */
 export function area(pen: Pen, box: Box, xRange: Range, yRange: Range, options: AreaOptions = {}): Area {
-  const plot = { ...scales(box, xRange, yRange, options.scale === "log"), box, clip: (draw: () => void) => clip(pen, box, draw) };
+  const plot = {
+    ...scales(box, xRange, yRange, options.scale === "log"),
+    box,
+    clip: (draw: () => void) => clip(pen, box, draw),
+  };
   const xs = options.xTicks ?? ticks(...xRange, Math.max(2, (box.right - box.left) / 80));
   const ys = options.yTicks ?? yTicks(yRange, (box.bottom - box.top) / 34, options.scale);
   drawGridLines(pen, plot, xs, ys);
   pen.fillStyle = token("quiet");
   pen.textBaseline = "middle";
   pen.textAlign = "right";
-  const yTexts = options.scale === "log" ? ys.map(powerText) : options.scale === "counts" ? ys.map(count) : tickTexts(ys);
-  if (!options.unlabelledY) ys.forEach((value, k) => pen.fillText(yTexts[k]!, box.left - 5, Math.max(box.top + 5, Math.min(box.bottom - 5, plot.y(value)))));
+  const yTexts =
+    options.scale === "log" ? ys.map(powerText) : options.scale === "counts" ? ys.map(count) : tickTexts(ys);
+  if (!options.unlabelledY)
+    ys.forEach((value, k) =>
+      pen.fillText(yTexts[k]!, box.left - 5, Math.max(box.top + 5, Math.min(box.bottom - 5, plot.y(value)))),
+    );
   pen.textBaseline = "top";
   pen.textAlign = "center";
   if (!options.unlabelled) {
@@ -260,7 +280,14 @@ function clip(pen: Pen, box: Box, draw: () => void): void {
 }
 
 /** Draw a line through points; NaN interrupts it. A point that stands alone between gaps is drawn as a dot. */
-export function line(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, colour: string, width = 1.25, breaks?: ReadonlySet<number>): void {
+export function line(
+  pen: Pen,
+  xs: ArrayLike<number>,
+  ys: ArrayLike<number>,
+  colour: string,
+  width = 1.25,
+  breaks?: ReadonlySet<number>,
+): void {
   pen.beginPath();
   let up = true;
   for (let k = 0; k < xs.length; k++) {

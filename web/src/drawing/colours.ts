@@ -3,11 +3,40 @@
 export type Rgb = readonly [number, number, number];
 type Scale = readonly Rgb[];
 
-const HEIGHTS: Scale = [[43, 64, 124], [36, 108, 158], [44, 152, 155], [108, 190, 122], [191, 214, 88], [247, 226, 98]];
-const DIVERGING: Scale = [[33, 82, 163], [120, 164, 214], [247, 247, 247], [228, 146, 124], [178, 42, 36]];
-const DIVERGING_DARK: Scale = [[88, 150, 240], [50, 82, 130], [30, 34, 40], [130, 66, 52], [240, 120, 100]];
-const FAMILY: Scale = [[200, 120, 50], [196, 60, 80], [110, 60, 150], [31, 95, 191]];
-const FAMILY_DARK: Scale = [[230, 160, 90], [236, 110, 125], [178, 130, 222], [116, 167, 242]];
+const HEIGHTS: Scale = [
+  [43, 64, 124],
+  [36, 108, 158],
+  [44, 152, 155],
+  [108, 190, 122],
+  [191, 214, 88],
+  [247, 226, 98],
+];
+const DIVERGING: Scale = [
+  [33, 82, 163],
+  [120, 164, 214],
+  [247, 247, 247],
+  [228, 146, 124],
+  [178, 42, 36],
+];
+const DIVERGING_DARK: Scale = [
+  [88, 150, 240],
+  [50, 82, 130],
+  [30, 34, 40],
+  [130, 66, 52],
+  [240, 120, 100],
+];
+const FAMILY: Scale = [
+  [200, 120, 50],
+  [196, 60, 80],
+  [110, 60, 150],
+  [31, 95, 191],
+];
+const FAMILY_DARK: Scale = [
+  [230, 160, 90],
+  [236, 110, 125],
+  [178, 130, 222],
+  [116, 167, 242],
+];
 const AMOUNTS = { blue: [120, 164, 214], amber: [240, 164, 88] } as const;
 
 const known = new Map<string, string>();
@@ -46,7 +75,8 @@ export const diverging = (share: number): Rgb => mix(isDark() ? DIVERGING_DARK :
 export const family = (share: number, dark = isDark()): Rgb => mix(dark ? FAMILY_DARK : FAMILY, share);
 
 /** Return the colour of an amount, 0 to 1, which lets the paper through: samples in blue, errors in amber. */
-export const amount = (share: number, hue: keyof typeof AMOUNTS): string => css(AMOUNTS[hue], Math.max(0, Math.min(1, share)));
+export const amount = (share: number, hue: keyof typeof AMOUNTS): string =>
+  css(AMOUNTS[hue], Math.max(0, Math.min(1, share)));
 
 export const css = (colour: Rgb, opacity = 1): string => `rgba(${colour[0]},${colour[1]},${colour[2]},${opacity})`;
 
@@ -59,6 +89,9 @@ export function cellColours(values: readonly number[], kind: "height" | "differe
     high = Math.max(high, value);
   }
   const reach = Math.max(Math.abs(low), Math.abs(high)) || 1;
-  const paint = kind === "difference" ? (value: number) => diverging(value / reach) : (value: number) => height(high > low ? (value - low) / (high - low) : 0.5);
+  const paint =
+    kind === "difference"
+      ? (value: number) => diverging(value / reach)
+      : (value: number) => height(high > low ? (value - low) / (high - low) : 0.5);
   return values.map((value) => (Number.isFinite(value) ? css(paint(value)) : null));
 }

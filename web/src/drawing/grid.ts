@@ -1,14 +1,26 @@
 // Maps as coloured cells, x to the right and y upwards, of equal size: points that lie close together stay readable.
 
-import { extent, type Box, type Pen, type Range } from "./canvas";
+import { type Box, extent, type Pen, type Range } from "./canvas";
 import { css, diverging, height as heightColour, token } from "./colours";
 import { hatch } from "./marks";
 import { plain } from "./numbers";
 
-export interface Grid { x: Range; y: Range; values: number[][]; range?: Range; difference?: boolean }
+export interface Grid {
+  x: Range;
+  y: Range;
+  values: number[][];
+  range?: Range;
+  difference?: boolean;
+}
 
 /** Fill the cells of a box with colours; an empty cell, null, is hatched. Returns the edges of a cell. */
-export function drawCells(pen: Pen, box: Box, nx: number, ny: number, paint: (i: number, j: number) => string | null): (i: number, j: number) => Box {
+export function drawCells(
+  pen: Pen,
+  box: Box,
+  nx: number,
+  ny: number,
+  paint: (i: number, j: number) => string | null,
+): (i: number, j: number) => Box {
   const x = (i: number) => Math.round(box.left + ((box.right - box.left) * i) / nx);
   const y = (j: number) => Math.round(box.bottom - ((box.bottom - box.top) * j) / ny);
   for (let i = 0; i < nx; i++) {
@@ -25,13 +37,20 @@ export function drawCells(pen: Pen, box: Box, nx: number, ny: number, paint: (i:
 }
 
 /** Draw a map with the ends of its axes. */
-export function drawGrid(pen: Pen, width: number, height: number, grid: Grid, marks: (i: number, j: number) => "hatch" | "frame" | "" = () => ""): void {
+export function drawGrid(
+  pen: Pen,
+  width: number,
+  height: number,
+  grid: Grid,
+  marks: (i: number, j: number) => "hatch" | "frame" | "" = () => "",
+): void {
   const [nx, ny] = [grid.values.length, grid.values[0]?.length ?? 0];
   if (!nx || !ny) return;
   const box = { left: 40, right: width - 12, top: 6, bottom: height - 20 };
   const [low, high] = grid.range ?? extent(grid.values.flat());
   const reach = Math.max(Math.abs(low), Math.abs(high)) || 1;
-  const colour = (value: number) => (grid.difference ? diverging(value / reach) : heightColour(high > low ? (value - low) / (high - low) : 0.35));
+  const colour = (value: number) =>
+    grid.difference ? diverging(value / reach) : heightColour(high > low ? (value - low) / (high - low) : 0.35);
   const edges = drawCells(pen, box, nx, ny, (i, j) => css(colour(grid.values[i]![j]!)));
   for (let i = 0; i < nx; i++) {
     for (let j = 0; j < ny; j++) {

@@ -4,7 +4,14 @@ import type { Area, Pen } from "./canvas";
 import { token } from "./colours";
 
 /** Draw a dot at each point with a number; those in `hollow` as rings. */
-export function dots(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, colour: string, radius: number, hollow?: ArrayLike<boolean>): void {
+export function dots(
+  pen: Pen,
+  xs: ArrayLike<number>,
+  ys: ArrayLike<number>,
+  colour: string,
+  radius: number,
+  hollow?: ArrayLike<boolean>,
+): void {
   pen.fillStyle = colour;
   for (let k = 0; k < xs.length; k++) {
     if (!Number.isFinite(ys[k]!) || hollow?.[k]) continue;
@@ -18,7 +25,14 @@ export function dots(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, col
 }
 
 /** Draw a circle; an empty `fill` leaves it open. */
-export function ring(pen: Pen, [x, y]: readonly number[], radius: number, fill: string, stroke: string, width: number): void {
+export function ring(
+  pen: Pen,
+  [x, y]: readonly number[],
+  radius: number,
+  fill: string,
+  stroke: string,
+  width: number,
+): void {
   pen.beginPath();
   pen.arc(x!, y!, radius, 0, 7);
   if (fill) {
@@ -31,7 +45,14 @@ export function ring(pen: Pen, [x, y]: readonly number[], radius: number, fill: 
 }
 
 /** Fill the room between two lines; NaN in either interrupts it. */
-export function band(pen: Pen, xs: ArrayLike<number>, upper: ArrayLike<number>, lower: ArrayLike<number>, colour: string, opacity: number): void {
+export function band(
+  pen: Pen,
+  xs: ArrayLike<number>,
+  upper: ArrayLike<number>,
+  lower: ArrayLike<number>,
+  colour: string,
+  opacity: number,
+): void {
   const known = (k: number) => k < xs.length && Number.isFinite(upper[k]!) && Number.isFinite(lower[k]!);
   pen.beginPath();
   for (let first = 0; first < xs.length; first++) {
@@ -51,7 +72,14 @@ export function band(pen: Pen, xs: ArrayLike<number>, upper: ArrayLike<number>, 
 }
 
 /** Draw upright lines from a base. */
-export function stems(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, base: number, colour: string, width: number): void {
+export function stems(
+  pen: Pen,
+  xs: ArrayLike<number>,
+  ys: ArrayLike<number>,
+  base: number,
+  colour: string,
+  width: number,
+): void {
   pen.beginPath();
   for (let k = 0; k < xs.length; k++) {
     if (!Number.isFinite(ys[k]!)) continue;
@@ -64,7 +92,14 @@ export function stems(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, ba
 }
 
 /** Draw lines across a plot area: upright at values of x, level at values of y. */
-export function rules(pen: Pen, plot: Area, along: "x" | "y", values: readonly number[], colour: string, dash: number[] = []): void {
+export function rules(
+  pen: Pen,
+  plot: Area,
+  along: "x" | "y",
+  values: readonly number[],
+  colour: string,
+  dash: number[] = [],
+): void {
   const { left, right, top, bottom } = plot.box;
   pen.beginPath();
   for (const value of values) {

@@ -46,7 +46,11 @@ export function tableDecimals(values: Iterable<number>): number {
 
 /** Read a number as typed: "1,5" and "1.5" are the same; null if it is none. */
 export function parseNumber(text: string): number | null {
-  const plain = text.trim().replace(/[\s\u2009\u202f]/g, "").replace(MINUS, "-").replace("\u221e", "Infinity");
+  const plain = text
+    .trim()
+    .replace(/[\s\u2009\u202f]/g, "")
+    .replace(MINUS, "-")
+    .replace("\u221e", "Infinity");
   const dotted = plain.includes(",") && !plain.includes(".") ? plain.replace(",", ".") : plain;
   if (!/^[+-]?(\d+\.?\d*|\.\d+|Infinity|inf)(e[+-]?\d+)?$/i.test(dotted)) return null;
   return Number(dotted.replace(/inf$/i, "Infinity"));
@@ -59,10 +63,14 @@ export function plain(value: number, digits = 5): string {
 }
 
 /** Write a title with its unit in brackets, if it has one. */
-export const withUnit = (title: string, unit: string): string => (unit && unit !== "-" && unit !== "1" ? `${title} [${unit}]` : title);
+export const withUnit = (title: string, unit: string): string =>
+  unit && unit !== "-" && unit !== "1" ? `${title} [${unit}]` : title;
 
 /** Return a function that writes the numbers of a table with the same decimals. */
-export function tableFormat(values: Iterable<number>, options: { signed?: boolean; decimals?: number } = {}): (value: number) => string {
+export function tableFormat(
+  values: Iterable<number>,
+  options: { signed?: boolean; decimals?: number } = {},
+): (value: number) => string {
   const rounded = Array.from(values, (value) => Number(value.toPrecision(4)));
   const largest = Math.max(0, ...rounded.filter(Number.isFinite).map(Math.abs));
   const decimals = options.decimals ?? tableDecimals(rounded);

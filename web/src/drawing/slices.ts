@@ -1,6 +1,6 @@
 // Curves over one axis, and slices of maps: values, reference, standard deviation, points without data.
 
-import { area, extent, line, widened, type Area, type Box, type Pen, type Range } from "./canvas";
+import { type Area, area, type Box, extent, line, type Pen, type Range, widened } from "./canvas";
 import { token } from "./colours";
 import { band, dots, hatch, ring } from "./marks";
 
@@ -19,7 +19,9 @@ export interface SliceData {
 export function drawSlice(pen: Pen, width: number, height: number, data: SliceData, range: Range | null): Area {
   const { points, now, before, deviation, empty, active } = data;
   const box = { left: 44, right: width - 14, top: 10, bottom: height - 36 };
-  const plot = area(pen, box, widened(extent(points), 0), range ?? widened(extent(now, before), 0.1), { title: data.title });
+  const plot = area(pen, box, widened(extent(points), 0), range ?? widened(extent(now, before), 0.1), {
+    title: data.title,
+  });
   const xs = points.map(plot.x);
   const ys = now.map(plot.y);
   plot.clip(() => {
@@ -55,9 +57,19 @@ export function hatchPoints(pen: Pen, box: Box, xs: readonly number[], empty: re
 }
 
 /** Draw curves over one axis: the earlier in grey, the later in blue with its points. */
-export function drawCurves(pen: Pen, width: number, height: number, x: readonly number[], before: number[], now: number[]): void {
+export function drawCurves(
+  pen: Pen,
+  width: number,
+  height: number,
+  x: readonly number[],
+  before: number[],
+  now: number[],
+): void {
   const box = { left: 40, right: width - 12, top: 6, bottom: height - 20 };
-  const points = x.length === now.length ? [...x] : now.map((_, k) => x[0]! + ((x[x.length - 1]! - x[0]!) * k) / Math.max(1, now.length - 1));
+  const points =
+    x.length === now.length
+      ? [...x]
+      : now.map((_, k) => x[0]! + ((x[x.length - 1]! - x[0]!) * k) / Math.max(1, now.length - 1));
   const plot = area(pen, box, widened(extent(points), 0), widened(extent(before, now), 0.08));
   const xs = points.map(plot.x);
   plot.clip(() => {

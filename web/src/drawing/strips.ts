@@ -1,6 +1,6 @@
 // Strips: plot areas one below the other over a common x axis, and positions in their traces.
 
-import { area, ticks, type Area, type Pen, type Range } from "./canvas";
+import { type Area, area, type Pen, type Range, ticks } from "./canvas";
 
 export interface Strip {
   weight: number; // share of the height
@@ -20,24 +20,48 @@ export interface StripsLayout {
 }
 
 /** Draw strips over a range of x; returns their plot areas. */
-export function drawStrips(pen: Pen, width: number, height: number, range: Range, strips: readonly Strip[], layout: StripsLayout): Area[] {
+export function drawStrips(
+  pen: Pen,
+  width: number,
+  height: number,
+  range: Range,
+  strips: readonly Strip[],
+  layout: StripsLayout,
+): Area[] {
   const total = strips.reduce((sum, strip) => sum + strip.weight, 0);
   const [left, right] = [layout.left, width - layout.right];
-  const xTicks = ticks(...range, Math.max(2, (right - left) / 90)).filter((value) => !layout.whole || Number.isInteger(value));
+  const xTicks = ticks(...range, Math.max(2, (right - left) / 90)).filter(
+    (value) => !layout.whole || Number.isInteger(value),
+  );
   let at = 0;
   return strips.map((strip, k) => {
     const tall = ((height - layout.axis) * strip.weight) / total;
     const box = { left, right, top: at + layout.gap, bottom: at + tall - layout.gap };
     at += tall;
     const last = k === strips.length - 1 && layout.axis > 0;
-    const plot = area(pen, box, range, strip.range, { xTicks, unlabelled: !last, title: last ? layout.title : "", yTitle: strip.title, scale: strip.scale });
+    const plot = area(pen, box, range, strip.range, {
+      xTicks,
+      unlabelled: !last,
+      title: last ? layout.title : "",
+      yTitle: strip.title,
+      scale: strip.scale,
+    });
     plot.clip(() => strip.draw(plot));
     return plot;
   });
 }
 
-/** Draw the extremes of each pixel, pairs of values at the same x, as columns that touch; much faster than a stroked line. */
-export function drawColumns(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, colour: string, width: number): void {
+/**
+ * Draw the extremes of each pixel, pairs of values at the same x, as columns that touch; much faster than a stroked
+ * line.
+ */
+export function drawColumns(
+  pen: Pen,
+  xs: ArrayLike<number>,
+  ys: ArrayLike<number>,
+  colour: string,
+  width: number,
+): void {
   pen.fillStyle = colour;
   const wide = Math.max(width, (xs[2] ?? xs[0]! + 1) - xs[0]!);
   let [above, below] = [NaN, NaN]; // ends of the column before

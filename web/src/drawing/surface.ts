@@ -1,11 +1,15 @@
 // A surface over two axes: values in colour, a reference as a grey ghost. Plain 2D canvas, far faces first.
 
-import { extent, ticks, tickTexts, widened, type Pen, type Range } from "./canvas";
-import { css, height as heightColour, isDark, token, type Rgb } from "./colours";
+import { extent, type Pen, type Range, ticks, tickTexts, widened } from "./canvas";
+import { css, height as heightColour, isDark, type Rgb, token } from "./colours";
 import { hatch, ring } from "./marks";
 import { withUnit } from "./numbers";
 
-export interface SurfaceAxis { title: string; unit: string; points: readonly number[] }
+export interface SurfaceAxis {
+  title: string;
+  unit: string;
+  points: readonly number[];
+}
 
 /** A map in C order: `now[i * ny + j]` is at x[i], y[j]. */
 export interface SurfaceMap {
@@ -50,8 +54,14 @@ export class Camera {
     const corners = [-1, 1].flatMap((a) => [-1, 1].flatMap((b) => [-ROOF, ROOF].map((c) => this.project(a, b, c))));
     const [left, right] = extent(corners.map((p) => p[0]));
     const [top, bottom] = extent(corners.map((p) => p[1]));
-    this.scale = Math.max(10, Math.min((width - 110 - marginLeft - marginRight) / (right - left), (height - 72) / (bottom - top)));
-    this.middle = [(width + marginLeft - marginRight) / 2 - ((left + right) / 2) * this.scale + 8, height / 2 - ((top + bottom) / 2) * this.scale - 4];
+    this.scale = Math.max(
+      10,
+      Math.min((width - 110 - marginLeft - marginRight) / (right - left), (height - 72) / (bottom - top)),
+    );
+    this.middle = [
+      (width + marginLeft - marginRight) / 2 - ((left + right) / 2) * this.scale + 8,
+      height / 2 - ((top + bottom) / 2) * this.scale - 4,
+    ];
   }
 
   project(x: number, y: number, z: number): Point {
@@ -67,9 +77,27 @@ export class Camera {
 // Corners of a face: (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1). A face draws its far edges, which it shares with
 // faces that are drawn before; those at the near rim draw all.
 const ROUND = [0, 1, 2, 3, 0];
-const FAR_EDGES = [[[3, 0, 1], [2, 3, 0]], [[0, 1, 2], [1, 2, 3]]]; // by the signs of x and y of the back corner
+const FAR_EDGES = [
+  [
+    [3, 0, 1],
+    [2, 3, 0],
+  ],
+  [
+    [0, 1, 2],
+    [1, 2, 3],
+  ],
+]; // by the signs of x and y of the back corner
 
-interface Face { corners: readonly Point[]; edges: readonly number[]; ghost: boolean; mean: number; tint: Rgb | null; empty: boolean; tilt: number; depth: number }
+interface Face {
+  corners: readonly Point[];
+  edges: readonly number[];
+  ghost: boolean;
+  mean: number;
+  tint: Rgb | null;
+  empty: boolean;
+  tilt: number;
+  depth: number;
+}
 
 export class Surface {
   readonly camera = new Camera();
@@ -98,7 +126,9 @@ export class Surface {
     for (const face of this.faces()) drawFace(pen, face, paints);
   }
 
-  /** Return the grid point that is drawn nearest to a pixel, null if none is near; of two at a place, the one in front. */
+  /**
+   * Return the grid point that is drawn nearest to a pixel, null if none is near; of two at a place, the one in front.
+   */
   nearest(x: number, y: number, reach: number): number | null {
     let [best, nearest]: [number, number | null] = [reach, null];
     this.points.forEach((p, cell) => {
@@ -135,7 +165,11 @@ export class Surface {
     ring(pen, now, 9.5, "", token("drag"), 1);
     pen.lineWidth = 1.5;
     for (const side of [-1, 1]) {
-      path(pen, [[now[0] - 3.5, now[1] + side * 14], [now[0], now[1] + side * 18], [now[0] + 3.5, now[1] + side * 14]]);
+      path(pen, [
+        [now[0] - 3.5, now[1] + side * 14],
+        [now[0], now[1] + side * 18],
+        [now[0] + 3.5, now[1] + side * 14],
+      ]);
       pen.stroke();
     }
   }
@@ -144,12 +178,17 @@ export class Surface {
   drawPlaces(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, values: ArrayLike<number>, colour: string): void {
     pen.fillStyle = colour;
     for (let k = 0; k < values.length; k++) {
-      const p = this.camera.project(position(this.map.x.points, xs[k]!), position(this.map.y.points, ys[k]!), this.heightOf(values[k]!));
+      const p = this.camera.project(
+        position(this.map.x.points, xs[k]!),
+        position(this.map.y.points, ys[k]!),
+        this.heightOf(values[k]!),
+      );
       pen.fillRect(p[0] - 0.9, p[1] - 0.9, 1.8, 1.8);
     }
   }
 
-  private heightOf = (value: number): number => ((value - this.range[0]) / (this.range[1] - this.range[0])) * 2 * ROOF - ROOF;
+  private heightOf = (value: number): number =>
+    ((value - this.range[0]) / (this.range[1] - this.range[0])) * 2 * ROOF - ROOF;
 
   private at(cell: number, value: number): Point {
     const ny = this.ys.length;
@@ -157,7 +196,9 @@ export class Surface {
   }
 
   private project(values: ArrayLike<number>): Point[] {
-    return this.xs.flatMap((x, i) => this.ys.map((y, j) => this.camera.project(x, y, this.heightOf(values[i * this.ys.length + j]!))));
+    return this.xs.flatMap((x, i) =>
+      this.ys.map((y, j) => this.camera.project(x, y, this.heightOf(values[i * this.ys.length + j]!))),
+    );
   }
 
   private faces(): Face[] {
@@ -167,13 +208,25 @@ export class Surface {
     const changed = reference !== null && this.points.some((_, k) => now[k] !== reference[k]);
     if (changed && hidden !== "reference" && hidden !== "both") {
       // the ghost of a face that is where it was would be hidden by it
-      this.addFaces(faces, reference!, this.project(reference!), (cells) => shown && cells.every((cell) => now[cell] === reference![cell]), null);
+      this.addFaces(
+        faces,
+        reference!,
+        this.project(reference!),
+        (cells) => shown && cells.every((cell) => now[cell] === reference![cell]),
+        null,
+      );
     }
     if (shown) this.addFaces(faces, now, this.points, () => false, empty);
     return faces.sort((p, q) => q.depth - p.depth);
   }
 
-  private addFaces(faces: Face[], values: ArrayLike<number>, points: readonly Point[], skip: (cells: number[]) => boolean, empty: SurfaceMap["empty"]): void {
+  private addFaces(
+    faces: Face[],
+    values: ArrayLike<number>,
+    points: readonly Point[],
+    skip: (cells: number[]) => boolean,
+    empty: SurfaceMap["empty"],
+  ): void {
     const ghost = values === this.map.reference;
     const [nx, ny, back] = [this.xs.length, this.ys.length, this.back()];
     const [nearX, nearY] = [back.x > 0 ? 0 : nx - 2, back.y > 0 ? 0 : ny - 2];
@@ -186,7 +239,12 @@ export class Surface {
         if (!Number.isFinite(mean) || skip(cells)) continue;
         const corners = cells.map((cell) => points[cell]!);
         faces.push({
-          corners, edges: i === nearX || j === nearY ? ROUND : far, ghost, mean, tint: ghost ? null : meanTint(cells, this.map.tints ?? null), empty: empty !== null && cells.some(empty),
+          corners,
+          edges: i === nearX || j === nearY ? ROUND : far,
+          ghost,
+          mean,
+          tint: ghost ? null : meanTint(cells, this.map.tints ?? null),
+          empty: empty !== null && cells.some(empty),
           tilt: this.heightOf(b) - this.heightOf(a) + this.heightOf(c) - this.heightOf(d),
           depth: (corners[0]![2] + corners[1]![2] + corners[2]![2] + corners[3]![2]) / 4,
         });
@@ -203,17 +261,29 @@ export class Surface {
     const place = ({ points }: SurfaceAxis, value: number) => position(points, value);
     pen.lineWidth = 1;
     pen.strokeStyle = token("grid");
-    for (const v of xs) this.stroke(pen, [place(x, v), -back.y, -ROOF], [place(x, v), back.y, -ROOF], [place(x, v), back.y, ROOF]);
-    for (const v of ys) this.stroke(pen, [-back.x, place(y, v), -ROOF], [back.x, place(y, v), -ROOF], [back.x, place(y, v), ROOF]);
-    for (const v of zs) this.stroke(pen, [-back.x, back.y, this.heightOf(v)], [back.x, back.y, this.heightOf(v)], [back.x, -back.y, this.heightOf(v)]);
+    for (const v of xs)
+      this.stroke(pen, [place(x, v), -back.y, -ROOF], [place(x, v), back.y, -ROOF], [place(x, v), back.y, ROOF]);
+    for (const v of ys)
+      this.stroke(pen, [-back.x, place(y, v), -ROOF], [back.x, place(y, v), -ROOF], [back.x, place(y, v), ROOF]);
+    for (const v of zs)
+      this.stroke(
+        pen,
+        [-back.x, back.y, this.heightOf(v)],
+        [back.x, back.y, this.heightOf(v)],
+        [back.x, -back.y, this.heightOf(v)],
+      );
     pen.strokeStyle = token("axis");
     this.stroke(pen, [-back.x, -back.y, -ROOF], [back.x, -back.y, -ROOF]);
     this.stroke(pen, [-back.x, -back.y, -ROOF], [-back.x, back.y, -ROOF]);
     this.stroke(pen, [...back.side, -ROOF], [...back.side, ROOF]);
     pen.fillStyle = token("quiet");
     pen.textBaseline = "middle";
-    tickTexts(xs).forEach((text, k) => this.write(pen, text, [place(x, xs[k]!), -back.y], [place(x, xs[k]!), back.y], 13));
-    tickTexts(ys).forEach((text, k) => this.write(pen, text, [-back.x, place(y, ys[k]!)], [back.x, place(y, ys[k]!)], 14));
+    tickTexts(xs).forEach((text, k) =>
+      this.write(pen, text, [place(x, xs[k]!), -back.y], [place(x, xs[k]!), back.y], 13),
+    );
+    tickTexts(ys).forEach((text, k) =>
+      this.write(pen, text, [-back.x, place(y, ys[k]!)], [back.x, place(y, ys[k]!)], 14),
+    );
     for (const { text, at, from } of this.titles()) this.write(pen, text, at, from, TITLE, true);
     this.writeHeights(pen, zs, back.side);
   }
@@ -241,7 +311,11 @@ export class Surface {
   }
 
   /** A place outside an edge of the floor, and how far sideways it lies. */
-  private outwards(at: [number, number], from: [number, number], distance: number): { x: number; y: number; aside: number } {
+  private outwards(
+    at: [number, number],
+    from: [number, number],
+    distance: number,
+  ): { x: number; y: number; aside: number } {
     const [a, b] = [this.camera.project(...at, -ROOF), this.camera.project(...from, -ROOF)];
     const length = Math.hypot(a[0] - b[0], a[1] - b[1]) || 1;
     const aside = (a[0] - b[0]) / length;
@@ -257,12 +331,22 @@ export class Surface {
   }
 
   private stroke(pen: Pen, ...points: [number, number, number][]): void {
-    path(pen, points.map((p) => this.camera.project(...p)));
+    path(
+      pen,
+      points.map((p) => this.camera.project(...p)),
+    );
     pen.stroke();
   }
 
   /** Write outwards from an edge of the floor; a title starts beside what is written there, instead of astride it. */
-  private write(pen: Pen, text: string, at: [number, number], from: [number, number], distance: number, title = false): void {
+  private write(
+    pen: Pen,
+    text: string,
+    at: [number, number],
+    from: [number, number],
+    distance: number,
+    title = false,
+  ): void {
     const { x, y, aside } = this.outwards(at, from, distance);
     pen.textAlign = !title || Math.abs(aside) < 0.25 ? "center" : aside > 0 ? "left" : "right";
     pen.fillText(text, x, y);
@@ -286,14 +370,18 @@ function meanTint(cells: readonly number[], tints: readonly (Rgb | null)[] | nul
   if (tints === null) return null;
   const known = cells.map((cell) => tints[cell]).filter((tint): tint is Rgb => tint != null);
   const paper: Rgb = isDark() ? [23, 26, 31] : [255, 255, 255];
-  return known.length ? ([0, 1, 2].map((k) => known.reduce((sum, tint) => sum + tint[k]!, 0) / known.length) as unknown as Rgb) : paper;
+  return known.length
+    ? ([0, 1, 2].map((k) => known.reduce((sum, tint) => sum + tint[k]!, 0) / known.length) as unknown as Rgb)
+    : paper;
 }
 
 /** The colours of one picture, looked up once. */
 class Paints {
   private readonly dark = isDark();
   private readonly paper = this.dark ? 23 : 255;
-  readonly ghost = this.dark ? { fill: "rgba(150,158,168,.10)", stroke: "rgba(170,178,188,.75)" } : { fill: "rgba(150,156,163,.13)", stroke: "rgba(105,111,118,.8)" };
+  readonly ghost = this.dark
+    ? { fill: "rgba(150,158,168,.10)", stroke: "rgba(170,178,188,.75)" }
+    : { fill: "rgba(150,156,163,.13)", stroke: "rgba(105,111,118,.8)" };
   readonly edge = this.dark ? "rgba(10,14,18,.75)" : "rgba(20,30,45,.55)";
 
   constructor(private readonly range: Range) {}

@@ -1,11 +1,15 @@
 // Completion of names in formula text: functions with their arguments, tables, nodes and inputs.
 
-import { autocompletion, type Completion, type CompletionContext, type CompletionResult } from "@codemirror/autocomplete";
+import {
+  autocompletion,
+  type Completion,
+  type CompletionContext,
+  type CompletionResult,
+} from "@codemirror/autocomplete";
 import type { Extension } from "@codemirror/state";
 import { ask } from "../connection";
+import type { CompletionRow } from "../replies";
 import { state } from "../store";
-
-interface Name { label: string; kind: "function" | "parameter" | "node" | "input"; detail: string }
 
 const BOOST = { node: 3, input: 2, parameter: 1, function: 0 }; // those of the project come first
 let known: { revision: number; options: Promise<Completion[]> } | null = null;
@@ -13,13 +17,23 @@ let known: { revision: number; options: Promise<Completion[]> } | null = null;
 /** The names that formula text can use; asked again once the texts have changed. */
 function options(): Promise<Completion[]> {
   const revision = state.value.textRevision;
-  if (known?.revision !== revision) known = { revision, options: ask("completions").then((reply) => (reply.head.completions as Name[]).map(asCompletion), () => []) };
+  if (known?.revision !== revision)
+    known = {
+      revision,
+      options: ask("completions").then(
+        (reply) => reply.head.completions.map(asCompletion),
+        () => [],
+      ),
+    };
   return known.options;
 }
 
 /** A function is completed with the parenthesis of its arguments, which are shown beside it. */
-const asCompletion = ({ label, kind, detail }: Name): Completion => ({
-  label, detail: kind === "function" && detail.startsWith(label) ? detail.slice(label.length) : detail, type: kind, boost: BOOST[kind],
+const asCompletion = ({ label, kind, detail }: CompletionRow): Completion => ({
+  label,
+  detail: kind === "function" && detail.startsWith(label) ? detail.slice(label.length) : detail,
+  type: kind,
+  boost: BOOST[kind],
   apply: kind === "function" ? `${label}(` : label,
 });
 
@@ -30,7 +44,8 @@ async function complete(context: CompletionContext): Promise<CompletionResult | 
   const before = context.state.doc.lineAt(from).text.slice(0, from - context.state.doc.lineAt(from).from);
   if (before.includes("#") || before.lastIndexOf("[") > before.lastIndexOf("]")) return null; // comments and units
   if (!context.explicit && !/[=(]/.test(before)) return null; // the name of a new node
-  const own = (await options()).filter((each) => each.type === "function" || each.label !== word?.text); // which may be this word alone
+  // which may be this word alone
+  const own = (await options()).filter((each) => each.type === "function" || each.label !== word?.text);
   return { from, options: own, validFor: /^[\w.]*$/ };
 }
 

@@ -5,12 +5,18 @@ import { newest } from "../connection";
 import { css, diverging, isDark, type Rgb } from "../drawing/colours";
 import { fixed, significant } from "../drawing/numbers";
 import { criterion, criterionNumber } from "../plots";
-import { request, revision, screen, table, theme, type Table } from "../store";
+import type { EditedTable } from "../replies";
+import { request, revision, screen, table, theme } from "../store";
 
 export const overlay = signal<"" | "samples" | "error">(""); // colours cells and surface
 export const pointsShown = signal(false); // dots on surface and slices
 
-interface Coverage { name: string; error: Float32Array; x: Float32Array; y: Float32Array }
+interface Coverage {
+  name: string;
+  error: Float32Array;
+  x: Float32Array;
+  y: Float32Array;
+}
 const coverage = signal<Coverage | null>(null);
 
 const load = newest(async (given: { name: string; criterion: number }) => {
@@ -19,15 +25,23 @@ const load = newest(async (given: { name: string; criterion: number }) => {
   coverage.value = error && x ? { name: given.name, error, x, y: y ?? new Float32Array() } : null;
 });
 
-const asked = computed(() => (table.value !== null && table.value.axes.length > 0 && (overlay.value === "error" || pointsShown.value) ? table.value.name : ""));
+const asked = computed(() =>
+  table.value !== null && table.value.axes.length > 0 && (overlay.value === "error" || pointsShown.value)
+    ? table.value.name
+    : "",
+);
 
 effect(() => {
   void revision.value;
-  if (screen.value === "parameters" && asked.value !== "") load({ name: asked.value, criterion: criterionNumber.value });
+  if (screen.value === "parameters" && asked.value !== "")
+    load({ name: asked.value, criterion: criterionNumber.value });
 });
 
 /** How each value is coloured, null for one without data, and a short note for its cell. */
-export interface Cover { tints: (Rgb | null)[]; notes: string[] }
+export interface Cover {
+  tints: (Rgb | null)[];
+  notes: string[];
+}
 
 const cover = computed<Cover | null>(() => {
   const own = table.value;
@@ -37,7 +51,7 @@ const cover = computed<Cover | null>(() => {
   return coverage.value?.name === own.name ? coverByError(coverage.value.error) : null;
 });
 
-export const coverOf = (own: Table): Cover | null => (own.name === table.value?.name ? cover.value : null);
+export const coverOf = (own: EditedTable): Cover | null => (own.name === table.value?.name ? cover.value : null);
 
 /** Return the colours of cells; null where there is none. */
 export const cellTints = (own: Cover): (string | null)[] => own.tints.map((each) => each && css(each));
@@ -48,8 +62,14 @@ const BLUE: Rgb = [70, 130, 200];
 function coverBySamples(samples: number[]): Cover {
   const most = Math.log10(1 + Math.max(1, ...samples));
   const paper = PAPER();
-  const tint = (count: number) => BLUE.map((part, k) => Math.round(paper[k]! + (part - paper[k]!) * (Math.log10(1 + count) / most))) as unknown as Rgb;
-  return { tints: samples.map((count) => (count ? tint(count) : null)), notes: samples.map((count) => (count ? short(count) : "")) };
+  const tint = (count: number) =>
+    BLUE.map((part, k) =>
+      Math.round(paper[k]! + (part - paper[k]!) * (Math.log10(1 + count) / most)),
+    ) as unknown as Rgb;
+  return {
+    tints: samples.map((count) => (count ? tint(count) : null)),
+    notes: samples.map((count) => (count ? short(count) : "")),
+  };
 }
 
 /** A count in at most four characters: 950, 9.5k, 26k, 1.2M. */
@@ -65,17 +85,26 @@ function coverByError(errors: Float32Array): Cover {
   const all = [...errors];
   const decimals = Math.max(0, Math.min(6, -Math.floor(Math.log10(reach)) + (reach < 100 ? 1 : 0)));
   const note = (value: number) => (value > 0 ? "+" : "") + fixed(value, decimals);
-  return { tints: all.map((value) => (Number.isFinite(value) ? diverging(value / reach) : null)), notes: all.map((value) => (Number.isFinite(value) ? note(value) : "")) };
+  return {
+    tints: all.map((value) => (Number.isFinite(value) ? diverging(value / reach) : null)),
+    notes: all.map((value) => (Number.isFinite(value) ? note(value) : "")),
+  };
 }
 
 /** What the tooltip of a value says about the data. */
-export function coverTitle(own: Table, cell: number): string {
+export function coverTitle(own: EditedTable, cell: number): string {
   const error = coverage.value?.name === own.name && overlay.value === "error" ? coverage.value.error[cell] : undefined;
-  return error === undefined || !Number.isFinite(error) ? "" : `mean error ${significant(error, 3)} ${criterion.value?.unit ?? ""}, model minus measurement`;
+  return error === undefined || !Number.isFinite(error)
+    ? ""
+    : `mean error ${significant(error, 3)} ${criterion.value?.unit ?? ""}, model minus measurement`;
 }
 
 /** Where samples look the table up, with the height of the table there; null if they are not shown. */
-export interface Places { x: ArrayLike<number>; y: ArrayLike<number>; value: Float64Array }
+export interface Places {
+  x: ArrayLike<number>;
+  y: ArrayLike<number>;
+  value: Float64Array;
+}
 
 const places = computed<Places | null>(() => {
   const [data, own] = [coverage.value, table.value];
@@ -85,14 +114,15 @@ const places = computed<Places | null>(() => {
   return { x: data.x, y: data.y, value };
 });
 
-export const placesOf = (own: Table): Places | null => (own.name === table.value?.name ? places.value : null);
+export const placesOf = (own: EditedTable): Places | null => (own.name === table.value?.name ? places.value : null);
 
 /** The value of a curve or map between its points. */
-function heightAt(own: Table, x: number, y: number): number {
+function heightAt(own: EditedTable, x: number, y: number): number {
   const [i, s] = located(own.axes[0]!.points, x);
   const ys = own.axes[1]?.points ?? [0];
   const [j, t] = located(ys, y);
-  const at = (a: number, b: number) => own.values[Math.min(a, own.axes[0]!.points.length - 1) * ys.length + Math.min(b, ys.length - 1)]!;
+  const at = (a: number, b: number) =>
+    own.values[Math.min(a, own.axes[0]!.points.length - 1) * ys.length + Math.min(b, ys.length - 1)]!;
   return (1 - s) * ((1 - t) * at(i, j) + t * at(i, j + 1)) + s * ((1 - t) * at(i + 1, j) + t * at(i + 1, j + 1));
 }
 

@@ -4,8 +4,9 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { tooltip } from "../fields";
 import { wanted } from "../navigation";
-import { asToml, keysOf, sectionOf, settingName, shownForms, type Key } from "../schema";
-import { messagesOf, messagesWithin, setKeys, settings, valueAt, type Path, type Toml } from "../settings";
+import type { KeyRow, Path, Toml } from "../replies";
+import { asToml, keysOf, sectionOf, settingName, shownForms } from "../schema";
+import { messagesOf, messagesWithin, setKeys, settings, valueAt } from "../settings";
 import { Remove, ValueField } from "./value-field";
 
 type Table = { [key: string]: Toml };
@@ -21,12 +22,26 @@ interface FormProps {
 export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
   const section = String(path[0]);
   const own = (draft?.own ?? valueAt(path) ?? {}) as Table;
-  const strays = Object.keys(own).filter((name) => !keysOf(section).some((key) => key.name === name)).map(unknownKey);
-  const all = [...keysOf(section), ...strays].filter((key) => !skip.includes(key.name) && !(directions && ["x", "y", "z", "w"].includes(key.name) && !directions.includes(key.name) && !(key.name in own)));
+  const strays = Object.keys(own)
+    .filter((name) => !keysOf(section).some((key) => key.name === name))
+    .map(unknownKey);
+  const all = [...keysOf(section), ...strays].filter(
+    (key) =>
+      !skip.includes(key.name) &&
+      !(directions && ["x", "y", "z", "w"].includes(key.name) && !directions.includes(key.name) && !(key.name in own)),
+  );
   const [whole, focused, part] = [useSignal(false), useSignal(""), useSignal("")];
   const host = useRef<HTMLDivElement>(null);
-  useEffect(() => { shownForms.value += 1; return () => { shownForms.value -= 1; }; }, []);
-  const set = useMemo(() => all.filter((key) => key.name in own || key.required).map((key) => key.name), [path.join("\n"), all.length, settings.value.text === ""]);
+  useEffect(() => {
+    shownForms.value += 1;
+    return () => {
+      shownForms.value -= 1;
+    };
+  }, []);
+  const set = useMemo(
+    () => all.filter((key) => key.name in own || key.required).map((key) => key.name),
+    [path.join("\n"), all.length, settings.value.text === ""],
+  );
   const upper = all.filter((key) => set.includes(key.name));
   const rest = all.filter((key) => !set.includes(key.name));
   const isOpen = whole.value || upper.length === 0 || draft !== undefined;
@@ -36,24 +51,75 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
     if (!isOpen && rest.some((each) => each.name === key)) whole.value = true;
     else if (focusSetting(host.current, wanted.value)) wanted.value = "";
   });
-  const change = (key: Key, value: Toml | null) => {
-    if (draft === undefined) void setKeys([[[...path, key.name], value]], `${settingName([...path, key.name])}: ${value === null ? "default" : typeof value === "string" ? value : asToml(value).slice(0, 60)}`);
-    else { const next = { ...own }; if (value === null) delete next[key.name]; else next[key.name] = value; draft.change(next); }
+  const change = (key: KeyRow, value: Toml | null) => {
+    if (draft === undefined)
+      void setKeys(
+        [[[...path, key.name], value]],
+        `${settingName([...path, key.name])}: ${value === null ? "default" : typeof value === "string" ? value : asToml(value).slice(0, 60)}`,
+      );
+    else {
+      const next = { ...own };
+      if (value === null) delete next[key.name];
+      else next[key.name] = value;
+      draft.change(next);
+    }
   };
-  const row = (key: Key) => <Setting key={key.name} path={[...path, key.name]} of={key} own={own[key.name]} directions={directions} help={focused.value === key.name ? part.value || key.help : ""} change={(value) => change(key, value)} />;
+  const row = (key: KeyRow) => (
+    <Setting
+      key={key.name}
+      path={[...path, key.name]}
+      of={key}
+      own={own[key.name]}
+      directions={directions}
+      help={focused.value === key.name ? part.value || key.help : ""}
+      change={(value) => change(key, value)}
+    />
+  );
   const general = messagesOf(path);
   return (
-    <div class="settings" ref={host} role="group" aria-label={path.join(" ")} onFocusIn={(event) => { const at = event.target as HTMLElement; focused.value = at.closest<HTMLElement>("[data-key]")?.dataset.key ?? ""; part.value = at.closest<HTMLElement>("[data-part]")?.dataset.part ?? ""; }}>
-      {general.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`}>{f.message}</p>)}
+    <div
+      class="settings"
+      ref={host}
+      role="group"
+      aria-label={path.join(" ")}
+      onFocusIn={(event) => {
+        const at = event.target as HTMLElement;
+        focused.value = at.closest<HTMLElement>("[data-key]")?.dataset.key ?? "";
+        part.value = at.closest<HTMLElement>("[data-part]")?.dataset.part ?? "";
+      }}
+    >
+      {general.map((f) => (
+        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`}>{f.message}</p>
+      ))}
       {upper.map(row)}
-      {upper.length > 0 && rest.length > 0 && draft === undefined && <button class="fold more" aria-expanded={whole.value} onClick={() => { whole.value = !whole.value; }}>{whole.value ? "⌄" : "›"} all settings ({rest.length})</button>}
+      {upper.length > 0 && rest.length > 0 && draft === undefined && (
+        <button
+          class="fold more"
+          aria-expanded={whole.value}
+          onClick={() => {
+            whole.value = !whole.value;
+          }}
+        >
+          {whole.value ? "⌄" : "›"} all settings ({rest.length})
+        </button>
+      )}
       {isOpen && rest.map(row)}
     </div>
   );
 }
 
 /** A key that the schema does not have, which may be removed or corrected. */
-const unknownKey = (name: string): Key => ({ name, help: "not a key of this section", type: "", default: "", required: false, unit: "", holds: "", by: "", form: { kind: "toml" } });
+const unknownKey = (name: string): KeyRow => ({
+  name,
+  help: "not a key of this section",
+  type: "",
+  default: "",
+  required: false,
+  unit: "",
+  holds: "",
+  by: "",
+  form: { kind: "toml" },
+});
 
 /** Put the cursor into the field of a key; false if it is not on the page yet. */
 export function focusSetting(host: Element | null, name: string): boolean {
@@ -65,23 +131,76 @@ export function focusSetting(host: Element | null, name: string): boolean {
   return true;
 }
 
-function Setting({ path, of, own, directions, help, change }: { path: Path; of: Key; own: Toml | undefined; directions?: string[]; help: string; change: (value: Toml | null) => void }) {
+function Setting({
+  path,
+  of,
+  own,
+  directions,
+  help,
+  change,
+}: {
+  path: Path;
+  of: KeyRow;
+  own: Toml | undefined;
+  directions?: string[];
+  help: string;
+  change: (value: Toml | null) => void;
+}) {
   const messages = messagesWithin(path, of);
   const facts = [of.type, of.default && `default: ${of.default}`].filter(Boolean).join(" · ");
   return (
-    <div class={`setting ${own === undefined ? "" : "set"}`} data-key={of.name} data-setting={settingName(path)} role="group" aria-label={of.name} title={tooltip(path, of)}>
-      <span class="label cut">{of.name}{of.required && own === undefined && <span class="bad" title="required"> *</span>}</span>
-      <ValueField form={of.form} own={own} label={settingName(path)} path={path} known={of} bad={messages.some((f) => f.severity === "error")} directions={directions} change={change} />
-      {own === undefined || of.required ? <span /> : <Remove label={`${settingName(path)}, back to the default`} act={() => change(null)} />}
-      {help && <p class="help">{help}{help === of.help && facts && <span class="q"> ({facts})</span>}</p>}
-      {messages.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">{f.message}</p>)}
+    <div
+      class={`setting ${own === undefined ? "" : "set"}`}
+      data-key={of.name}
+      data-setting={settingName(path)}
+      role="group"
+      aria-label={of.name}
+      title={tooltip(path, of)}
+    >
+      <span class="label cut">
+        {of.name}
+        {of.required && own === undefined && (
+          <span class="bad" title="required">
+            {" "}
+            *
+          </span>
+        )}
+      </span>
+      <ValueField
+        form={of.form}
+        own={own}
+        label={settingName(path)}
+        path={path}
+        known={of}
+        bad={messages.some((f) => f.severity === "error")}
+        directions={directions}
+        change={change}
+      />
+      {own === undefined || of.required ? (
+        <span />
+      ) : (
+        <Remove label={`${settingName(path)}, back to the default`} act={() => change(null)} />
+      )}
+      {help && (
+        <p class="help">
+          {help}
+          {help === of.help && facts && <span class="q"> ({facts})</span>}
+        </p>
+      )}
+      {messages.map((f) => (
+        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">
+          {f.message}
+        </p>
+      ))}
     </div>
   );
 }
 
 /** The entries of a table that differ, as the history says it. */
 function changeOf(section: string, before: Table, after: Table): string {
-  const names = [...new Set([...Object.keys(before), ...Object.keys(after)])].filter((name) => before[name] !== after[name]);
+  const names = [...new Set([...Object.keys(before), ...Object.keys(after)])].filter(
+    (name) => before[name] !== after[name],
+  );
   return names.map((name) => `${section}.${name}: ${after[name] ?? "removed"}`).join(", ");
 }
 
@@ -89,18 +208,42 @@ function changeOf(section: string, before: Table, after: Table): string {
 export function TableForm({ section }: { section: string }) {
   const known = sectionOf(section);
   const host = useRef<HTMLDivElement>(null);
-  useEffect(() => { shownForms.value += 1; return () => { shownForms.value -= 1; }; }, []);
+  useEffect(() => {
+    shownForms.value += 1;
+    return () => {
+      shownForms.value -= 1;
+    };
+  }, []);
   const isWanted = wanted.value === section;
-  useEffect(() => { if (isWanted && focusSetting(host.current, section)) wanted.value = ""; });
+  useEffect(() => {
+    if (isWanted && focusSetting(host.current, section)) wanted.value = "";
+  });
   if (known === undefined) return null;
   const messages = messagesWithin([section]);
   return (
     <div class="settings" ref={host} role="group" aria-label={section}>
       <p class="help">{known.help}</p>
       <div class="setting whole" data-setting={section}>
-        <ValueField form={known.form} own={valueAt([section])} label={section} path={[section]} known={known} bad={messages.some((f) => f.severity === "error")} change={(value) => setKeys([[[section], value]], changeOf(section, (valueAt([section]) ?? {}) as Table, (value ?? {}) as Table))} />
+        <ValueField
+          form={known.form}
+          own={valueAt([section])}
+          label={section}
+          path={[section]}
+          known={known}
+          bad={messages.some((f) => f.severity === "error")}
+          change={(value) =>
+            setKeys(
+              [[[section], value]],
+              changeOf(section, (valueAt([section]) ?? {}) as Table, (value ?? {}) as Table),
+            )
+          }
+        />
       </div>
-      {messages.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">{f.message}</p>)}
+      {messages.map((f) => (
+        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">
+          {f.message}
+        </p>
+      ))}
     </div>
   );
 }

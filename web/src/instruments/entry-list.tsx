@@ -6,8 +6,9 @@ import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../icons";
 import { LineInput } from "../inputs";
 import { openEntry, opened, wanted } from "../navigation";
+import type { Toml } from "../replies";
 import { brief, keysOf, sectionOf } from "../schema";
-import { describePath, messagesOf, messagesWithin, setKeys, valueAt, type Toml } from "../settings";
+import { describePath, messagesOf, messagesWithin, setKeys, valueAt } from "../settings";
 import { settled } from "../store";
 import { EntryForm } from "./entry-form";
 import { Remove } from "./value-field";
@@ -29,14 +30,21 @@ export function EntryList({ section, noun, empty, title, sub, ordered, line }: L
   const draft = useSignal<Table | null>(null);
   const isNamed = sectionOf(section)?.form.kind === "named";
   const value = valueAt([section]);
-  const entries: [number | string, Table][] = Array.isArray(value) ? value.map((table, k) => [k + 1, table as Table]) : Object.entries((value ?? {}) as Table).map(([name, table]) => [name, table as Table]);
-  const required = keysOf(section).filter((key) => key.required).map((key) => key.name);
+  const entries: [number | string, Table][] = Array.isArray(value)
+    ? value.map((table, k) => [k + 1, table as Table])
+    : Object.entries((value ?? {}) as Table).map(([name, table]) => [name, table as Table]);
+  const required = keysOf(section)
+    .filter((key) => key.required)
+    .map((key) => key.name);
   const isWanted = wanted.value.startsWith(`${section}.`);
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => {
     if (!isWanted || entries.length > 0 || draft.value !== null) return;
     if (!isNamed) draft.value = {};
-    else { host.current?.querySelector<HTMLElement>(".add-name input")?.focus(); wanted.value = ""; }
+    else {
+      host.current?.querySelector<HTMLElement>(".add-name input")?.focus();
+      wanted.value = "";
+    }
   });
   const general = settled.value.findings.filter((f) => f.path === sectionOf(section)?.heading);
   const extend = (table: Table) => {
@@ -58,19 +66,56 @@ export function EntryList({ section, noun, empty, title, sub, ordered, line }: L
   };
   return (
     <div class="entries" data-section={section} ref={host}>
-      {title && <div class="head mid"><h2>{title}</h2><span class="sub">{entries.length > 1 ? entries.length : sub}</span><span class="right"><AddButton section={section} noun={noun} disabled={draft.value !== null} add={() => { draft.value = {}; }} /></span></div>}
-      {general.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">{f.message}</p>)}
+      {title && (
+        <div class="head mid">
+          <h2>{title}</h2>
+          <span class="sub">{entries.length > 1 ? entries.length : sub}</span>
+          <span class="right">
+            <AddButton
+              section={section}
+              noun={noun}
+              disabled={draft.value !== null}
+              add={() => {
+                draft.value = {};
+              }}
+            />
+          </span>
+        </div>
+      )}
+      {general.map((f) => (
+        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">
+          {f.message}
+        </p>
+      ))}
       {entries.map(([entry, table]) => {
         const isOpen = opened.value[section] === entry;
-        const bad = [...messagesWithin([section, entry]), ...messagesOf([section, entry])].some((f) => f.severity === "error");
+        const bad = [...messagesWithin([section, entry]), ...messagesOf([section, entry])].some(
+          (f) => f.severity === "error",
+        );
         return (
           <>
             <div class={`entry-line ${isOpen ? "on" : ""}`} data-entry={entry}>
-              <button class="fold grow cut" aria-expanded={isOpen} title={describePath([section, entry])} onClick={() => openEntry(section, isOpen ? 0 : entry)}>
-                <i>{isOpen ? "⌄" : "›"}</i> <Summary entry={entry} table={table} section={section} skip={line !== undefined} />{bad && <span class="tag b">error</span>}
+              <button
+                class="fold grow cut"
+                aria-expanded={isOpen}
+                title={describePath([section, entry])}
+                onClick={() => openEntry(section, isOpen ? 0 : entry)}
+              >
+                <i>{isOpen ? "⌄" : "›"}</i>{" "}
+                <Summary entry={entry} table={table} section={section} skip={line !== undefined} />
+                {bad && <span class="tag b">error</span>}
               </button>
               {typeof entry === "number" && line?.(entry, table)}
-              {ordered && entry !== 1 && <button class="btn bare small remove" aria-label={`Move ${noun} ${entry} up`} title={`Move ${noun} ${entry} up`} onClick={() => moveUp(entry as number)}>↑</button>}
+              {ordered && entry !== 1 && (
+                <button
+                  class="btn bare small remove"
+                  aria-label={`Move ${noun} ${entry} up`}
+                  title={`Move ${noun} ${entry} up`}
+                  onClick={() => moveUp(entry as number)}
+                >
+                  ↑
+                </button>
+              )}
               <Remove label={`${noun} ${entry}`} act={() => remove(entry)} />
             </div>
             {isOpen && <EntryForm path={[section, entry]} />}
@@ -78,28 +123,120 @@ export function EntryList({ section, noun, empty, title, sub, ordered, line }: L
         );
       })}
       {entries.length === 0 && draft.value === null && <p class="note-line q">{empty}</p>}
-      {draft.value && <div class="draft"><div class="entry-line on"><b class="grow">New {noun}</b><span class="q">{required.length ? `needs ${required.join(" and ")}` : "set a key"}</span><Remove label={`new ${noun}`} act={() => { draft.value = null; }} /></div><EntryForm path={[section, entries.length + 1]} draft={{ own: draft.value, change: extend }} /></div>}
-      {isNamed ? <AddByName noun={noun} taken={entries.map(([name]) => String(name))} add={(name) => { openEntry(section, name); void setKeys([[[section, name], {}]], `Added ${noun} ${name}`); }} />
-        : !title && draft.value === null && <AddButton section={section} noun={noun} add={() => { draft.value = {}; }} />}
+      {draft.value && (
+        <div class="draft">
+          <div class="entry-line on">
+            <b class="grow">New {noun}</b>
+            <span class="q">{required.length ? `needs ${required.join(" and ")}` : "set a key"}</span>
+            <Remove
+              label={`new ${noun}`}
+              act={() => {
+                draft.value = null;
+              }}
+            />
+          </div>
+          <EntryForm path={[section, entries.length + 1]} draft={{ own: draft.value, change: extend }} />
+        </div>
+      )}
+      {isNamed ? (
+        <AddByName
+          noun={noun}
+          taken={entries.map(([name]) => String(name))}
+          add={(name) => {
+            openEntry(section, name);
+            void setKeys([[[section, name], {}]], `Added ${noun} ${name}`);
+          }}
+        />
+      ) : (
+        !title &&
+        draft.value === null && (
+          <AddButton
+            section={section}
+            noun={noun}
+            add={() => {
+              draft.value = {};
+            }}
+          />
+        )
+      )}
     </div>
   );
 }
 
-function AddButton({ section, noun, disabled, add }: { section: string; noun: string; disabled?: boolean; add: () => void }) {
-  return <button class="btn small add" data-add={section} disabled={disabled} onClick={add}><Icon name="plus" />{noun[0]!.toUpperCase() + noun.slice(1)}</button>;
+function AddButton({
+  section,
+  noun,
+  disabled,
+  add,
+}: {
+  section: string;
+  noun: string;
+  disabled?: boolean;
+  add: () => void;
+}) {
+  return (
+    <button class="btn small add" data-add={section} disabled={disabled} onClick={add}>
+      <Icon name="plus" />
+      {noun[0]!.toUpperCase() + noun.slice(1)}
+    </button>
+  );
 }
 
 /** An entry in a few words: what it is about first. */
-function Summary({ entry, table, section, skip }: { entry: number | string; table: Table; section: string; skip: boolean }) {
-  const parts = keysOf(section).filter((key) => key.name in table).map((key) => ({ name: key.name, text: brief(table[key.name]!), isMain: key.required || ["name", "where", "input"].includes(key.name) }));
-  const title = typeof entry === "string" ? entry : (parts.find((part) => part.name === "name") ?? parts.find((part) => part.isMain))?.text ?? `${entry}`;
+function Summary({
+  entry,
+  table,
+  section,
+  skip,
+}: {
+  entry: number | string;
+  table: Table;
+  section: string;
+  skip: boolean;
+}) {
+  const parts = keysOf(section)
+    .filter((key) => key.name in table)
+    .map((key) => ({
+      name: key.name,
+      text: brief(table[key.name]!),
+      isMain: key.required || ["name", "where", "input"].includes(key.name),
+    }));
+  const title =
+    typeof entry === "string"
+      ? entry
+      : ((parts.find((part) => part.name === "name") ?? parts.find((part) => part.isMain))?.text ?? `${entry}`);
   const others = parts.filter((part) => part.text !== title && (!skip || part.isMain));
-  return <><b>{title}</b> <span class="q">{others.map((part) => (part.isMain ? part.text : `${part.name} ${part.text}`)).join(" · ")}</span></>;
+  return (
+    <>
+      <b>{title}</b>{" "}
+      <span class="q">{others.map((part) => (part.isMain ? part.text : `${part.name} ${part.text}`)).join(" · ")}</span>
+    </>
+  );
 }
 
 /** A name and a button that adds an entry of this name. */
-export function AddByName({ noun, taken, add, holds }: { noun: string; taken: string[]; add: (name: string) => void; holds?: string }) {
+export function AddByName({
+  noun,
+  taken,
+  add,
+  holds,
+}: {
+  noun: string;
+  taken: string[];
+  add: (name: string) => void;
+  holds?: string;
+}) {
   const isTaken = useSignal(false);
-  const enter = (name: string) => { isTaken.value = taken.includes(name); if (name && !isTaken.value) add(name); };
-  return <span class={`field small add-name ${isTaken.value ? "bad" : ""}`} title={isTaken.value ? "is there already" : `Name of a new ${noun}`}><LineInput label={`Name of a new ${noun}`} holds={holds} placeholder={`+ ${noun}: name`} text="" enter={enter} /></span>;
+  const enter = (name: string) => {
+    isTaken.value = taken.includes(name);
+    if (name && !isTaken.value) add(name);
+  };
+  return (
+    <span
+      class={`field small add-name ${isTaken.value ? "bad" : ""}`}
+      title={isTaken.value ? "is there already" : `Name of a new ${noun}`}
+    >
+      <LineInput label={`Name of a new ${noun}`} holds={holds} placeholder={`+ ${noun}: name`} text="" enter={enter} />
+    </span>
+  );
 }

@@ -2,18 +2,31 @@
 
 import { batch, computed, effect, signal } from "@preact/signals";
 import { newest } from "../connection";
-import { area, extent, line, widened, type Pen } from "../drawing/canvas";
+import { area, extent, line, type Pen, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
 import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
 import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
-import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, table, type Table } from "../store";
-import { cellAt } from "./map-table";
+import type { EditedTable, InformingRow } from "../replies";
+import { endDrag, referenceName, request, revision, screen, selection, settled, setValues, table } from "../store";
 import { Picture } from "./picture";
+import { cellAt } from "./table-cells";
 
-interface Part { number: number; dataset: string; samples: number; count: number; stretches: [number, number][]; meanBefore: number | null; meanNow: number | null }
-interface Evidence { name: string; cell: number; parts: Part[]; most: number; x: Float32Array; y: Float32Array; weight: Float32Array }
-interface Strip { begin: number; x: Float32Array; measured: Float32Array; now: Float32Array }
+interface Evidence {
+  name: string;
+  cell: number;
+  parts: InformingRow[];
+  most: number;
+  x: Float32Array;
+  y: Float32Array;
+  weight: Float32Array;
+}
+interface Strip {
+  begin: number;
+  x: Float32Array;
+  measured: Float32Array;
+  now: Float32Array;
+}
 
 const evidence = signal<Evidence | null>(null);
 const shownStretch = signal(0);
@@ -22,27 +35,46 @@ const strip = signal<Strip | null>(null);
 const load = newest(async (given: { name: string; cell: number; criterion: number }) => {
   const reply = await request("informing", given);
   if (reply === null) return;
-  const array = (key: string) => reply.arrays[key] ?? new Float32Array();
-  const samples = { x: array("x"), y: array("y"), weight: array("weight") };
+  const none = new Float32Array();
+  const samples = { x: none, y: none, weight: none, ...reply.arrays };
   const before = evidence.value;
   const same = before !== null && (["x", "y", "weight"] as const).every((key) => equal(before[key], samples[key]));
   const { x, y, weight } = same ? before : samples; // the same arrays are not drawn again
-  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x, y, weight };
+  const next = {
+    name: given.name,
+    cell: given.cell,
+    parts: reply.head.datasets,
+    most: reply.head.most ?? 0,
+    x,
+    y,
+    weight,
+  };
   batch(() => {
     if (next.name !== evidence.value?.name || next.cell !== evidence.value.cell) shownStretch.value = 0;
     evidence.value = next;
   });
 });
 
-const equal = (a: Float32Array, b: Float32Array): boolean => a.length === b.length && a.every((value, k) => value === b[k]);
+const equal = (a: Float32Array, b: Float32Array): boolean =>
+  a.length === b.length && a.every((value, k) => value === b[k]);
 
 const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) => {
   const number = String(criterionNumber.value);
   const pause = Math.max((to - from) * 1.5, 4);
   const [begin, end] = [from - pause, to + pause];
   const node = criterion.value?.node ?? "";
-  const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: number }, { kind: "node", name: node }] });
-  if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
+  const reply = await request("strip", {
+    dataset,
+    begin,
+    end,
+    pixels: 240,
+    signals: [
+      { kind: "target", name: number },
+      { kind: "node", name: node },
+    ],
+  });
+  if (reply !== null)
+    strip.value = { begin: reply.head.begin, x: reply.arrays.x, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
 });
 
 const name = computed(() => table.value?.name ?? "");
@@ -53,7 +85,8 @@ const cell = computed(() => {
 
 effect(() => {
   void revision.value;
-  if (screen.value === "parameters" && cell.value >= 0) load({ name: name.value, cell: cell.value, criterion: criterionNumber.value });
+  if (screen.value === "parameters" && cell.value >= 0)
+    load({ name: name.value, cell: cell.value, criterion: criterionNumber.value });
 });
 
 const shownPart = computed(() => evidence.value?.parts.find((each) => each.number === evidence.value!.most));
@@ -70,11 +103,21 @@ effect(() => {
   else if (screen.value === "parameters") loadStrip(place.value.split(" ").map(Number) as [number, number, number]);
 });
 
-export function EvidencePane({ own }: { own: Table }) {
+export function EvidencePane({ own }: { own: EditedTable }) {
   return (
     <section class="pane evid" aria-label="Evidence">
       <Facts own={own} />
-      <div class="sub2 s1"><b>In the {own.kind}</b><span class="key"><i class="dot" style={{ background: "var(--lit)" }} />its samples</span><span class="key"><i class="dot" style={{ background: "var(--before)" }} />others</span></div>
+      <div class="sub2 s1">
+        <b>In the {own.kind}</b>
+        <span class="key">
+          <i class="dot" style={{ background: "var(--lit)" }} />
+          its samples
+        </span>
+        <span class="key">
+          <i class="dot" style={{ background: "var(--before)" }} />
+          others
+        </span>
+      </div>
       <Near name={own.name} />
       <StretchHead />
       <StretchPicture />
@@ -84,31 +127,70 @@ export function EvidencePane({ own }: { own: Table }) {
 }
 
 /** How the value is known. */
-function origin(own: Table, cell: number): string {
+function origin(own: EditedTable, cell: number): string {
   if (own.locked.includes(cell)) return "locked";
   if (own.values[cell] !== own.reference[cell]) return "by hand";
   return own.samples?.[cell] === 0 ? "no data" : "data";
 }
 
-function Facts({ own }: { own: Table }) {
+function Facts({ own }: { own: EditedTable }) {
   const cell = cellAt(own, ...selection.value.active);
   const part = shownPart.value;
   const parts = evidence.value?.parts ?? [];
-  const sum = (value: (part: Part) => number) => parts.reduce((total, each) => total + value(each), 0);
+  const sum = (value: (part: InformingRow) => number) => parts.reduce((total, each) => total + value(each), 0);
   const deviation = own.deviation?.[cell];
   const how = origin(own, cell);
   const worse = part !== undefined && Math.abs(part.meanNow ?? 0) > Math.abs(part.meanBefore ?? 0);
   return (
     <>
-      <div class="head"><h2>What this point rests on</h2><span class="right"><CriterionChoice /><span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
+      <div class="head">
+        <h2>What this point rests on</h2>
+        <span class="right">
+          <CriterionChoice />
+          <span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span>
+        </span>
+      </div>
       <div class="facts3">
         <dl class="facts">
-          <dt>grid point</dt><dd>{own.axes.map((axis, k) => <>{k > 0 && ", "}{plain(axis.points[selection.value.active[k]!] ?? 0, 4)} <u>{axis.unit}</u></>)}</dd>
-          <dt>now</dt><dd><b>{significant(own.values[cell]!)}</b> <u>{own.unit}</u></dd>
-          <dt>{referenceName.value}, difference</dt><dd>{significant(own.reference[cell]!)}, {signed(own.values[cell]! - own.reference[cell]!, 4)}</dd>
-          <dt>std deviation</dt><dd>{deviation === undefined ? "after a run" : deviation === null ? "undetermined" : `± ${significant(deviation, 3)}`}</dd>
-          <dt>samples</dt><dd>{count(sum((each) => each.samples))} <u>in</u> {count(sum((each) => each.count))} <u>stretches</u></dd>
-          <dt>their mean error</dt><dd>{part ? <>{signed(part.meanBefore ?? NaN)} → <b class={worse ? "bad" : ""}>{signed(part.meanNow ?? NaN)}</b></> : "–"}</dd>
+          <dt>grid point</dt>
+          <dd>
+            {own.axes.map((axis, k) => (
+              <>
+                {k > 0 && ", "}
+                {plain(axis.points[selection.value.active[k]!] ?? 0, 4)} <u>{axis.unit}</u>
+              </>
+            ))}
+          </dd>
+          <dt>now</dt>
+          <dd>
+            <b>{significant(own.values[cell]!)}</b> <u>{own.unit}</u>
+          </dd>
+          <dt>{referenceName.value}, difference</dt>
+          <dd>
+            {significant(own.reference[cell]!)}, {signed(own.values[cell]! - own.reference[cell]!, 4)}
+          </dd>
+          <dt>std deviation</dt>
+          <dd>
+            {deviation === undefined
+              ? "after a run"
+              : deviation === null
+                ? "undetermined"
+                : `± ${significant(deviation, 3)}`}
+          </dd>
+          <dt>samples</dt>
+          <dd>
+            {count(sum((each) => each.samples))} <u>in</u> {count(sum((each) => each.count))} <u>stretches</u>
+          </dd>
+          <dt>their mean error</dt>
+          <dd>
+            {part ? (
+              <>
+                {signed(part.meanBefore ?? NaN)} → <b class={worse ? "bad" : ""}>{signed(part.meanNow ?? NaN)}</b>
+              </>
+            ) : (
+              "–"
+            )}
+          </dd>
         </dl>
         <Timeline part={part} />
       </div>
@@ -119,11 +201,23 @@ function Facts({ own }: { own: Table }) {
 function CriterionChoice() {
   const all = settled.value.criteria;
   if (all.length < 2) return null;
-  return <select class="field small" aria-label="Criterion" title="The criterion whose errors are shown" value={criterionNumber.value} onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}>{all.map((each, k) => <option value={k}>{each.node}</option>)}</select>;
+  return (
+    <select
+      class="field small"
+      aria-label="Criterion"
+      title="The criterion whose errors are shown"
+      value={criterionNumber.value}
+      onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}
+    >
+      {all.map((each, k) => (
+        <option value={k}>{each.node}</option>
+      ))}
+    </select>
+  );
 }
 
 /** Where in the dataset its samples are. */
-function Timeline({ part }: { part: Part | undefined }) {
+function Timeline({ part }: { part: InformingRow | undefined }) {
   const dataset = part && settled.value.datasets[part.number];
   if (part === undefined || dataset === undefined) return null;
   const draw = (pen: Pen, width: number, height: number) => {
@@ -136,24 +230,55 @@ function Timeline({ part }: { part: Part | undefined }) {
   return (
     <div class="timeline">
       <Picture label={`Where ${part.dataset} has its samples`} kind="places" draw={draw} of={[part]} />
-      <div class="ends q"><span>{plain(dataset.begin, 4)}{dataset.timed ? " s" : ""}</span><span>{part.dataset}</span><span>{plain(dataset.end, 4)}</span></div>
+      <div class="ends q">
+        <span>
+          {plain(dataset.begin, 4)}
+          {dataset.timed ? " s" : ""}
+        </span>
+        <span>{part.dataset}</span>
+        <span>{plain(dataset.end, 4)}</span>
+      </div>
     </div>
   );
 }
 
 function Near({ name }: { name: string }) {
-  return <Picture label="Samples around the grid point" kind="near n1" draw={drawNear} of={[evidence.value?.x, selection.value, name]} />;
+  return (
+    <Picture
+      label="Samples around the grid point"
+      kind="near n1"
+      draw={drawNear}
+      of={[evidence.value?.x, selection.value, name]}
+    />
+  );
 }
 
 function StretchHead() {
   const part = shownPart.value;
-  const go = (by: number) => { shownStretch.value += by; };
+  const go = (by: number) => {
+    shownStretch.value += by;
+  };
   return (
     <div class="sub2 s2">
-      <b class="cut">In {part?.dataset ?? "the data"}</b><span class="q">{part ? `${shownStretch.value + 1} of ${part.stretches.length}, longest first` : ""}</span>
+      <b class="cut">In {part?.dataset ?? "the data"}</b>
+      <span class="q">{part ? `${shownStretch.value + 1} of ${part.stretches.length}, longest first` : ""}</span>
       <span class="right">
-        <button class="btn bare small" aria-label="Previous stretch" disabled={shownStretch.value === 0} onClick={() => go(-1)}>‹</button>
-        <button class="btn bare small" aria-label="Next stretch" disabled={!part || shownStretch.value + 1 >= part.stretches.length} onClick={() => go(1)}>›</button>
+        <button
+          class="btn bare small"
+          aria-label="Previous stretch"
+          disabled={shownStretch.value === 0}
+          onClick={() => go(-1)}
+        >
+          ‹
+        </button>
+        <button
+          class="btn bare small"
+          aria-label="Next stretch"
+          disabled={!part || shownStretch.value + 1 >= part.stretches.length}
+          onClick={() => go(1)}
+        >
+          ›
+        </button>
       </span>
     </div>
   );
@@ -163,7 +288,7 @@ function StretchPicture() {
   return <Picture label="The stretch over time" kind="near n2" draw={drawStretch} of={[strip.value, place.value]} />;
 }
 
-function Actions({ own }: { own: Table }) {
+function Actions({ own }: { own: EditedTable }) {
   const cell = cellAt(own, ...selection.value.active);
   const part = shownPart.value;
   const reset = () => {
@@ -172,13 +297,17 @@ function Actions({ own }: { own: Table }) {
   };
   return (
     <div class="acts">
-      <button class="btn small" disabled={!part} onClick={() => showInPlots(part!)}>Show in Plots</button>
-      <button class="btn small" disabled={own.values[cell] === own.reference[cell]} onClick={reset}>Back to {referenceName.value}</button>
+      <button class="btn small" disabled={!part} onClick={() => showInPlots(part!)}>
+        Show in Plots
+      </button>
+      <button class="btn small" disabled={own.values[cell] === own.reference[cell]} onClick={reset}>
+        Back to {referenceName.value}
+      </button>
     </div>
   );
 }
 
-function showInPlots(part: Part): void {
+function showInPlots(part: InformingRow): void {
   const [begin, end] = part.stretches[shownStretch.value]!;
   const pause = Math.max((end - begin) * 2, 10);
   showDataset(part.number);
@@ -198,9 +327,13 @@ function drawNear(pen: Pen, width: number, height: number): void {
     return widened([points[Math.max(0, at - 2)]!, points[Math.min(points.length - 1, at + 2)]!], 0.02);
   };
   const box = { left: 40, right: width - 12, top: 8, bottom: height - 36 };
-  const plot = area(pen, box, around(0), curve ? [0, 1.1] : around(1), { title: withUnit(own.axes[0]!.input, own.axes[0]!.unit) + (curve ? ", weight" : "") });
+  const plot = area(pen, box, around(0), curve ? [0, 1.1] : around(1), {
+    title: withUnit(own.axes[0]!.input, own.axes[0]!.unit) + (curve ? ", weight" : ""),
+  });
   plot.clip(() => {
-    const [xs, ys] = [data.x, curve ? data.weight : data.y].map((values, k) => Float64Array.from(values, k ? plot.y : plot.x)) as [Float64Array, Float64Array];
+    const [xs, ys] = [data.x, curve ? data.weight : data.y].map((values, k) =>
+      Float64Array.from(values, k ? plot.y : plot.x),
+    ) as [Float64Array, Float64Array];
     pen.fillStyle = token("before");
     for (let k = 0; k < xs.length; k++) if (!(data.weight[k]! > 0)) pen.fillRect(xs[k]! - 0.9, ys[k]! - 0.9, 1.8, 1.8);
     pen.fillStyle = token("lit");
@@ -209,7 +342,14 @@ function drawNear(pen: Pen, width: number, height: number): void {
       if (data.weight[k]! > 0) pen.fillRect(xs[k]! - side / 2, ys[k]! - side / 2, side, side);
     }
     const [i, j] = selection.value.active;
-    ring(pen, [plot.x(own.axes[0]!.points[i]!), plot.y(curve ? 1 : own.axes[1]!.points[j]!)], 5.5, token("drag"), token("paper"), 2);
+    ring(
+      pen,
+      [plot.x(own.axes[0]!.points[i]!), plot.y(curve ? 1 : own.axes[1]!.points[j]!)],
+      5.5,
+      token("drag"),
+      token("paper"),
+      2,
+    );
   });
 }
 
@@ -219,7 +359,9 @@ function drawStretch(pen: Pen, width: number, height: number): void {
   if (data === null || ends === undefined || data.x.length === 0) return;
   const box = { left: 40, right: width - 12, top: 8, bottom: height - 36 };
   const xs = Float64Array.from(data.x, (x) => x + data.begin);
-  const plot = area(pen, box, extent(xs), widened(extent(data.measured, data.now), 0.06), { title: settled.value.datasets[shownPart.value!.number]?.timed ? "time [s]" : "point" });
+  const plot = area(pen, box, extent(xs), widened(extent(data.measured, data.now), 0.06), {
+    title: settled.value.datasets[shownPart.value!.number]?.timed ? "time [s]" : "point",
+  });
   plot.clip(() => {
     pen.fillStyle = token("lit");
     pen.globalAlpha = 0.14;

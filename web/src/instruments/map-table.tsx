@@ -6,27 +6,21 @@ import { useEffect, useRef } from "preact/hooks";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
 import { fixed, parseNumber, significant, tableDecimals, tableFormat } from "../drawing/numbers";
-import { selection, setValues, theme, type Selection, type Table } from "../store";
+import type { EditedTable } from "../replies";
+import { type Selection, selection, setValues, theme } from "../store";
 import { cellTints, coverOf, coverTitle } from "./coverage";
-import { describeCells, editCells, readEdit, type Edit } from "./table-edits";
+import { cellAt, cellsOf, size } from "./table-cells";
+import { describeCells, type Edit, editCells, readEdit } from "./table-edits";
 
 export type Mode = "value" | "difference" | "percent";
 
-export interface Shown { mode: Mode; empty: boolean; deviation: boolean }
-
-/** Number of columns and rows: x runs to the right, y downwards; a curve is one row. */
-export const size = (own: Table): [number, number] => [own.axes[0]?.points.length ?? 1, own.axes[1]?.points.length ?? 1];
-
-/** Number of the value at x index i and y index j, in C order. */
-export const cellAt = (own: Table, i: number, j: number): number => i * size(own)[1] + j;
-
-export function cellsOf(own: Table, chosen: Selection): number[] {
-  const cells: number[] = [];
-  for (let i = chosen.x[0]; i <= chosen.x[1]; i++) for (let j = chosen.y[0]; j <= chosen.y[1]; j++) cells.push(cellAt(own, i, j));
-  return cells;
+export interface Shown {
+  mode: Mode;
+  empty: boolean;
+  deviation: boolean;
 }
 
-function shownValues(own: Table, mode: Mode): number[] {
+function shownValues(own: EditedTable, mode: Mode): number[] {
   if (mode === "value") return own.values;
   return own.values.map((value, k) => {
     const difference = value - own.reference[k]!;
@@ -34,22 +28,26 @@ function shownValues(own: Table, mode: Mode): number[] {
   });
 }
 
-/** Length of the bar that shows a standard deviation, 0 to 1, logarithmic from 0.1 % of the span of the values to all. */
-function bars(own: Table): (number | null)[] {
+/**
+ * Length of the bar that shows a standard deviation, 0 to 1, logarithmic from 0.1 % of the span of the values to all.
+ */
+function bars(own: EditedTable): (number | null)[] {
   if (own.deviation === null) return own.values.map(() => null);
   const [low, high] = extent(own.values);
   const span = high - low || Math.abs(high) || 1;
-  return own.deviation.map((value) => (value === null ? 1 : value <= 0 ? 0 : Math.max(0, Math.min(1, 1 + Math.log10(value / span) / 3))));
+  return own.deviation.map((value) =>
+    value === null ? 1 : value <= 0 ? 0 : Math.max(0, Math.min(1, 1 + Math.log10(value / span) / 3)),
+  );
 }
 
 /** Edit the selected values that are not locked. */
-export function applyEdit(own: Table, edit: Edit): void {
+export function applyEdit(own: EditedTable, edit: Edit): void {
   const cells = cellsOf(own, selection.value).filter((cell) => !own.locked.includes(cell));
   const next = editCells(own, selection.value, cells, edit);
   if (next !== null && cells.length) setValues(cells, next, `${describeCells(own, selection.value)}: ${edit.title}`);
 }
 
-export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
+export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
   const [nx, ny] = size(own);
   const chosen = selection.value;
   const locked = new Set(own.locked);
@@ -82,7 +80,16 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
 
   const key = (event: KeyboardEvent) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const moves: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1], Home: [-nx, 0], End: [nx, 0], PageUp: [0, -ny], PageDown: [0, ny] };
+    const moves: Record<string, [number, number]> = {
+      ArrowLeft: [-1, 0],
+      ArrowRight: [1, 0],
+      ArrowUp: [0, -1],
+      ArrowDown: [0, 1],
+      Home: [-nx, 0],
+      End: [nx, 0],
+      PageUp: [0, -ny],
+      PageDown: [0, ny],
+    };
     const move = moves[event.key];
     const text = typed.value;
     if (move !== undefined) {
@@ -94,7 +101,12 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
       if (edit !== null) apply(edit);
     } else if (event.key === "Escape") typed.value = null;
     else if (event.key === "Backspace" && text !== null) typed.value = text.slice(0, -1) || null;
-    else if (text === null && (event.key === "+" || event.key === "-")) apply({ kind: "step", title: event.key === "+" ? "raised" : "lowered", amount: (event.key === "+" ? 1 : -1) * (event.shiftKey ? 10 : 1) });
+    else if (text === null && (event.key === "+" || event.key === "-"))
+      apply({
+        kind: "step",
+        title: event.key === "+" ? "raised" : "lowered",
+        amount: (event.key === "+" ? 1 : -1) * (event.shiftKey ? 10 : 1),
+      });
     else if (text === null && event.key === "i") apply({ kind: "interpolate", title: "interpolated" });
     else if (text === null && event.key === "s") apply({ kind: "smooth", title: "smoothed" });
     else if (text === null && event.key === "Delete") apply({ kind: "reference", title: "set to the reference" });
@@ -105,49 +117,105 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
   };
 
   return (
-    <table class={`grid ${shown.deviation && own.deviation ? "spread" : ""}`} ref={body} tabIndex={0} role="grid" aria-label={`Values of ${own.name}`}
-      onMouseDown={pick} onMouseOver={pick} onKeyDown={key} onCopy={(event) => copy(event, own)} onPaste={(event) => paste(event, own)}>
-      <colgroup><col class="c0" />{xText.map(() => <col />)}</colgroup>
+    <table
+      class={`grid ${shown.deviation && own.deviation ? "spread" : ""}`}
+      ref={body}
+      tabIndex={0}
+      role="grid"
+      aria-label={`Values of ${own.name}`}
+      onMouseDown={pick}
+      onMouseOver={pick}
+      onKeyDown={key}
+      onCopy={(event) => copy(event, own)}
+      onPaste={(event) => paste(event, own)}
+    >
+      <colgroup>
+        <col class="c0" />
+        {xText.map(() => (
+          <col />
+        ))}
+      </colgroup>
       <tbody>
         <tr>
-          <th class="corner" title={cornerTitle(own)}>{corner(own)}</th>
-          {xText.map((text, i) => <th class={i === chosen.active[0] ? "at" : ""}>{text}</th>)}
+          <th class="corner" title={cornerTitle(own)}>
+            {corner(own)}
+          </th>
+          {xText.map((text, i) => (
+            <th class={i === chosen.active[0] ? "at" : ""}>{text}</th>
+          ))}
         </tr>
         {yText.map((text, j) => (
-          <Row name={own.axes.length > 1 ? text : own.unit || "value"} at={j === chosen.active[1]} j={j} looks={xText.map((_, i) => looks(i, j))} />
+          <Row
+            name={own.axes.length > 1 ? text : own.unit || "value"}
+            at={j === chosen.active[1]}
+            j={j}
+            looks={xText.map((_, i) => looks(i, j))}
+          />
         ))}
       </tbody>
     </table>
   );
 }
 
-interface Look { text: string; kind: string; colour: string; bar: string; note: string }
-interface RowProps { name: string; at: boolean; j: number; looks: Look[] }
+interface Look {
+  text: string;
+  kind: string;
+  colour: string;
+  bar: string;
+  note: string;
+}
+interface RowProps {
+  name: string;
+  at: boolean;
+  j: number;
+  looks: Look[];
+}
 
 /** A row of cells, rendered only if one of them looks different: an edit seldom changes more than a row. */
 class Row extends Component<RowProps> {
   override shouldComponentUpdate(next: RowProps): boolean {
     const { name, at, j, looks } = this.props;
-    return next.name !== name || next.at !== at || next.j !== j || next.looks.length !== looks.length || !next.looks.every((look, i) => sameLook(look, looks[i]!));
+    return (
+      next.name !== name ||
+      next.at !== at ||
+      next.j !== j ||
+      next.looks.length !== looks.length ||
+      !next.looks.every((look, i) => sameLook(look, looks[i]!))
+    );
   }
 
   render({ name, at, j, looks }: RowProps) {
     return (
       <tr>
         <th class={at ? "at" : ""}>{name}</th>
-        {looks.map((look, i) => <td data-cell={`${i},${j}`} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.note ? <s class="cv" data-note={look.note} /> : null}{look.text}</td>)}
+        {looks.map((look, i) => (
+          <td data-cell={`${i},${j}`} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>
+            {look.note ? <s class="cv" data-note={look.note} /> : null}
+            {look.text}
+          </td>
+        ))}
       </tr>
     );
   }
 }
 
 /** Return a function that says how a cell looks: what is the same for all cells is computed once. */
-function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<number>, typed: string | null): (i: number, j: number) => Look {
+function cellLooks(
+  own: EditedTable,
+  shown: Shown,
+  chosen: Selection,
+  locked: Set<number>,
+  typed: string | null,
+): (i: number, j: number) => Look {
   const values = shownValues(own, shown.mode);
-  const format = tableFormat(values, { signed: shown.mode !== "value", decimals: shown.mode === "percent" ? 1 : undefined });
+  const format = tableFormat(values, {
+    signed: shown.mode !== "value",
+    decimals: shown.mode === "percent" ? 1 : undefined,
+  });
   void theme.value;
   const cover = coverOf(own);
-  const colours = cover === null ? cellColours(values, shown.mode === "value" ? "height" : "difference") : cellTints(cover);
+  const colours =
+    cover === null ? cellColours(values, shown.mode === "value" ? "height" : "difference") : cellTints(cover);
   const deviations = shown.deviation ? bars(own) : null;
   return (i, j) => {
     const at = cellAt(own, i, j);
@@ -162,22 +230,32 @@ function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<numb
   };
 }
 
-const sameLook = (a: Look, b: Look): boolean => a.text === b.text && a.kind === b.kind && a.colour === b.colour && a.bar === b.bar && a.note === b.note;
+const sameLook = (a: Look, b: Look): boolean =>
+  a.text === b.text && a.kind === b.kind && a.colour === b.colour && a.bar === b.bar && a.note === b.note;
 
 function labels(points: number[]): string[] {
   const decimals = tableDecimals(points.map((p) => Number(p.toPrecision(5))));
   return points.map((point) => fixed(point, decimals));
 }
 
-function corner(own: Table): string {
+function corner(own: EditedTable): string {
   const [x, y] = own.axes;
   if (!y) return x?.unit ?? "";
   return `${y.unit || y.input} \\ ${x?.unit || x?.input}`;
 }
 
-const cornerTitle = (own: Table): string => (own.axes[1] ? `${own.axes[1].input} over ${own.axes[0]?.input}` : (own.axes[0]?.input ?? ""));
+const cornerTitle = (own: EditedTable): string =>
+  own.axes[1] ? `${own.axes[1].input} over ${own.axes[0]?.input}` : (own.axes[0]?.input ?? "");
 
-function cellClass(own: Table, shown: Shown, chosen: Selection, locked: Set<number>, i: number, j: number, at: number): string {
+function cellClass(
+  own: EditedTable,
+  shown: Shown,
+  chosen: Selection,
+  locked: Set<number>,
+  i: number,
+  j: number,
+  at: number,
+): string {
   const inside = i >= chosen.x[0] && i <= chosen.x[1] && j >= chosen.y[0] && j <= chosen.y[1];
   const single = chosen.x[0] === chosen.x[1] && chosen.y[0] === chosen.y[1];
   return [
@@ -190,21 +268,29 @@ function cellClass(own: Table, shown: Shown, chosen: Selection, locked: Set<numb
     shown.empty && own.samples?.[at] === 0 ? "nd" : "",
     locked.has(at) ? "lock" : "",
     own.values[at] !== own.reference[at] ? "changed" : "",
-  ].filter(Boolean).join(" ");
+  ]
+    .filter(Boolean)
+    .join(" ");
 }
 
-function cellTitle(own: Table, at: number): string {
+function cellTitle(own: EditedTable, at: number): string {
   const deviation = own.deviation?.[at];
   return [
     `${significant(own.values[at]!, 6)} ${own.unit}`,
     own.values[at] === own.reference[at] ? "" : `reference ${significant(own.reference[at]!, 6)}`,
-    deviation === undefined ? "" : deviation === null ? "undetermined" : `standard deviation ${significant(deviation, 3)}`,
+    deviation === undefined
+      ? ""
+      : deviation === null
+        ? "undetermined"
+        : `standard deviation ${significant(deviation, 3)}`,
     own.samples === null ? "" : `${own.samples[at]} samples`,
     coverTitle(own, at),
-  ].filter(Boolean).join("\n");
+  ]
+    .filter(Boolean)
+    .join("\n");
 }
 
-function step(own: Table, [dx, dy]: [number, number], extend: boolean): void {
+function step(own: EditedTable, [dx, dy]: [number, number], extend: boolean): void {
   const [nx, ny] = size(own);
   const { x, y, active } = selection.value;
   const clamp = (value: number, count: number) => Math.max(0, Math.min(count - 1, value));
@@ -220,7 +306,7 @@ function step(own: Table, [dx, dy]: [number, number], extend: boolean): void {
   selection.value = { x: far(x, active[0], dx, nx), y: far(y, active[1], dy, ny), active };
 }
 
-function copy(event: ClipboardEvent, own: Table): void {
+function copy(event: ClipboardEvent, own: EditedTable): void {
   const { x, y } = selection.value;
   const rows: string[] = [];
   for (let j = y[0]; j <= y[1]; j++) {
@@ -232,20 +318,30 @@ function copy(event: ClipboardEvent, own: Table): void {
   event.preventDefault();
 }
 
-function paste(event: ClipboardEvent, own: Table): void {
+function paste(event: ClipboardEvent, own: EditedTable): void {
   const text = event.clipboardData?.getData("text/plain") ?? "";
-  const rows = text.replace(/\r/g, "").replace(/\n$/, "").split("\n").map((row) => row.split("\t").map(parseNumber));
+  const rows = text
+    .replace(/\r/g, "")
+    .replace(/\n$/, "")
+    .split("\n")
+    .map((row) => row.split("\t").map(parseNumber));
   const { x, y } = selection.value;
   const [nx, ny] = size(own);
   const cells: number[] = [];
   const values: number[] = [];
-  rows.forEach((row, j) => row.forEach((value, i) => {
-    if (value === null || x[0] + i >= nx || y[0] + j >= ny) return;
-    cells.push(cellAt(own, x[0] + i, y[0] + j));
-    values.push(value);
-  }));
+  rows.forEach((row, j) =>
+    row.forEach((value, i) => {
+      if (value === null || x[0] + i >= nx || y[0] + j >= ny) return;
+      cells.push(cellAt(own, x[0] + i, y[0] + j));
+      values.push(value);
+    }),
+  );
   event.preventDefault();
   if (!cells.length) return;
   setValues(cells, values, `Pasted ${cells.length} values into ${own.name}`);
-  selection.value = { x: [x[0], Math.min(nx - 1, x[0] + rows[0]!.length - 1)], y: [y[0], Math.min(ny - 1, y[0] + rows.length - 1)], active: [x[0], y[0]] };
+  selection.value = {
+    x: [x[0], Math.min(nx - 1, x[0] + rows[0]!.length - 1)],
+    y: [y[0], Math.min(ny - 1, y[0] + rows.length - 1)],
+    active: [x[0], y[0]],
+  };
 }

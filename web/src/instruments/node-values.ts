@@ -1,6 +1,6 @@
 // The unit and the values of the node that a line of formula text defines, beside the line.
 
-import { StateEffect, type Extension } from "@codemirror/state";
+import { type Extension, StateEffect } from "@codemirror/state";
 import { GutterMarker, gutter } from "@codemirror/view";
 import { shown, split } from "./error-split";
 
@@ -10,12 +10,24 @@ const changed = StateEffect.define<null>();
 export const valuesChanged = changed.of(null);
 
 class NodeMarker extends GutterMarker {
-  constructor(readonly unit: string, readonly start: string, readonly now: string) { super(); }
-  eq(other: NodeMarker): boolean { return other.unit === this.unit && other.start === this.start && other.now === this.now; }
+  constructor(
+    readonly unit: string,
+    readonly start: string,
+    readonly now: string,
+  ) {
+    super();
+  }
+  eq(other: NodeMarker): boolean {
+    return other.unit === this.unit && other.start === this.start && other.now === this.now;
+  }
   toDOM(): Node {
     const cells = document.createElement("span");
     cells.className = "node-value";
-    for (const [kind, text] of [["node-unit", this.unit], ["node-start", this.start], ["node-now", this.now]] as const) {
+    for (const [kind, text] of [
+      ["node-unit", this.unit],
+      ["node-start", this.start],
+      ["node-now", this.now],
+    ] as const) {
       const cell = document.createElement("span");
       cell.className = kind;
       cell.textContent = text;
@@ -30,7 +42,7 @@ const DEFINES = /^\s*(?:\d+\s+)?(?:%((?:[^%]|%%)*)%|([A-Za-z_][\w.]*))\s*(?:\[([
 /** The node that a line of formula text defines, empty if it defines none. */
 export function nodeOf(text: string): string {
   const match = DEFINES.exec(text);
-  return match === null ? "" : match[1]?.replaceAll("%%", "%") ?? match[2]!;
+  return match === null ? "" : (match[1]?.replaceAll("%%", "%") ?? match[2]!);
 }
 
 const EMPTY = new NodeMarker("", "", "");
@@ -44,8 +56,11 @@ export const nodeValues: Extension = gutter({
     const name = nodeOf(text);
     if (name === "") return null;
     const node = split.peek()?.nodes.find((each) => each.name === name);
-    return node === undefined ? EMPTY : new NodeMarker(DEFINES.exec(text)![3] ?? node.unit, shown(node.start), shown(node.now));
+    return node === undefined
+      ? EMPTY
+      : new NodeMarker(DEFINES.exec(text)![3] ?? node.unit, shown(node.start), shown(node.now));
   },
-  lineMarkerChange: (update) => update.transactions.some((transaction) => transaction.effects.some((effect) => effect.is(changed))),
+  lineMarkerChange: (update) =>
+    update.transactions.some((transaction) => transaction.effects.some((effect) => effect.is(changed))),
   initialSpacer: () => new NodeMarker("mmmm", "−00000.0", "−00000.0"),
 });

@@ -3,8 +3,8 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, extent, line, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
-import { dataset, stretch, visible, zoom } from "../plots";
 import { overview } from "../plot-data";
+import { dataset, stretch, visible, zoom } from "../plots";
 import { theme } from "../store";
 import { LEFT, RIGHT } from "./strip-pointer";
 
@@ -12,14 +12,25 @@ export function Overview() {
   const host = useRef<HTMLDivElement>(null);
   const redraw = useRef<() => void>(() => {});
   useLayoutEffect(() => {
-    const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => {
+    const {
+      canvas,
+      redraw: again,
+      close,
+    } = canvasIn(host.current!, (pen, wide, high) => {
       const data = overview.value;
       const own = dataset.value;
-      const values = [...(data?.lines.values() ?? [])].find((each) => each.some(Number.isFinite)); // a target may be missing
+      // a target may be missing
+      const values = [...(data?.lines.values() ?? [])].find((each) => each.some(Number.isFinite));
       if (data === null || values === undefined || own === undefined) return;
       const x = (value: number) => LEFT + ((value - own.begin) / (own.end - own.begin)) * (wide - LEFT - RIGHT);
       const [low, most] = widened(extent(values), 0.08);
-      line(pen, Float64Array.from(data.x, (value) => x(value + data.begin)), Float64Array.from(values, (value) => high - 4 - ((value - low) / (most - low)) * (high - 8)), token("before"), 1);
+      line(
+        pen,
+        Float64Array.from(data.x, (value) => x(value + data.begin)),
+        Float64Array.from(values, (value) => high - 4 - ((value - low) / (most - low)) * (high - 8)),
+        token("before"),
+        1,
+      );
       const { begin, end } = visible.value;
       pen.fillStyle = token("accent");
       pen.globalAlpha = 0.14;
@@ -59,8 +70,12 @@ export function Overview() {
       zoom(visible.value); // one step of the history for the whole drag
       if (kind === "middle") move(event);
     };
-    canvas.onpointermove = (event) => { if (grip !== null) move(event); };
-    canvas.onpointerup = () => { grip = null; };
+    canvas.onpointermove = (event) => {
+      if (grip !== null) move(event);
+    };
+    canvas.onpointerup = () => {
+      grip = null;
+    };
     return close;
   }, []);
   useEffect(() => redraw.current(), [overview.value, visible.value, theme.value]);

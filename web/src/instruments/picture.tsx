@@ -12,7 +12,9 @@ export function Picture({ label, draw, of, kind = "" }: { label: string; draw: D
   const latest = useRef(draw);
   latest.current = draw;
   useLayoutEffect(() => {
-    const { redraw: again, close } = canvasIn(host.current!, (pen, width, height) => latest.current(pen, width, height));
+    const { redraw: again, close } = canvasIn(host.current!, (pen, width, height) =>
+      latest.current(pen, width, height),
+    );
     redraw.current = again;
     return close;
   }, []);

@@ -1,34 +1,43 @@
 // A curve, or a slice of a map through the active point; its points can be dragged.
 
 import { useLayoutEffect, useRef } from "preact/hooks";
-import { canvasIn, type Area, type Range } from "../drawing/canvas";
+import { type Area, canvasIn, type Range } from "../drawing/canvas";
 import { plain, withUnit } from "../drawing/numbers";
 import { drawSlice, type SliceData } from "../drawing/slices";
-import { endDrag, selection, setValues, theme, type Table } from "../store";
-import { cellAt } from "./map-table";
+import type { EditedTable } from "../replies";
+import { endDrag, selection, setValues, theme } from "../store";
 import { placesOf } from "./coverage";
+import { cellAt } from "./table-cells";
 import { describeCells } from "./table-edits";
 
 /** The cells along one axis through the active point. */
-function along(own: Table, axis: 0 | 1): number[] {
+function along(own: EditedTable, axis: 0 | 1): number[] {
   const [i, j] = selection.value.active;
   return (own.axes[axis]?.points ?? []).map((_, k) => (axis === 0 ? cellAt(own, k, j) : cellAt(own, i, k)));
 }
 
-function sliceOf(own: Table, axis: 0 | 1): SliceData {
+function sliceOf(own: EditedTable, axis: 0 | 1): SliceData {
   const cells = along(own, axis);
   const { input, unit, points } = own.axes[axis]!;
   const other = own.axes[1 - axis];
-  const through = other ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 4)} ${other.unit || other.input}` : "";
+  const through = other
+    ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 4)} ${other.unit || other.input}`
+    : "";
   const pick = <T,>(values: readonly T[]) => cells.map((cell) => values[cell]!);
   return {
-    points, now: pick(own.values), before: pick(own.reference), deviation: own.deviation && pick(own.deviation),
-    empty: own.samples && pick(own.samples).map((count) => count === 0), active: selection.value.active[axis]!, title: withUnit(input, unit) + through, places: placesNear(own, axis),
+    points,
+    now: pick(own.values),
+    before: pick(own.reference),
+    deviation: own.deviation && pick(own.deviation),
+    empty: own.samples && pick(own.samples).map((count) => count === 0),
+    active: selection.value.active[axis]!,
+    title: withUnit(input, unit) + through,
+    places: placesNear(own, axis),
   };
 }
 
 /** The data points nearer to the slice than to those beside it. */
-function placesNear(own: Table, axis: 0 | 1): { x: number[]; value: number[] } | null {
+function placesNear(own: EditedTable, axis: 0 | 1): { x: number[]; value: number[] } | null {
   const places = placesOf(own);
   if (places === null) return null;
   const [along, across] = axis === 0 ? [places.x, places.y] : [places.y, places.x];
@@ -45,7 +54,7 @@ function placesNear(own: Table, axis: 0 | 1): { x: number[]; value: number[] } |
   return near;
 }
 
-export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
+export function Slice({ own, axis }: { own: EditedTable; axis: 0 | 1 }) {
   const host = useRef<HTMLDivElement>(null);
   const latest = useRef(own);
   const redraw = useRef<() => void>(() => {});
@@ -55,7 +64,11 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
     let plot: Area | null = null;
     let frozen: Range | null = null;
     let drag = "";
-    const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, width, height) => {
+    const {
+      canvas,
+      redraw: again,
+      close,
+    } = canvasIn(host.current!, (pen, width, height) => {
       plot = drawSlice(pen, width, height, sliceOf(latest.current, axis), frozen);
     });
     redraw.current = again;
@@ -63,7 +76,8 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
       const index = nearest(plot, latest.current, axis, event);
       if (index === null || plot === null) return;
       canvas.setPointerCapture(event.pointerId);
-      const active: [number, number] = axis === 0 ? [index, selection.value.active[1]] : [selection.value.active[0], index];
+      const active: [number, number] =
+        axis === 0 ? [index, selection.value.active[1]] : [selection.value.active[0], index];
       selection.value = { x: [active[0], active[0]], y: [active[1], active[1]], active };
       drag = `${latest.current.name} ${event.timeStamp}`;
       frozen = [plot.yAt(plot.box.bottom), plot.yAt(plot.box.top)];
@@ -86,17 +100,20 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
 }
 
 /** The number of the point under the pointer. */
-function nearest(plot: Area | null, own: Table, axis: 0 | 1, event: PointerEvent): number | null {
+function nearest(plot: Area | null, own: EditedTable, axis: 0 | 1, event: PointerEvent): number | null {
   if (plot === null) return null;
   let [best, index]: [number, number | null] = [16, null];
   along(own, axis).forEach((cell, k) => {
-    const distance = Math.hypot(plot.x(own.axes[axis]!.points[k]!) - event.offsetX, plot.y(own.values[cell]!) - event.offsetY);
+    const distance = Math.hypot(
+      plot.x(own.axes[axis]!.points[k]!) - event.offsetX,
+      plot.y(own.values[cell]!) - event.offsetY,
+    );
     if (distance < best) [best, index] = [distance, k];
   });
   return index;
 }
 
-function dragTo(own: Table, target: number, drag: string): void {
+function dragTo(own: EditedTable, target: number, drag: string): void {
   const cell = cellAt(own, ...selection.value.active);
   if (own.locked.includes(cell)) return;
   const value = Number(target.toPrecision(5));

@@ -2,15 +2,15 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../connection";
+import type { SpellingRow } from "../replies";
 import { settings } from "../settings";
 import { request, screen, settled, state } from "../store";
 
-export interface Spelling { line: number; column: number; word: string; similar: string }
-export const spellings = signal<Spelling[]>([]);
+export const spellings = signal<SpellingRow[]>([]);
 
 const load = newest(async (_: number) => {
   const reply = await request("spellings");
-  if (reply !== null) spellings.value = reply.head.spellings as Spelling[];
+  if (reply !== null) spellings.value = reply.head.spellings;
 });
 
 const textRevision = computed(() => state.value.textRevision);
@@ -23,7 +23,7 @@ effect(() => {
 });
 
 /** Replace the word in the function. */
-export function correct({ line, column, word, similar }: Spelling): void {
+export function correct({ line, column, word, similar }: SpellingRow): void {
   const { file, function: text } = settings.value;
   const lines = text.split("\n");
   const own = lines[line - 1] ?? "";

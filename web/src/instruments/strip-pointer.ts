@@ -1,7 +1,21 @@
 // The mouse on the strips: drag to zoom, measure or brush, wheel to zoom, click for the cursor.
 
 import { signal } from "@preact/signals";
-import { back, brush, cursor, hover, part, range, shift, tool, visible, width, zoom, zoomAt, type Stretch } from "../plots";
+import {
+  back,
+  brush,
+  cursor,
+  hover,
+  part,
+  range,
+  type Stretch,
+  shift,
+  tool,
+  visible,
+  width,
+  zoom,
+  zoomAt,
+} from "../plots";
 import { active, rowAt } from "../strip-rows";
 
 export const LEFT = 44; // pixels beside the strips
@@ -45,7 +59,9 @@ export function listen(canvas: HTMLCanvasElement): () => void {
     if (small(begin, to)) cursor.value = to;
     else if (mode === "zoom") zoom(between(begin, to));
   };
-  canvas.onpointerleave = () => { if (from === null) hover.value = null; };
+  canvas.onpointerleave = () => {
+    if (from === null) hover.value = null;
+  };
   const wheel = (event: WheelEvent) => {
     if (event.altKey) return;
     event.preventDefault();

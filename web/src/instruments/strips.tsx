@@ -1,18 +1,20 @@
-// Stacked strips with one time axis: measured black, model blue, error red. One canvas for the lines, one for the marks.
+// Stacked strips with one time axis: measured black, model blue, error red. One canvas for the lines, one for the
+// marks.
 
 import type { ComponentChildren } from "preact";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen } from "../drawing/canvas";
+import { type Area, canvasIn, decimals, extent, line, type Pen, ticks, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring, rules } from "../drawing/marks";
 import { fixed } from "../drawing/numbers";
 import { drawColumns, drawStrips, lastUpTo } from "../drawing/strips";
-import { brush, cursor, dataset, hover, isStretch, keyOf, range, visible, width, type SignalName } from "../plots";
-import { drawn, sample, type Drawn } from "../plot-data";
-import { SIGNAL, active, addLine, rowAt, rows, type Row } from "../strip-rows";
+import { type Drawn, drawn, sample } from "../plot-data";
+import { brush, cursor, dataset, hover, isStretch, keyOf, range, visible, width } from "../plots";
+import type { SignalName } from "../replies";
 import { theme } from "../store";
+import { active, addLine, type Row, rowAt, rows, SIGNAL } from "../strip-rows";
 import { Picture } from "./picture";
-import { LEFT, RIGHT, listen, pending } from "./strip-pointer";
+import { LEFT, listen, pending, RIGHT } from "./strip-pointer";
 
 const LOWEST = 52; // pixels of a strip of mean height; more strips scroll
 
@@ -36,21 +38,39 @@ export function Strips({ legends }: { legends: ComponentChildren }) {
     lines.current = below.redraw;
     marks.current = above.redraw;
     const close = listen(below.canvas);
-    return () => { close(); below.close(); above.close(); };
+    return () => {
+      close();
+      below.close();
+      above.close();
+    };
   }, []);
 
   useEffect(() => lines.current(), [drawn.value, rows.value, theme.value]);
-  useEffect(() => marks.current(), [cursor.value, hover.value, brush.value, range.value, pending.value, sample.value, active.value]);
+  useEffect(
+    () => marks.current(),
+    [cursor.value, hover.value, brush.value, range.value, pending.value, sample.value, active.value],
+  );
   const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
   return (
     <>
       <div class="strips">
         <div class="stack" style={{ minHeight: `${Math.round(total * LOWEST)}px` }}>
           {legends}
-          <div class="canvas" ref={host} aria-label={`Strips of ${dataset.value?.name ?? ""}`} onDragOver={(event) => { if (event.dataTransfer?.types.includes(SIGNAL)) event.preventDefault(); }} onDrop={drop} />
+          <div
+            class="canvas"
+            ref={host}
+            aria-label={`Strips of ${dataset.value?.name ?? ""}`}
+            onDragOver={(event) => {
+              if (event.dataTransfer?.types.includes(SIGNAL)) event.preventDefault();
+            }}
+            onDrop={drop}
+          />
         </div>
       </div>
-      <div class="axis"><span /><Picture label="Time axis" draw={drawAxis} of={[visible.value, cursor.value, hover.value, dataset.value]} /></div>
+      <div class="axis">
+        <span />
+        <Picture label="Time axis" draw={drawAxis} of={[visible.value, cursor.value, hover.value, dataset.value]} />
+      </div>
     </>
   );
 }
@@ -72,7 +92,8 @@ export function valueAt(data: Drawn | null, key: string, at: number): number {
   return data.raw ? values[low]! : (values[low & ~1]! + values[low | 1]!) / 2;
 }
 
-const timeTicks = (wide: number): number[] => ticks(visible.value.begin, visible.value.end, Math.max(2, (wide - LEFT - RIGHT) / 90));
+const timeTicks = (wide: number): number[] =>
+  ticks(visible.value.begin, visible.value.end, Math.max(2, (wide - LEFT - RIGHT) / 90));
 
 function draw(pen: Pen, wide: number, high: number): Area[] {
   const data = drawn.value;
@@ -94,7 +115,14 @@ function pixelsOf(values: Float32Array, first: number, scale: number): Float64Ar
   return pixels;
 }
 
-function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)[], data: Drawn | null, xs: Float64Array): void {
+function drawRow(
+  pen: Pen,
+  plot: Area,
+  row: Row,
+  own: (Float32Array | undefined)[],
+  data: Drawn | null,
+  xs: Float64Array,
+): void {
   if (data === null) return;
   if (own.every((values) => values === undefined || !values.some(Number.isFinite))) {
     pen.fillStyle = token("quiet");
@@ -104,8 +132,11 @@ function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)
   const origin = plot.y(0);
   const scale = plot.y(1) - origin;
   const apart = data.raw && xs.length > 1 && xs[1]! - xs[0]! > 5; // so that single samples can be told apart
-  const order = row.lines.map((_, k) => k).sort((a, b) => Number(row.lines[b]!.colour === "before") - Number(row.lines[a]!.colour === "before"));
-  order.forEach((k) => { // the start lies behind
+  const order = row.lines
+    .map((_, k) => k)
+    .sort((a, b) => Number(row.lines[b]!.colour === "before") - Number(row.lines[a]!.colour === "before"));
+  order.forEach((k) => {
+    // the start lies behind
     const values = own[k];
     if (values === undefined) return;
     const colour = token(row.lines[k]!.colour);
@@ -136,7 +167,11 @@ function drawMarks(pen: Pen, plots: Area[]): void {
   const first = plots[0];
   if (first === undefined) return;
   const own = isStretch(brush.value) ? brush.value : null;
-  for (const [stretch, colour] of [[own, "lit"], [range.value, "accent"], [pending.value, "accent"]] as const) {
+  for (const [stretch, colour] of [
+    [own, "lit"],
+    [range.value, "accent"],
+    [pending.value, "accent"],
+  ] as const) {
     if (stretch === null) continue;
     const [a, b] = [Math.max(LEFT, first.x(stretch.begin)), Math.min(first.box.right, first.x(stretch.end))];
     if (b < a) continue;
@@ -172,11 +207,13 @@ function vertical(pen: Pen, plots: Area[], position: number, colour: string, das
 function drawSample(pen: Pen, plots: Area[], values: Map<string, number>): void {
   rows.value.forEach((row, r) => {
     const plot = plots[r];
-    plot?.clip(() => row.lines.forEach((each) => {
-      const value = values.get(keyOf(each.signal)) ?? NaN;
-      if (!Number.isFinite(value)) return;
-      ring(pen, [plot.x(cursor.value!), plot.y(value)], 3.4, token(each.colour), token("paper"), 1);
-    }));
+    plot?.clip(() =>
+      row.lines.forEach((each) => {
+        const value = values.get(keyOf(each.signal)) ?? NaN;
+        if (!Number.isFinite(value)) return;
+        ring(pen, [plot.x(cursor.value!), plot.y(value)], 3.4, token(each.colour), token("paper"), 1);
+      }),
+    );
   });
 }
 

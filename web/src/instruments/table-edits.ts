@@ -1,43 +1,53 @@
 // What an edit makes of the selected values. Pure functions of the table.
 
 import { parseNumber, plain } from "../drawing/numbers";
-import type { Selection, Table } from "../store";
-import { cellAt } from "./map-table";
+import type { EditedTable } from "../replies";
+import type { Selection } from "../store";
+import { cellAt } from "./table-cells";
 
 export type Edit =
   | { kind: "set" | "add" | "scale" | "step"; title: string; amount: number }
   | { kind: "interpolate" | "smooth" | "reference"; title: string };
 
 /** Return the new values of `cells`; null if the edit does not apply. */
-export function editCells(own: Table, chosen: Selection, cells: number[], edit: Edit): number[] | null {
+export function editCells(own: EditedTable, chosen: Selection, cells: number[], edit: Edit): number[] | null {
   const now = cells.map((cell) => own.values[cell]!);
   switch (edit.kind) {
-    case "set": return now.map(() => edit.amount);
-    case "add": return now.map((value) => value + edit.amount);
-    case "scale": return now.map((value) => value * edit.amount);
-    case "step": return now.map((value) => rounded(value + edit.amount * smallStep(own)));
-    case "reference": return cells.map((cell) => own.reference[cell]!);
-    case "interpolate": return pickCells(own, cells, interpolated(own, chosen));
-    case "smooth": return pickCells(own, cells, smoothed(own, chosen));
+    case "set":
+      return now.map(() => edit.amount);
+    case "add":
+      return now.map((value) => value + edit.amount);
+    case "scale":
+      return now.map((value) => value * edit.amount);
+    case "step":
+      return now.map((value) => rounded(value + edit.amount * smallStep(own)));
+    case "reference":
+      return cells.map((cell) => own.reference[cell]!);
+    case "interpolate":
+      return pickCells(own, cells, interpolated(own, chosen));
+    case "smooth":
+      return pickCells(own, cells, smoothed(own, chosen));
   }
 }
 
 const rounded = (value: number): number => Number(value.toPrecision(12));
 
-const pickCells = (own: Table, cells: number[], values: number[] | null): number[] | null => (values === null ? null : cells.map((cell) => values[cell] ?? own.values[cell]!));
+const pickCells = (own: EditedTable, cells: number[], values: number[] | null): number[] | null =>
+  values === null ? null : cells.map((cell) => values[cell] ?? own.values[cell]!);
 
 /** A thousandth of the span of the table, rounded to 1, 2 or 5. */
-export function smallStep(own: Table): number {
+export function smallStep(own: EditedTable): number {
   const span = Math.max(...own.values) - Math.min(...own.values) || Math.abs(own.values[0]!) || 1;
   const raw = span / 1000;
   const power = 10 ** Math.floor(Math.log10(raw));
   return (raw / power > 3.3 ? 5 : raw / power > 1.4 ? 2 : 1) * power;
 }
 
-const position = (points: number[], k: number, [from, to]: [number, number]): number => (to > from ? (points[k]! - points[from]!) / (points[to]! - points[from]!) : 0);
+const position = (points: number[], k: number, [from, to]: [number, number]): number =>
+  to > from ? (points[k]! - points[from]!) / (points[to]! - points[from]!) : 0;
 
 /** Bilinear between the corners of the selection; between its ends if it is one row or column. */
-function interpolated(own: Table, { x, y }: Selection): number[] | null {
+function interpolated(own: EditedTable, { x, y }: Selection): number[] | null {
   const xs = own.axes[0]?.points ?? [0];
   const ys = own.axes[1]?.points ?? [0];
   const values = own.values.slice();
@@ -45,14 +55,16 @@ function interpolated(own: Table, { x, y }: Selection): number[] | null {
     for (let j = y[0]; j <= y[1]; j++) {
       const [u, v] = [position(xs, i, x), position(ys, j, y)];
       const corner = (a: number, b: number) => own.values[cellAt(own, x[a]!, y[b]!)]!;
-      values[cellAt(own, i, j)] = rounded((1 - u) * ((1 - v) * corner(0, 0) + v * corner(0, 1)) + u * ((1 - v) * corner(1, 0) + v * corner(1, 1)));
+      values[cellAt(own, i, j)] = rounded(
+        (1 - u) * ((1 - v) * corner(0, 0) + v * corner(0, 1)) + u * ((1 - v) * corner(1, 0) + v * corner(1, 1)),
+      );
     }
   }
   return values;
 }
 
 /** Half way to the mean of the neighbours along each axis, weighted by distance. */
-function smoothed(own: Table, { x, y }: Selection): number[] {
+function smoothed(own: EditedTable, { x, y }: Selection): number[] {
   const xs = own.axes[0]?.points ?? [0];
   const ys = own.axes[1]?.points ?? [0];
   const values = own.values.slice();
@@ -63,7 +75,10 @@ function smoothed(own: Table, { x, y }: Selection): number[] {
   };
   for (let i = x[0]; i <= x[1]; i++) {
     for (let j = y[0]; j <= y[1]; j++) {
-      const sides = [between(xs, i, (k) => own.values[cellAt(own, k, j)]!), between(ys, j, (k) => own.values[cellAt(own, i, k)]!)].filter((side) => side !== null);
+      const sides = [
+        between(xs, i, (k) => own.values[cellAt(own, k, j)]!),
+        between(ys, j, (k) => own.values[cellAt(own, i, k)]!),
+      ].filter((side) => side !== null);
       if (!sides.length) continue;
       const mean = sides.reduce((sum, side) => sum + side, 0) / sides.length;
       values[cellAt(own, i, j)] = rounded((own.values[cellAt(own, i, j)]! + mean) / 2);
@@ -73,7 +88,7 @@ function smoothed(own: Table, { x, y }: Selection): number[] {
 }
 
 /** Say which cells an edit concerns: `MapX at 3000, 40`, or `MapX, 3 x 3 points`. */
-export function describeCells(own: Table, { x, y, active }: Selection): string {
+export function describeCells(own: EditedTable, { x, y, active }: Selection): string {
   const [nx, ny] = [x[1] - x[0] + 1, y[1] - y[0] + 1];
   if (nx * ny > 1) return `${own.name}, ${own.axes.length > 1 ? `${nx} \u00d7 ${ny}` : nx} points`;
   const place = own.axes.map((axis, k) => plain(axis.points[active[k]!]!, 5)).join(", ");

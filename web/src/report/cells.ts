@@ -1,6 +1,6 @@
 // The errors by cell of a table: mean, RMSE and number of samples between neighbouring breakpoints.
 
-import { canvasIn, drawUpright, type Box, type Pen } from "../drawing/canvas";
+import { type Box, canvasIn, drawUpright, type Pen } from "../drawing/canvas";
 import { amount, css, diverging, token } from "../drawing/colours";
 import { drawCells, drawScale } from "../drawing/grid";
 import { plain, withUnit } from "../drawing/numbers";
@@ -18,14 +18,30 @@ class CellPicture {
   private mode: Mode = "mean";
   private box: Box = { left: 0, right: 1, top: 0, bottom: 1 };
 
-  constructor(host: HTMLElement, private readonly f: CellsFigure) {
+  constructor(
+    host: HTMLElement,
+    private readonly f: CellsFigure,
+  ) {
     const uses = Object.keys(f.uses);
     this.use = uses[0]!;
-    const modes = choice({ "mean error": "mean", RMSE: "rmse", samples: "samples" }, "mean", (mode) => { this.mode = mode as Mode; redraw(); });
-    const parts = uses.length > 1 ? choice(Object.fromEntries(uses.map((use) => [use, use])), this.use, (use) => { this.use = use; redraw(); }) : null;
+    const modes = choice({ "mean error": "mean", RMSE: "rmse", samples: "samples" }, "mean", (mode) => {
+      this.mode = mode as Mode;
+      redraw();
+    });
+    const parts =
+      uses.length > 1
+        ? choice(Object.fromEntries(uses.map((use) => [use, use])), this.use, (use) => {
+            this.use = use;
+            redraw();
+          })
+        : null;
     const body = make("div", { class: "canvas" });
     host.append(make("div", { class: "legend" }, modes, parts), body);
-    const { canvas, redraw } = canvasIn(body, (pen, width, height) => this.draw(pen, width, height), () => (this.flat ? 130 : 250));
+    const { canvas, redraw } = canvasIn(
+      body,
+      (pen, width, height) => this.draw(pen, width, height),
+      () => (this.flat ? 130 : 250),
+    );
     canvas.addEventListener("pointermove", (event) => this.point(event));
     canvas.addEventListener("pointerleave", hideTip);
   }
@@ -49,18 +65,27 @@ class CellPicture {
     const [nx, ny] = this.size;
     this.box = { left: this.flat ? 16 : 62, right: width - 74, top: 6, bottom: height - 38 };
     const paint = this.paint();
-    drawCells(pen, this.box, nx, ny, (i, j) => (this.value("samples", i, j) === 0 ? null : paint(this.value(this.mode, i, j))));
+    drawCells(pen, this.box, nx, ny, (i, j) =>
+      this.value("samples", i, j) === 0 ? null : paint(this.value(this.mode, i, j)),
+    );
     pen.strokeStyle = token("edge");
     pen.lineWidth = 1;
     pen.strokeRect(this.box.left, this.box.top, this.box.right - this.box.left, this.box.bottom - this.box.top);
     this.label(pen, nx, ny);
     const most = this.most();
-    drawScale(pen, { ...this.box, left: this.box.right + 12, right: this.box.right + 22 }, [this.mode === "mean" ? -most : 0, most], paint);
+    drawScale(
+      pen,
+      { ...this.box, left: this.box.right + 12, right: this.box.right + 22 },
+      [this.mode === "mean" ? -most : 0, most],
+      paint,
+    );
   }
 
   private most(): number {
     const [nx, ny] = this.size;
-    const values = Array.from({ length: nx * ny }, (_, k) => Math.abs(this.value(this.mode, Math.floor(k / ny), k % ny)));
+    const values = Array.from({ length: nx * ny }, (_, k) =>
+      Math.abs(this.value(this.mode, Math.floor(k / ny), k % ny)),
+    );
     return Math.max(1e-300, ...values.filter(Number.isFinite));
   }
 
@@ -77,12 +102,14 @@ class CellPicture {
     pen.fillStyle = token("quiet");
     pen.textBaseline = "top";
     pen.textAlign = "center";
-    for (const i of edges(x!, nx, (right - left) / 46)) pen.fillText(plain(x!.points[i]!, 4), left + (i / nx) * (right - left), bottom + 5);
+    for (const i of edges(x!, nx, (right - left) / 46))
+      pen.fillText(plain(x!.points[i]!, 4), left + (i / nx) * (right - left), bottom + 5);
     pen.textAlign = "right";
     pen.fillText(withUnit(x!.title, x!.unit), right, bottom + 20);
     if (y !== undefined) {
       pen.textBaseline = "middle";
-      for (const j of edges(y, ny, (bottom - top) / 18)) pen.fillText(plain(y.points[j]!, 4), left - 5, bottom - (j / ny) * (bottom - top));
+      for (const j of edges(y, ny, (bottom - top) / 18))
+        pen.fillText(plain(y.points[j]!, 4), left - 5, bottom - (j / ny) * (bottom - top));
       drawUpright(pen, this.box, withUnit(y.title, y.unit));
     }
     pen.textBaseline = "alphabetic";
@@ -100,7 +127,12 @@ class CellPicture {
     const { axes, unit } = this.f;
     const places = axes.map<TipLine>((axis, k) => [describeSpan(axis, k === 0 ? i : j)]);
     const [mean, rmse] = [plain(this.value("mean", i, j), 4), plain(this.value("rmse", i, j), 4)];
-    showTip(event, [...places, [`mean error ${mean} ${unit}`, "error"], [`RMSE ${rmse} ${unit}`], [`${this.value("samples", i, j)} samples, ${this.use}`]]);
+    showTip(event, [
+      ...places,
+      [`mean error ${mean} ${unit}`, "error"],
+      [`RMSE ${rmse} ${unit}`],
+      [`${this.value("samples", i, j)} samples, ${this.use}`],
+    ]);
   }
 }
 

@@ -1,14 +1,24 @@
 // A chart: strips over a common x axis, zoom by dragging or by keys, a crosshair, a legend that hides and shows.
 
-import { canvasIn, extent, widened, type Area, type Pen, type Range } from "../drawing/canvas";
+import { type Area, canvasIn, extent, type Pen, type Range, widened } from "../drawing/canvas";
 import { drawStrips, within } from "../drawing/strips";
-import { hideTip, make, showTip, toggle, type TipLine } from "./elements";
+import { hideTip, make, showTip, type TipLine, toggle } from "./elements";
 import type { Layer } from "./layers";
 
-export interface Pane { title: string; weight?: number; scale?: "linear" | "log" | "counts"; range?: Range; zero?: boolean; layers: Layer[] }
+export interface Pane {
+  title: string;
+  weight?: number;
+  scale?: "linear" | "log" | "counts";
+  range?: Range;
+  zero?: boolean;
+  layers: Layer[];
+}
 
 /** What the tooltip says at a place; `x` puts the crosshair there. */
-export interface Tip { x?: number; lines: TipLine[] }
+export interface Tip {
+  x?: number;
+  lines: TipLine[];
+}
 
 export interface ChartOptions {
   height: (width: number) => number;
@@ -36,12 +46,20 @@ export class Chart {
   private readonly earlier: (Range | null)[] = [];
   private plots: Area[] = [];
 
-  constructor(host: HTMLElement, private readonly panes: Pane[], private readonly options: ChartOptions) {
+  constructor(
+    host: HTMLElement,
+    private readonly panes: Pane[],
+    private readonly options: ChartOptions,
+  ) {
     const layers = panes.flatMap((pane) => pane.layers);
     for (const layer of layers) if (layer.off) this.hidden.add(layer.name!);
     if (options.legend !== false) this.addLegend(host, layers);
     host.append(this.box);
-    const { canvas, redraw } = canvasIn(this.box, (pen, width, height) => this.draw(pen, width, height), options.height);
+    const { canvas, redraw } = canvasIn(
+      this.box,
+      (pen, width, height) => this.draw(pen, width, height),
+      options.height,
+    );
     this.redraw = redraw;
     this.box.append(this.mark, this.cross);
     this.listen(canvas);
@@ -58,11 +76,13 @@ export class Chart {
     const named = new Map<string, Layer>();
     for (const layer of layers) if (layer.name && !named.has(layer.name)) named.set(layer.name, layer);
     if (named.size < 2) return;
-    const entries = [...named].map(([name, layer]) => toggle(layer.colour, name, this.shown(layer), (shown) => {
-      if (shown) this.hidden.delete(name);
-      else this.hidden.add(name);
-      this.redraw();
-    }));
+    const entries = [...named].map(([name, layer]) =>
+      toggle(layer.colour, name, this.shown(layer), (shown) => {
+        if (shown) this.hidden.delete(name);
+        else this.hidden.add(name);
+        this.redraw();
+      }),
+    );
     host.append(make("div", { class: "legend" }, ...entries));
   }
 
@@ -77,18 +97,31 @@ export class Chart {
     const strips = this.panes.map((pane) => {
       const layers = pane.layers.filter(this.shown);
       return {
-        weight: pane.weight ?? 1, title: pane.title, scale: pane.scale, range: yRange(pane, layers, range),
-        draw: (plot: Area) => { for (const layer of layers) layer.draw(pen, plot); },
+        weight: pane.weight ?? 1,
+        title: pane.title,
+        scale: pane.scale,
+        range: yRange(pane, layers, range),
+        draw: (plot: Area) => {
+          for (const layer of layers) layer.draw(pen, plot);
+        },
       };
     });
-    this.plots = drawStrips(pen, width, height, range, strips, { left, right: 12, axis: title ? 30 : 14, gap: 8, title, whole });
+    this.plots = drawStrips(pen, width, height, range, strips, {
+      left,
+      right: 12,
+      axis: title ? 30 : 14,
+      gap: 8,
+      title,
+      whole,
+    });
   }
 
   private listen(canvas: HTMLCanvasElement): void {
     let from: number | null = null;
     const end = (event: PointerEvent) => {
       this.mark.style.display = "none";
-      if (from !== null && Math.abs(event.offsetX - from) > 6) this.zoomTo([this.valueAt(from), this.valueAt(event.offsetX)]);
+      if (from !== null && Math.abs(event.offsetX - from) > 6)
+        this.zoomTo([this.valueAt(from), this.valueAt(event.offsetX)]);
       from = null;
     };
     canvas.addEventListener("pointerdown", (event) => {
@@ -132,7 +165,13 @@ export class Chart {
     const [from, to] = this.zoom ?? this.whole();
     const by = (to - from) / 8;
     const ranges: Record<string, Range | null> = {
-      ArrowLeft: [from - by, to - by], ArrowRight: [from + by, to + by], ArrowUp: [from + by, to - by], ArrowDown: [from - by, to + by], Escape: null, f: null, F: null,
+      ArrowLeft: [from - by, to - by],
+      ArrowRight: [from + by, to + by],
+      ArrowUp: [from + by, to - by],
+      ArrowDown: [from - by, to + by],
+      Escape: null,
+      f: null,
+      F: null,
     };
     const range = ranges[event.key];
     if (range === undefined) return;
@@ -171,12 +210,20 @@ export class Chart {
 
   private place(node: HTMLElement, left: number, width: number): void {
     const [top, bottom] = [this.plots[0]!.box.top, this.plots[this.plots.length - 1]!.box.bottom];
-    Object.assign(node.style, { display: "block", left: `${left}px`, width: `${width}px`, top: `${top}px`, height: `${bottom - top}px` });
+    Object.assign(node.style, {
+      display: "block",
+      left: `${left}px`,
+      width: `${width}px`,
+      top: `${top}px`,
+      height: `${bottom - top}px`,
+    });
   }
 
   private point(event: PointerEvent): void {
     const [px, py] = [event.offsetX, event.offsetY];
-    const plot = this.plots.find(({ box }) => px >= box.left && px <= box.right && py >= box.top - 8 && py <= box.bottom + 8);
+    const plot = this.plots.find(
+      ({ box }) => px >= box.left && px <= box.right && py >= box.top - 8 && py <= box.bottom + 8,
+    );
     const tip = plot && this.options.tip(plot.xAt(px), plot, px, py, this.shown);
     if (!plot || !tip) {
       this.leave();
@@ -205,7 +252,8 @@ function yRange(pane: Pane, layers: Layer[], [from, to]: Range): Range {
     reach?.forEach(take);
     const [first, end] = x && rising ? within(x, [from, to]) : [0, Infinity];
     for (const values of [y, y2]) {
-      if (x && values) for (let k = first; k < Math.min(end, values.length); k++) if (x[k]! >= from && x[k]! <= to) take(values[k]!);
+      if (x && values)
+        for (let k = first; k < Math.min(end, values.length); k++) if (x[k]! >= from && x[k]! <= to) take(values[k]!);
     }
   }
   if (!(low <= high)) return pane.scale === "log" ? [0.1, 1] : [0, 1];

@@ -1,4 +1,5 @@
-// Columns of numbers as `report/coded_numbers.py` writes them: differences of whole steps, bytes by significance, deflate.
+// Columns of numbers as `report/coded_numbers.py` writes them: differences of whole steps, bytes by significance,
+// deflate.
 
 export interface CodedNumbers {
   count: number;
@@ -20,7 +21,15 @@ async function inflate(text: string): Promise<Uint8Array> {
 }
 
 /** Return the numbers; NaN for those that are not known. */
-export async function decodeNumbers({ count, first, step, order, planes, data, gaps }: CodedNumbers): Promise<Float64Array> {
+export async function decodeNumbers({
+  count,
+  first,
+  step,
+  order,
+  planes,
+  data,
+  gaps,
+}: CodedNumbers): Promise<Float64Array> {
   const bytes = await inflate(data);
   const values = new Float64Array(count);
   const weights = Array.from({ length: planes }, (_, plane) => 256 ** plane);

@@ -2,7 +2,7 @@
 
 import { plain } from "../drawing/numbers";
 import { Chart } from "./chart";
-import { numbers, type ConvergenceFigure, type Stage } from "./figures";
+import { type ConvergenceFigure, numbers, type Stage } from "./figures";
 import { levelLayer, lineLayer, type Points } from "./layers";
 import { nearestPoint } from "./nearest-point";
 
@@ -21,14 +21,28 @@ export function drawConvergence(host: HTMLElement, f: ConvergenceFigure): void {
     const name = several ? `${stage.name}, start ${stage.start}` : stage.name;
     return { ...lineLayer(colourOf(stage), stage.x, numbers(stage.cost), { name, width: 1.4, dots: 1.8 }), stage };
   });
-  const before = f.before !== null && f.before > 0 ? [levelLayer("before", [f.before], { name: "before", dash: [4, 3], reach: [f.before] })] : [];
+  const before =
+    f.before !== null && f.before > 0
+      ? [levelLayer("before", [f.before], { name: "before", dash: [4, 3], reach: [f.before] })]
+      : [];
   new Chart(host, [{ title: "cost", scale: "log", layers: [...before, ...layers] }], {
-    height: () => 280, legend: layers.length < 24, title: "accepted step", margin: 0.02, whole: true,
+    height: () => 280,
+    legend: layers.length < 24,
+    title: "accepted step",
+    margin: 0.02,
+    whole: true,
     tip(_value, plot, px, py, shown) {
       const hit = nearestPoint(layers.filter(shown), plot, px, py, 16);
       if (hit === null) return null;
       const [layer, k] = hit;
-      return { lines: [[layer.name!, layer.colour], [`step ${layer.x[k]}`], [`cost ${plain(layer.y[k]!, 6)}`], [`RMSE ${plain(layer.stage.rmse[k] ?? NaN, 4)}`]] };
+      return {
+        lines: [
+          [layer.name!, layer.colour],
+          [`step ${layer.x[k]}`],
+          [`cost ${plain(layer.y[k]!, 6)}`],
+          [`RMSE ${plain(layer.stage.rmse[k] ?? NaN, 4)}`],
+        ],
+      };
     },
   });
 }

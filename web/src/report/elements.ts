@@ -5,7 +5,11 @@ import { token } from "../drawing/colours";
 type Child = Node | string | null | undefined;
 
 /** Make an element with attributes and children. */
-export function make<K extends keyof HTMLElementTagNameMap>(tag: K, attributes: Record<string, string> = {}, ...children: Child[]): HTMLElementTagNameMap[K] {
+export function make<K extends keyof HTMLElementTagNameMap>(
+  tag: K,
+  attributes: Record<string, string> = {},
+  ...children: Child[]
+): HTMLElementTagNameMap[K] {
   const node = document.createElement(tag);
   for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
   node.append(...children.filter((child) => child !== null && child !== undefined));
@@ -23,7 +27,12 @@ export function swatch(colour: string): HTMLElement {
 }
 
 /** Make the button of a legend, which hides and shows what it names. */
-export function toggle(colour: string, name: string, shown: boolean, change: (shown: boolean) => void): HTMLButtonElement {
+export function toggle(
+  colour: string,
+  name: string,
+  shown: boolean,
+  change: (shown: boolean) => void,
+): HTMLButtonElement {
   const button = make("button", { type: "button", "aria-pressed": String(shown) }, swatch(colour), name);
   button.addEventListener("click", () => {
     const next = button.getAttribute("aria-pressed") !== "true";
@@ -34,7 +43,11 @@ export function toggle(colour: string, name: string, shown: boolean, change: (sh
 }
 
 /** Make buttons of which one is pressed, from the names and values of the options. */
-export function choice<T extends string>(options: Record<string, T>, selected: T, choose: (value: T) => void): HTMLElement {
+export function choice<T extends string>(
+  options: Record<string, T>,
+  selected: T,
+  choose: (value: T) => void,
+): HTMLElement {
   const buttons = Object.entries(options).map(([name, value]) => {
     const button = make("button", { type: "button", "aria-pressed": String(value === selected) }, name);
     button.addEventListener("click", () => {
@@ -52,12 +65,17 @@ let tip: HTMLElement | null = null;
 
 /** Show lines beside the pointer. */
 export function showTip(event: PointerEvent, lines: TipLine[]): void {
-  if (tip === null) document.body.append((tip = make("div", { class: "tooltip" })));
-  tip.replaceChildren(...lines.map(([text, colour]) => {
-    const line = make("div", {}, text);
-    if (colour) line.style.color = paint(colour);
-    return line;
-  }));
+  if (tip === null) {
+    tip = make("div", { class: "tooltip" });
+    document.body.append(tip);
+  }
+  tip.replaceChildren(
+    ...lines.map(([text, colour]) => {
+      const line = make("div", {}, text);
+      if (colour) line.style.color = paint(colour);
+      return line;
+    }),
+  );
   tip.style.display = "block";
   const fits = event.clientX + 16 + tip.offsetWidth < innerWidth;
   tip.style.left = `${fits ? event.clientX + 14 : event.clientX - tip.offsetWidth - 12}px`;

@@ -4,7 +4,11 @@ import type { CodedNumbers } from "./coded-numbers";
 
 export type Values = (number | null)[];
 
-export interface AxisData { title: string; unit: string; points: number[] }
+export interface AxisData {
+  title: string;
+  unit: string;
+  points: number[];
+}
 
 /** What a strip shows when it is zoomed; errors are missing if they are differences of samples. */
 export interface StripDetail {
@@ -14,10 +18,21 @@ export interface StripDetail {
   traces: Partial<Record<"measured" | "before" | "after" | "errorBefore" | "error", CodedNumbers>>;
 }
 
-export interface Signal { name: string; unit: string; kind: "input" | "node"; values: CodedNumbers }
+export interface Signal {
+  name: string;
+  unit: string;
+  kind: "input" | "node";
+  values: CodedNumbers;
+}
 
 /** Inputs and nodes of the function over a dataset. */
-export interface DatasetSignals { whole: boolean; size: number; leftOut: number; x: CodedNumbers; signals: Signal[] }
+export interface DatasetSignals {
+  whole: boolean;
+  size: number;
+  leftOut: number;
+  x: CodedNumbers;
+  signals: Signal[];
+}
 
 export interface StripFigure {
   kind: "strip";
@@ -37,19 +52,60 @@ export interface StripFigure {
   error: Values;
 }
 
-export interface ScatterFigure { kind: "scatter"; unit: string; number: number[]; measured: Values; before: Values; after: Values }
+export interface ScatterFigure {
+  kind: "scatter";
+  unit: string;
+  number: number[];
+  measured: Values;
+  before: Values;
+  after: Values;
+}
 
-export interface Bins { ends: [number, number]; counts: number[]; beyond: number }
-export interface HistogramsFigure { kind: "histograms"; unit: string; own: { before: Bins; after: Bins }; equal: { before: Bins; after: Bins } }
+export interface Bins {
+  ends: [number, number];
+  counts: number[];
+  beyond: number;
+}
+export interface HistogramsFigure {
+  kind: "histograms";
+  unit: string;
+  own: { before: Bins; after: Bins };
+  equal: { before: Bins; after: Bins };
+}
 
-export interface AutocorrelationFigure { kind: "autocorrelation"; unit: string; lags: number[]; values: Values; band: number }
+export interface AutocorrelationFigure {
+  kind: "autocorrelation";
+  unit: string;
+  lags: number[];
+  values: Values;
+  band: number;
+}
 
-export interface Stage { name: string; start: number; x: number[]; cost: Values; rmse: Values }
-export interface ConvergenceFigure { kind: "convergence"; before: number | null; stages: Stage[] }
+export interface Stage {
+  name: string;
+  start: number;
+  x: number[];
+  cost: Values;
+  rmse: Values;
+}
+export interface ConvergenceFigure {
+  kind: "convergence";
+  before: number | null;
+  stages: Stage[];
+}
 
 type Cells<T> = T[] | T[][]; // of a curve or of a map
-export interface CellErrors { samples: Cells<number>; mean: Cells<number | null>; rmse: Cells<number | null> }
-export interface CellsFigure { kind: "cells"; unit: string; axes: AxisData[]; uses: Record<string, CellErrors> }
+export interface CellErrors {
+  samples: Cells<number>;
+  mean: Cells<number | null>;
+  rmse: Cells<number | null>;
+}
+export interface CellsFigure {
+  kind: "cells";
+  unit: string;
+  axes: AxisData[];
+  uses: Record<string, CellErrors>;
+}
 
 /** A table, flat in C order. A standard deviation of -1 is not determined. */
 export interface ParameterFigure {
@@ -68,7 +124,14 @@ export interface ParameterFigure {
   bySmoothness: number[] | null;
 }
 
-export type Figure = StripFigure | ScatterFigure | HistogramsFigure | AutocorrelationFigure | ConvergenceFigure | CellsFigure | ParameterFigure;
+export type Figure =
+  | StripFigure
+  | ScatterFigure
+  | HistogramsFigure
+  | AutocorrelationFigure
+  | ConvergenceFigure
+  | CellsFigure
+  | ParameterFigure;
 
 /** Return numbers with NaN for those that are not known. */
 export const numbers = (values: readonly (number | null)[]): number[] => values.map((value) => value ?? NaN);

@@ -1,6 +1,6 @@
 // A value block: its rows and columns are positions only, so it is drawn as coloured cells, before and after.
 
-import { canvasIn, type Box, type Pen } from "../drawing/canvas";
+import { type Box, canvasIn, type Pen } from "../drawing/canvas";
 import { css, diverging, token } from "../drawing/colours";
 import { drawCells, drawScale } from "../drawing/grid";
 import { withUnit } from "../drawing/numbers";
@@ -17,9 +17,16 @@ const MARGIN = { left: 34, right: 64, top: 6, bottom: 22 };
 export function drawHeatMaps(host: HTMLElement, plane: Plane): () => void {
   const { f, changed } = plane;
   const most = Math.max(1e-300, ...[...numbers(f.before), ...numbers(f.after)].filter(Number.isFinite).map(Math.abs));
-  const shown: [string, Values][] = changed ? [["before", f.before], ["after", f.after]] : [["value", f.after]];
+  const shown: [string, Values][] = changed
+    ? [
+        ["before", f.before],
+        ["after", f.after],
+      ]
+    : [["value", f.after]];
   const redraws = shown.map(([title, values]) => drawHeatMap(host, plane, title, values, most));
-  return () => { for (const redraw of redraws) redraw(); };
+  return () => {
+    for (const redraw of redraws) redraw();
+  };
 }
 
 function drawHeatMap(host: HTMLElement, plane: Plane, title: string, values: Values, most: number): () => void {
@@ -29,17 +36,21 @@ function drawHeatMap(host: HTMLElement, plane: Plane, title: string, values: Val
   const tall = Math.max(40, Math.min(260, TALL * ny)) + MARGIN.top + MARGIN.bottom;
   let box: Box = { left: 0, right: 1, top: 0, bottom: 1 };
   const paint = (value: number) => css(diverging(value / most));
-  const { canvas, redraw } = canvasIn(body, (pen, width, height) => {
-    const wide = Math.min(width - MARGIN.left - MARGIN.right, Math.max(LEAST_WIDE, MOST_WIDE * nx));
-    box = { left: MARGIN.left, right: MARGIN.left + wide, top: MARGIN.top, bottom: height - MARGIN.bottom };
-    const shown = numbers(plane.pick(values));
-    drawCells(pen, box, nx, ny, (i, j) => {
-      const value = shown[i * ny + ny - 1 - j]!; // the first row is at the top
-      return Number.isFinite(value) ? paint(value) : null;
-    });
-    drawScale(pen, { ...box, left: box.right + 10, right: box.right + 20 }, [-most, most], paint);
-    label(pen, box, plane);
-  }, () => tall);
+  const { canvas, redraw } = canvasIn(
+    body,
+    (pen, width, height) => {
+      const wide = Math.min(width - MARGIN.left - MARGIN.right, Math.max(LEAST_WIDE, MOST_WIDE * nx));
+      box = { left: MARGIN.left, right: MARGIN.left + wide, top: MARGIN.top, bottom: height - MARGIN.bottom };
+      const shown = numbers(plane.pick(values));
+      drawCells(pen, box, nx, ny, (i, j) => {
+        const value = shown[i * ny + ny - 1 - j]!; // the first row is at the top
+        return Number.isFinite(value) ? paint(value) : null;
+      });
+      drawScale(pen, { ...box, left: box.right + 10, right: box.right + 20 }, [-most, most], paint);
+      label(pen, box, plane);
+    },
+    () => tall,
+  );
   canvas.addEventListener("pointermove", (event) => {
     const i = Math.floor(((event.offsetX - box.left) / (box.right - box.left)) * nx);
     const j = Math.floor(((event.offsetY - box.top) / (box.bottom - box.top)) * ny);

@@ -1,6 +1,6 @@
 // The layers of a chart: each knows its data and draws itself into a plot area.
 
-import { line, type Area, type Pen } from "../drawing/canvas";
+import { type Area, line, type Pen } from "../drawing/canvas";
 import { css, family } from "../drawing/colours";
 import * as marks from "../drawing/marks";
 import { drawColumns, within } from "../drawing/strips";
@@ -21,17 +21,40 @@ export interface Layer {
 type Points = Layer & { x: ArrayLike<number>; y: ArrayLike<number> };
 
 /** The points of a trace: samples if it is whole, else minimum and maximum of each group at the same x. */
-export interface TraceSource { x: ArrayLike<number>; y: ArrayLike<number>; whole: boolean; breaks: ReadonlySet<number> }
+export interface TraceSource {
+  x: ArrayLike<number>;
+  y: ArrayLike<number>;
+  whole: boolean;
+  breaks: ReadonlySet<number>;
+}
 
-interface LineOptions { name?: string; off?: boolean; width?: number; opacity?: number; dots?: number; hollow?: boolean[] | null; breaks?: ReadonlySet<number> }
+interface LineOptions {
+  name?: string;
+  off?: boolean;
+  width?: number;
+  opacity?: number;
+  dots?: number;
+  hollow?: boolean[] | null;
+  breaks?: ReadonlySet<number>;
+}
 
-const at = (values: ArrayLike<number>, scale: (value: number) => number) => Float64Array.from(values as ArrayLike<number>, (value) => scale(value));
+const at = (values: ArrayLike<number>, scale: (value: number) => number) =>
+  Float64Array.from(values as ArrayLike<number>, (value) => scale(value));
 
 /** A line through points, with dots of a radius if `dots` is given. */
-export function lineLayer(colour: string, x: ArrayLike<number>, y: ArrayLike<number>, options: LineOptions = {}): Points {
+export function lineLayer(
+  colour: string,
+  x: ArrayLike<number>,
+  y: ArrayLike<number>,
+  options: LineOptions = {},
+): Points {
   const { name, off, width = 1.2, opacity = 1, dots, hollow, breaks } = options;
   return {
-    name, off, colour, x, y,
+    name,
+    off,
+    colour,
+    x,
+    y,
     draw(pen, plot) {
       const [xs, ys] = [at(x, plot.x), at(y, plot.y)];
       pen.globalAlpha = opacity;
@@ -46,18 +69,33 @@ const DENSE = 3; // points of a pixel from which their extremes are drawn
 const DOTTED = 200; // samples up to which each has a dot
 
 /** A trace over rising x, of which the part in view is drawn; `source` may give other points each time. */
-export function tracesLayer(colour: string, source: () => TraceSource, options: { name?: string; off?: boolean; width: number; opacity?: number }): Points {
+export function tracesLayer(
+  colour: string,
+  source: () => TraceSource,
+  options: { name?: string; off?: boolean; width: number; opacity?: number },
+): Points {
   return {
-    name: options.name, off: options.off, colour, rising: true,
-    get x() { return source().x; },
-    get y() { return source().y; },
+    name: options.name,
+    off: options.off,
+    colour,
+    rising: true,
+    get x() {
+      return source().x;
+    },
+    get y() {
+      return source().y;
+    },
     draw(pen, plot) {
       const { x, y, whole, breaks } = source();
       const [first, end] = within(x, [plot.xAt(plot.box.left), plot.xAt(plot.box.right)]);
       pen.globalAlpha = options.opacity ?? 1;
-      if (end - first > DENSE * (plot.box.right - plot.box.left)) drawDense(pen, plot, { x, y }, first, end, paint(colour), options.width);
+      if (end - first > DENSE * (plot.box.right - plot.box.left))
+        drawDense(pen, plot, { x, y }, first, end, paint(colour), options.width);
       else {
-        const [xs, ys] = [Float64Array.from({ length: end - first }, (_, k) => plot.x(x[first + k]!)), Float64Array.from({ length: end - first }, (_, k) => plot.y(y[first + k]!))];
+        const [xs, ys] = [
+          Float64Array.from({ length: end - first }, (_, k) => plot.x(x[first + k]!)),
+          Float64Array.from({ length: end - first }, (_, k) => plot.y(y[first + k]!)),
+        ];
         line(pen, xs, ys, paint(colour), options.width, new Set([...breaks].map((k) => k - first)));
         if (whole && end - first <= DOTTED) marks.dots(pen, xs, ys, paint(colour), 1.8);
       }
@@ -67,7 +105,15 @@ export function tracesLayer(colour: string, source: () => TraceSource, options: 
 }
 
 /** Draw the extremes of the points of each pixel. */
-function drawDense(pen: Pen, plot: Area, { x, y }: { x: ArrayLike<number>; y: ArrayLike<number> }, first: number, end: number, colour: string, width: number): void {
+function drawDense(
+  pen: Pen,
+  plot: Area,
+  { x, y }: { x: ArrayLike<number>; y: ArrayLike<number> },
+  first: number,
+  end: number,
+  colour: string,
+  width: number,
+): void {
   const [xs, ys]: [number[], number[]] = [[], []];
   let [pixel, low, high] = [NaN, Infinity, -Infinity];
   const finish = () => {
@@ -89,9 +135,19 @@ function drawDense(pen: Pen, plot: Area, { x, y }: { x: ArrayLike<number>; y: Ar
   drawColumns(pen, xs, ys, colour, width);
 }
 
-export function dotsLayer(colour: string, name: string, x: ArrayLike<number>, y: ArrayLike<number>, radius: number, opacity: number): Points {
+export function dotsLayer(
+  colour: string,
+  name: string,
+  x: ArrayLike<number>,
+  y: ArrayLike<number>,
+  radius: number,
+  opacity: number,
+): Points {
   return {
-    name, colour, x, y,
+    name,
+    colour,
+    x,
+    y,
     draw(pen, plot) {
       pen.globalAlpha = opacity;
       marks.dots(pen, at(x, plot.x), at(y, plot.y), paint(colour), radius);
@@ -100,20 +156,48 @@ export function dotsLayer(colour: string, name: string, x: ArrayLike<number>, y:
   };
 }
 
-export function bandLayer(colour: string, x: ArrayLike<number>, y: ArrayLike<number>, y2: ArrayLike<number>, opacity: number, name?: string): Layer {
-  return { name, colour, x, y, y2, draw: (pen, plot) => marks.band(pen, at(x, plot.x), at(y, plot.y), at(y2, plot.y), paint(colour), opacity) };
+export function bandLayer(
+  colour: string,
+  x: ArrayLike<number>,
+  y: ArrayLike<number>,
+  y2: ArrayLike<number>,
+  opacity: number,
+  name?: string,
+): Layer {
+  return {
+    name,
+    colour,
+    x,
+    y,
+    y2,
+    draw: (pen, plot) => marks.band(pen, at(x, plot.x), at(y, plot.y), at(y2, plot.y), paint(colour), opacity),
+  };
 }
 
 export function stemsLayer(colour: string, x: ArrayLike<number>, y: ArrayLike<number>, width: number): Layer {
-  return { colour, x, y, draw: (pen, plot) => marks.stems(pen, at(x, plot.x), at(y, plot.y), plot.y(0), paint(colour), width) };
+  return {
+    colour,
+    x,
+    y,
+    draw: (pen, plot) => marks.stems(pen, at(x, plot.x), at(y, plot.y), plot.y(0), paint(colour), width),
+  };
 }
 
 /** Bars of equal width between two ends. */
-export function barsLayer(colour: string, name: string, ends: readonly [number, number], counts: readonly number[], opacity = 0.85): Layer {
+export function barsLayer(
+  colour: string,
+  name: string,
+  ends: readonly [number, number],
+  counts: readonly number[],
+  opacity = 0.85,
+): Layer {
   const [low, high] = ends;
   const wide = (high - low) / counts.length;
   return {
-    name, colour, x: ends, reach: [0, Math.max(...counts)],
+    name,
+    colour,
+    x: ends,
+    reach: [0, Math.max(...counts)],
     draw(pen, plot) {
       pen.fillStyle = paint(colour);
       pen.globalAlpha = opacity;
@@ -126,8 +210,17 @@ export function barsLayer(colour: string, name: string, ends: readonly [number, 
   };
 }
 
-export function levelLayer(colour: string, values: readonly number[], options: { name?: string; dash?: number[]; reach?: readonly number[] } = {}): Layer {
-  return { name: options.name, reach: options.reach, colour, draw: (pen, plot) => marks.rules(pen, plot, "y", values, paint(colour), options.dash) };
+export function levelLayer(
+  colour: string,
+  values: readonly number[],
+  options: { name?: string; dash?: number[]; reach?: readonly number[] } = {},
+): Layer {
+  return {
+    name: options.name,
+    reach: options.reach,
+    colour,
+    draw: (pen, plot) => marks.rules(pen, plot, "y", values, paint(colour), options.dash),
+  };
 }
 
 export function uprightLayer(colour: string, values: readonly number[], dash: number[], name?: string): Layer {

@@ -15,18 +15,28 @@ const AHEAD = 600; // pixels below the window that are drawn already
 
 function drawFigure(host: HTMLElement, figure: Figure): void {
   switch (figure.kind) {
-    case "strip": return drawStrip(host, figure, signals[figure.dataset]);
-    case "scatter": return drawScatter(host, figure);
-    case "histograms": return drawHistograms(host, figure);
-    case "autocorrelation": return drawAutocorrelation(host, figure);
-    case "convergence": return drawConvergence(host, figure);
-    case "cells": return drawCellErrors(host, figure);
-    case "parameter": return drawParameter(host, figure);
+    case "strip":
+      return drawStrip(host, figure, signals[figure.dataset]);
+    case "scatter":
+      return drawScatter(host, figure);
+    case "histograms":
+      return drawHistograms(host, figure);
+    case "autocorrelation":
+      return drawAutocorrelation(host, figure);
+    case "convergence":
+      return drawConvergence(host, figure);
+    case "cells":
+      return drawCellErrors(host, figure);
+    case "parameter":
+      return drawParameter(host, figure);
   }
 }
 
 const hosts = Array.from(document.querySelectorAll<HTMLElement>("[data-figure]"));
-interface ReportData { figures: Figure[]; signals: Record<string, DatasetSignals> }
+interface ReportData {
+  figures: Figure[];
+  signals: Record<string, DatasetSignals>;
+}
 const { figures, signals } = JSON.parse(document.getElementById("report-data")!.textContent) as ReportData;
 const drawn = new Set<HTMLElement>();
 
@@ -52,21 +62,28 @@ function setTheme(name: "light" | "dark"): void {
 }
 
 function drawWhatIsSeen(): void {
-  const seen = new IntersectionObserver((entries) => {
-    for (const entry of entries) if (entry.isIntersecting) draw(entry.target as HTMLElement);
-  }, { rootMargin: `${AHEAD}px` });
+  const seen = new IntersectionObserver(
+    (entries) => {
+      for (const entry of entries) if (entry.isIntersecting) draw(entry.target as HTMLElement);
+    },
+    { rootMargin: `${AHEAD}px` },
+  );
   for (const host of hosts) {
     seen.observe(host);
     if (host.getBoundingClientRect().top < innerHeight + AHEAD) draw(host);
   }
-  document.addEventListener("toggle", (event) => {
-    const part = event.target as HTMLDetailsElement;
-    if (!part.open) return;
-    for (const host of part.querySelectorAll("[data-figure]")) {
-      seen.unobserve(host);
-      seen.observe(host);
-    }
-  }, true);
+  document.addEventListener(
+    "toggle",
+    (event) => {
+      const part = event.target as HTMLDetailsElement;
+      if (!part.open) return;
+      for (const host of part.querySelectorAll("[data-figure]")) {
+        seen.unobserve(host);
+        seen.observe(host);
+      }
+    },
+    true,
+  );
 }
 
 /** Paper is white, and shows what is folded. */
@@ -90,28 +107,36 @@ function prepareForPrint(): void {
 function reveal(): void {
   const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
   if (target === null) return;
-  for (let node: HTMLElement | null = target; node; node = node.parentElement) if (node instanceof HTMLDetailsElement) node.open = true;
+  for (let node: HTMLElement | null = target; node; node = node.parentElement)
+    if (node instanceof HTMLDetailsElement) node.open = true;
   [...target.querySelectorAll<HTMLElement>("[data-figure]")].slice(0, 4).forEach(draw);
   target.scrollIntoView();
 }
 
 function followLinks(): void {
   addEventListener("hashchange", reveal);
-  for (const link of document.querySelectorAll('a[href^="#"]')) link.addEventListener("click", () => setTimeout(reveal));
+  for (const link of document.querySelectorAll('a[href^="#"]'))
+    link.addEventListener("click", () => setTimeout(reveal));
   if (location.hash) reveal();
 }
 
 /** Mark the section that is read in the table of contents. */
 function markCurrentSection(): void {
-  const links = new Map([...document.querySelectorAll<HTMLAnchorElement>("nav a")].map((link) => [link.hash.slice(1), link]));
-  const current = new IntersectionObserver((entries) => {
-    for (const entry of entries) {
-      if (!entry.isIntersecting) continue;
-      for (const link of links.values()) link.classList.remove("current");
-      links.get(entry.target.id)?.classList.add("current");
-    }
-  }, { rootMargin: "-10% 0px -80% 0px" });
-  for (const part of document.querySelectorAll("main section, main details[id]")) if (links.has(part.id)) current.observe(part);
+  const links = new Map(
+    [...document.querySelectorAll<HTMLAnchorElement>("nav a")].map((link) => [link.hash.slice(1), link]),
+  );
+  const current = new IntersectionObserver(
+    (entries) => {
+      for (const entry of entries) {
+        if (!entry.isIntersecting) continue;
+        for (const link of links.values()) link.classList.remove("current");
+        links.get(entry.target.id)?.classList.add("current");
+      }
+    },
+    { rootMargin: "-10% 0px -80% 0px" },
+  );
+  for (const part of document.querySelectorAll("main section, main details[id]"))
+    if (links.has(part.id)) current.observe(part);
 }
 
 setTheme(dark.matches ? "dark" : "light");

@@ -12,7 +12,12 @@ import { addTable } from "./value-table";
 export function drawParameter(host: HTMLElement, f: ParameterFigure): void {
   const plane = new Plane(f);
   const redraws: (() => void)[] = [];
-  if (plane.further.length) host.append(sliders(plane, () => { for (const redraw of redraws) redraw(); }));
+  if (plane.further.length)
+    host.append(
+      sliders(plane, () => {
+        for (const redraw of redraws) redraw();
+      }),
+    );
   const map = plane.nx > 1 && plane.ny > 1;
   if (plane.block) {
     drawBlock(host, plane, redraws);
@@ -50,17 +55,30 @@ function part(row: HTMLElement): HTMLElement {
 
 /** A slider for each axis beyond the second. */
 function sliders(plane: Plane, change: () => void): HTMLElement {
-  return make("div", { class: "legend" }, ...plane.further.map((axis, k) => {
-    const name = withUnit(axis.title, axis.unit);
-    const text = make("output");
-    const show = () => { text.textContent = `${name} = ${plain(axis.points[plane.chosen[k]!]!, 6)}`; };
-    const slider = make("input", { type: "range", min: "0", max: String(axis.points.length - 1), step: "1", value: String(plane.chosen[k]), "aria-label": name });
-    slider.addEventListener("input", () => {
-      plane.chosen[k] = Number(slider.value);
+  return make(
+    "div",
+    { class: "legend" },
+    ...plane.further.map((axis, k) => {
+      const name = withUnit(axis.title, axis.unit);
+      const text = make("output");
+      const show = () => {
+        text.textContent = `${name} = ${plain(axis.points[plane.chosen[k]!]!, 6)}`;
+      };
+      const slider = make("input", {
+        type: "range",
+        min: "0",
+        max: String(axis.points.length - 1),
+        step: "1",
+        value: String(plane.chosen[k]),
+        "aria-label": name,
+      });
+      slider.addEventListener("input", () => {
+        plane.chosen[k] = Number(slider.value);
+        show();
+        change();
+      });
       show();
-      change();
-    });
-    show();
-    return make("label", { class: "slider" }, slider, text);
-  }));
+      return make("label", { class: "slider" }, slider, text);
+    }),
+  );
 }

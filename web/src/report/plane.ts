@@ -2,7 +2,7 @@
 
 import { plain } from "../drawing/numbers";
 import type { TipLine } from "./elements";
-import { equal, type AxisData, type ParameterFigure } from "./figures";
+import { type AxisData, equal, type ParameterFigure } from "./figures";
 
 /**
  * The plane of a table that is shown: its first two axes, at chosen points of further ones. Of a value block, columns

@@ -1,19 +1,24 @@
 // Measured and calculated over time, with the error below. Zoomed in, a strip shows its details: samples, if the page
 // has room for them. Inputs and nodes of the function can be added below.
 
-import { withUnit, plain } from "../drawing/numbers";
+import { plain, withUnit } from "../drawing/numbers";
 import { nearest } from "../drawing/strips";
 import { Chart, type Pane, type Tip } from "./chart";
-import { canDecode, decodeNumbers, type CodedNumbers } from "./coded-numbers";
+import { type CodedNumbers, canDecode, decodeNumbers } from "./coded-numbers";
 import { make, type TipLine } from "./elements";
-import { equal, numbers, type DatasetSignals, type Signal, type StripDetail, type StripFigure } from "./figures";
-import { levelLayer, tracesLayer, uprightLayer, type Points } from "./layers";
+import { type DatasetSignals, equal, numbers, type Signal, type StripDetail, type StripFigure } from "./figures";
+import { levelLayer, type Points, tracesLayer, uprightLayer } from "./layers";
 
 const TRACES = ["measured", "before", "after", "errorBefore", "error"] as const;
 type TraceName = (typeof TRACES)[number];
 
 /** The points of a strip: samples if it is whole, else minimum and maximum of each group of samples at the same x. */
-interface View { x: ArrayLike<number>; whole: boolean; breaks: ReadonlySet<number>; traces: Record<TraceName, ArrayLike<number>> }
+interface View {
+  x: ArrayLike<number>;
+  whole: boolean;
+  breaks: ReadonlySet<number>;
+  traces: Record<TraceName, ArrayLike<number>>;
+}
 
 const TALL = 340; // pixels
 const TALL_SIGNAL = 110; // of each added signal
@@ -23,15 +28,20 @@ const decoded = new Map<CodedNumbers, Promise<Float64Array>>();
 /** Decode a column once. */
 function column(coded: CodedNumbers): Promise<Float64Array> {
   let values = decoded.get(coded);
-  if (values === undefined) decoded.set(coded, (values = decodeNumbers(coded)));
+  if (values === undefined) {
+    values = decodeNumbers(coded);
+    decoded.set(coded, values);
+  }
   return values;
 }
 
-const twice = (values: Float64Array): Float64Array => Float64Array.from({ length: 2 * values.length }, (_, k) => values[k >> 1]!);
+const twice = (values: Float64Array): Float64Array =>
+  Float64Array.from({ length: 2 * values.length }, (_, k) => values[k >> 1]!);
 const difference = (a: Float64Array, b: Float64Array): Float64Array => a.map((value, k) => value - b[k]!);
 
 /** Return the positions at which recordings begin. */
-const breaksAt = (x: ArrayLike<number>, pieces: readonly number[]): Set<number> => new Set(pieces.map((piece) => nearest(x, piece)));
+const breaksAt = (x: ArrayLike<number>, pieces: readonly number[]): Set<number> =>
+  new Set(pieces.map((piece) => nearest(x, piece)));
 
 export function drawStrip(host: HTMLElement, f: StripFigure, signals: DatasetSignals | undefined): void {
   new Strip(host, f, signals);
@@ -49,7 +59,11 @@ class Strip {
   private readonly chips = make("span", { class: "chips" });
   private readonly tipped: { layer: Points; name: TraceName }[];
 
-  constructor(private readonly host: HTMLElement, private readonly f: StripFigure, private readonly signals: DatasetSignals | undefined) {
+  constructor(
+    private readonly host: HTMLElement,
+    private readonly f: StripFigure,
+    private readonly signals: DatasetSignals | undefined,
+  ) {
     const traces = Object.fromEntries(TRACES.map((name) => [name, numbers(f[name])])) as unknown as View["traces"];
     this.first = this.view = { x: f.x, whole: f.whole, breaks: breaksAt(f.x, f.pieces), traces };
     const same = equal(f.before, f.after);
@@ -67,7 +81,12 @@ class Strip {
     const layers = (own: { layer: Points }[]) => own.map(({ layer }) => layer);
     this.panes = [
       { title: withUnit("value", f.unit), weight: 1.7, layers: [this.pieces(), ...layers(values)] },
-      { title: withUnit("error", f.unit), weight: 1, zero: true, layers: [this.pieces(), levelLayer("axis", [0]), ...layers(errors)] },
+      {
+        title: withUnit("error", f.unit),
+        weight: 1,
+        zero: true,
+        layers: [this.pieces(), levelLayer("axis", [0]), ...layers(errors)],
+      },
     ];
     this.chart = new Chart(host, this.panes, {
       height: () => TALL + TALL_SIGNAL * this.added.length,
@@ -80,8 +99,19 @@ class Strip {
     this.describe();
   }
 
-  private trace(name: TraceName, label: string, colour: string, width: number, options: { off?: boolean; opacity?: number } = {}) {
-    const source = () => ({ x: this.view.x, y: this.view.traces[name], whole: this.view.whole, breaks: this.view.breaks });
+  private trace(
+    name: TraceName,
+    label: string,
+    colour: string,
+    width: number,
+    options: { off?: boolean; opacity?: number } = {},
+  ) {
+    const source = () => ({
+      x: this.view.x,
+      y: this.view.traces[name],
+      whole: this.view.whole,
+      breaks: this.view.breaks,
+    });
     return { name, layer: tracesLayer(colour, source, { name: label, width, ...options }) };
   }
 
@@ -117,7 +147,10 @@ class Strip {
 
   private async decode(detail: StripDetail): Promise<View> {
     const names = TRACES.filter((name) => detail.traces[name] !== undefined);
-    const [stamps, ...columns] = await Promise.all([column(detail.x), ...names.map((name) => column(detail.traces[name]!))]);
+    const [stamps, ...columns] = await Promise.all([
+      column(detail.x),
+      ...names.map((name) => column(detail.traces[name]!)),
+    ]);
     const x = detail.whole ? stamps! : twice(stamps!);
     const known = Object.fromEntries(names.map((name, k) => [name, columns[k]!])) as Record<TraceName, Float64Array>;
     if (detail.whole) {
@@ -134,11 +167,17 @@ class Strip {
     const visible = this.tipped.filter(({ layer }) => shown(layer));
     const [xTitle, xUnit] = [this.f.xTitle, this.f.xUnit];
     if (whole) {
-      const lines = visible.map<TipLine>(({ name, layer }) => [`${layer.name} ${plain(traces[name][k]!, 5)}`, layer.colour]);
+      const lines = visible.map<TipLine>(({ name, layer }) => [
+        `${layer.name} ${plain(traces[name][k]!, 5)}`,
+        layer.colour,
+      ]);
       return { x: x[k], lines: [[`${xTitle} ${plain(x[k]!, 7)} ${xUnit}`], ...lines, ...this.furtherLines(x[k]!)] };
     }
     const first = k - (k % 2);
-    const ends = visible.map<TipLine>(({ name, layer }) => [`${layer.name} ${plain(traces[name][first]!, 4)} to ${plain(traces[name][first + 1]!, 4)}`, layer.colour]);
+    const ends = visible.map<TipLine>(({ name, layer }) => [
+      `${layer.name} ${plain(traces[name][first]!, 4)} to ${plain(traces[name][first + 1]!, 4)}`,
+      layer.colour,
+    ]);
     return { x: x[first], lines: [[`from ${plain(x[first]!, 7)} ${xUnit}`], ...ends, ...this.furtherLines(x[first]!)] };
   }
 
@@ -150,13 +189,23 @@ class Strip {
   /** Offer the inputs and nodes of the dataset, each in a strip of its own below. */
   private offerSignals(): void {
     if (this.signals === undefined || !canDecode) return;
-    const choice = make("select", { "aria-label": "Add a signal below" }, make("option", { value: "" }, "add a signal…"));
-    for (const [kind, label] of [["input", "inputs"], ["node", "nodes"]] as const) {
+    const choice = make(
+      "select",
+      { "aria-label": "Add a signal below" },
+      make("option", { value: "" }, "add a signal…"),
+    );
+    for (const [kind, label] of [
+      ["input", "inputs"],
+      ["node", "nodes"],
+    ] as const) {
       const own = this.signals.signals.filter((signal) => signal.kind === kind);
-      const options = own.map((signal) => make("option", { value: String(this.signals!.signals.indexOf(signal)) }, withUnit(signal.name, signal.unit)));
+      const options = own.map((signal) =>
+        make("option", { value: String(this.signals!.signals.indexOf(signal)) }, withUnit(signal.name, signal.unit)),
+      );
       if (own.length) choice.append(make("optgroup", { label }, ...options));
     }
-    if (this.signals.leftOut) choice.append(make("option", { disabled: "" }, `${this.signals.leftOut} more have no room`));
+    if (this.signals.leftOut)
+      choice.append(make("option", { disabled: "" }, `${this.signals.leftOut} more have no room`));
     choice.addEventListener("change", () => {
       const signal = this.signals!.signals[Number(choice.value)];
       choice.value = "";
@@ -202,7 +251,9 @@ class Strip {
     const size = this.f.detail?.size ?? 1;
     const refined = this.f.detail !== undefined && canDecode;
     if (this.f.whole || (refined && size === 1)) return;
-    const note = !refined ? "Each point is the range of several samples." : `Zoomed in, each point is the range of ${size} samples.`;
+    const note = !refined
+      ? "Each point is the range of several samples."
+      : `Zoomed in, each point is the range of ${size} samples.`;
     this.host.append(make("p", { class: "note" }, note));
   }
 }

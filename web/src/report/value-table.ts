@@ -13,7 +13,9 @@ export function addTable(host: HTMLElement, plane: Plane): () => void {
   const { f, changed } = plane;
   let mode: Mode = "after";
   const cells = make("div", { class: "scroll" });
-  const fill = () => { cells.replaceChildren(tableOf(plane, mode)); };
+  const fill = () => {
+    cells.replaceChildren(tableOf(plane, mode));
+  };
   const options: Record<string, Mode> = {
     [changed ? "after" : "value"]: "after",
     ...(changed && { before: "before", change: "change", "relative change": "relative" }),
@@ -47,7 +49,10 @@ function shownColours(values: number[], mode: Mode): (string | null)[] {
   if (mode === "change" || mode === "relative") return cellColours(values, "difference");
   const finite = values.filter(Number.isFinite);
   const high = Math.max(0, ...finite);
-  if (mode === "deviation" || mode === "samples") return values.map((value) => (Number.isFinite(value) && high > 0 ? amount(value / high, mode === "samples" ? "blue" : "amber") : null));
+  if (mode === "deviation" || mode === "samples")
+    return values.map((value) =>
+      Number.isFinite(value) && high > 0 ? amount(value / high, mode === "samples" ? "blue" : "amber") : null,
+    );
   return new Set(finite).size > 1 ? cellColours(values, "height") : values.map(() => null);
 }
 
@@ -64,16 +69,33 @@ function tableOf(plane: Plane, mode: Mode): HTMLElement {
     node.addEventListener("pointerleave", hideTip);
     return node;
   };
-  const corner = y === null ? withUnit(x.title, x.unit) : `${withUnit(y.title, y.unit)} ↓  ${withUnit(x.title, x.unit)} →`;
-  const head = make("tr", {}, make("th", { class: "corner" }, corner), ...x.points.map((point) => make("th", { scope: "col" }, plain(point, 5))));
-  const rows = Array.from({ length: ny }, (_, j) => make("tr", {},
-    make("th", { scope: "row" }, y === null ? withUnit(f.name, f.unit) : plain(y.points[j]!, 5)), ...Array.from({ length: nx }, (_, i) => cell(i, j))));
+  const corner =
+    y === null ? withUnit(x.title, x.unit) : `${withUnit(y.title, y.unit)} ↓  ${withUnit(x.title, x.unit)} →`;
+  const head = make(
+    "tr",
+    {},
+    make("th", { class: "corner" }, corner),
+    ...x.points.map((point) => make("th", { scope: "col" }, plain(point, 5))),
+  );
+  const rows = Array.from({ length: ny }, (_, j) =>
+    make(
+      "tr",
+      {},
+      make("th", { scope: "row" }, y === null ? withUnit(f.name, f.unit) : plain(y.points[j]!, 5)),
+      ...Array.from({ length: nx }, (_, i) => cell(i, j)),
+    ),
+  );
   const kind = ["grid", nx > 14 ? "dense" : "", mode === "deviation" || mode === "samples" ? "amounts" : ""].join(" ");
   return make("table", { class: kind }, make("thead", {}, head), make("tbody", {}, ...rows));
 }
 
 function marksOf(f: ParameterFigure, k: number): string {
-  const names = [f.samples?.[k] === 0 && "nodata", f.informed?.[k] === 0 && "kept", f.bound[k] !== 0 && "bound", f.locked[k] === 1 && "locked"];
+  const names = [
+    f.samples?.[k] === 0 && "nodata",
+    f.informed?.[k] === 0 && "kept",
+    f.bound[k] !== 0 && "bound",
+    f.locked[k] === 1 && "locked",
+  ];
   return names.filter(Boolean).join(" ");
 }
 
@@ -85,6 +107,8 @@ function marks(f: ParameterFigure): HTMLElement[] {
     [f.bound.some((side) => side !== 0), "bound", "at a bound"],
     [f.locked.includes(1), "locked", "locked"],
   ];
-  const entries = meanings.filter(([occurs]) => occurs).map(([, kind, text]) => make("span", {}, make("i", { class: `sample ${kind}` }), text));
+  const entries = meanings
+    .filter(([occurs]) => occurs)
+    .map(([, kind, text]) => make("span", {}, make("i", { class: `sample ${kind}` }), text));
   return entries.length ? [make("div", { class: "marks" }, ...entries)] : [];
 }

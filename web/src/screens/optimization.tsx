@@ -2,31 +2,41 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../connection";
-import { area, line, ticks, type Pen } from "../drawing/canvas";
+import { area, line, type Pen, ticks } from "../drawing/canvas";
 import { token } from "../drawing/colours";
-import { MISSING, count, significant } from "../drawing/numbers";
+import { drawGrid } from "../drawing/grid";
+import { count, MISSING, significant } from "../drawing/numbers";
+import { drawCurves } from "../drawing/slices";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
-import { drawGrid } from "../drawing/grid";
-import { drawCurves } from "../drawing/slices";
 import { Picture } from "../instruments/picture";
 import { showFinding } from "../navigation";
+import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
 import { isRunning, open, request, screen, settled, state } from "../store";
-import { OutcomeBody, OutcomeHead, type StepRow } from "./optimization/outcome";
+import { OutcomeBody, OutcomeHead } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 import { OptimizationSettings } from "./optimization/settings";
 
-interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
-interface Small { name: string; unit: string; ends: [number, number][]; values: number[][]; start: number[][] }
-interface Progress { starts: Start[]; tables: Small[]; steps: StepRow[]; lines: Record<string, Float32Array> }
+interface Progress {
+  starts: StartRow[];
+  tables: CoarseTable[];
+  steps: StepRow[];
+  lines: Record<string, Float32Array>;
+}
 
 const progress = signal<Progress>({ starts: [], tables: [], steps: [], lines: {} });
 const quantity = signal<"rmse" | "cost">("rmse");
 
 const load = newest(async (_: number) => {
   const reply = await request("progress");
-  if (reply !== null) progress.value = { starts: reply.head.starts as Start[], tables: reply.head.tables as Small[], steps: reply.head.steps as StepRow[], lines: reply.arrays };
+  if (reply !== null)
+    progress.value = {
+      starts: reply.head.starts,
+      tables: reply.head.tables,
+      steps: reply.head.steps,
+      lines: reply.arrays,
+    };
 });
 
 const iterations = computed(() => state.value.job.iterations);
@@ -45,23 +55,70 @@ export function Optimization() {
         <Settings />
         <section class="pane prog">
           <div class="pl">
-            <b class="acc" id="progress">{running ? `Run ${job.run + 1}` : job.run ? `Run ${job.run}: ${job.state}` : "No run yet"}</b>
+            <b class="acc" id="progress">
+              {running ? `Run ${job.run + 1}` : job.run ? `Run ${job.run}: ${job.state}` : "No run yet"}
+            </b>
             <span class="cut">{job.message}</span>
             <RunOptions />
-            <span class="right q">{job.iterations ? `${count(job.iterations)} steps, ${job.seconds.toFixed(2)} s` : ""}</span>
+            <span class="right q">
+              {job.iterations ? `${count(job.iterations)} steps, ${job.seconds.toFixed(2)} s` : ""}
+            </span>
           </div>
         </section>
         <section class="pane cost">
-          <div class="head"><h2>{quantity.value === "rmse" ? "RMSE of the training data" : "Cost"}</h2><span class="sub">against iteration</span><span class="right"><span class="seg tight"><button aria-pressed={quantity.value === "rmse"} onClick={() => { quantity.value = "rmse"; }}>RMSE</button><button aria-pressed={quantity.value === "cost"} onClick={() => { quantity.value = "cost"; }}>cost</button></span></span></div>
-          {progress.value.starts.length ? <Picture label="Course of the search" kind="body" draw={drawCourse} of={[progress.value, quantity.value]} /> : <p class="pad q">The course of the search appears here. <button class="btn small" onClick={run}>Run</button></p>}
+          <div class="head">
+            <h2>{quantity.value === "rmse" ? "RMSE of the training data" : "Cost"}</h2>
+            <span class="sub">against iteration</span>
+            <span class="right">
+              <span class="seg tight">
+                <button
+                  aria-pressed={quantity.value === "rmse"}
+                  onClick={() => {
+                    quantity.value = "rmse";
+                  }}
+                >
+                  RMSE
+                </button>
+                <button
+                  aria-pressed={quantity.value === "cost"}
+                  onClick={() => {
+                    quantity.value = "cost";
+                  }}
+                >
+                  cost
+                </button>
+              </span>
+            </span>
+          </div>
+          {progress.value.starts.length ? (
+            <Picture label="Course of the search" kind="body" draw={drawCourse} of={[progress.value, quantity.value]} />
+          ) : (
+            <p class="pad q">
+              The course of the search appears here.{" "}
+              <button class="btn small" onClick={run}>
+                Run
+              </button>
+            </p>
+          )}
         </section>
         <Starts />
         <section class="pane mv">
           <OutcomeHead sub={running ? "best so far, twice a second" : "now"} steps={progress.value.steps} />
-          {view.value === "tables" ? <div class="mmg">{progress.value.tables.slice(0, 4).map((each) => <SmallTable own={each} />)}</div> : <OutcomeBody steps={progress.value.steps} />}
+          {view.value === "tables" ? (
+            <div class="mmg">
+              {progress.value.tables.slice(0, 4).map((each) => (
+                <SmallTable own={each} />
+              ))}
+            </div>
+          ) : (
+            <OutcomeBody steps={progress.value.steps} />
+          )}
         </section>
       </main>
-      <Footer><Key keys={["F5"]} text="run" /><Key keys={["Shift", "F5"]} text="stop and keep the best" /></Footer>
+      <Footer>
+        <Key keys={["F5"]} text="run" />
+        <Key keys={["Shift", "F5"]} text="stop and keep the best" />
+      </Footer>
     </>
   );
 }
@@ -72,23 +129,72 @@ function Settings() {
   const samples = (use: string) => datasets.filter((d) => d.use === use).reduce((sum, d) => sum + d.samples, 0);
   return (
     <section class="pane cfg">
-      <div class="head"><h2>Free parameters</h2><span class="sub">{count(freeValues)} values</span></div>
+      <div class="head">
+        <h2>Free parameters</h2>
+        <span class="sub">{count(freeValues)} values</span>
+      </div>
       <table class="list">
-        <thead><tr><th /><th>parameter</th><th class="num">values</th><th>unit</th><th class="num">without data</th></tr></thead>
+        <thead>
+          <tr>
+            <th />
+            <th>parameter</th>
+            <th class="num">values</th>
+            <th>unit</th>
+            <th class="num">without data</th>
+          </tr>
+        </thead>
         <tbody>
           {parameters.map((p) => (
-            <tr data-parameter={p.name} onClick={() => { open(p.name); screen.value = "parameters"; }}>
-              <td><span class={`tick ${p.free ? "on" : ""}`}>{p.free && <Icon name="done" />}</span></td>
-              <td><b>{p.name}</b></td><td class="num">{p.shape.reduce((a, b) => a * b, 1)}</td><td class="q">{p.unit}</td><td class="num q">{p.withoutData || MISSING}</td>
+            <tr
+              data-parameter={p.name}
+              onClick={() => {
+                open(p.name);
+                screen.value = "parameters";
+              }}
+            >
+              <td>
+                <span class={`tick ${p.free ? "on" : ""}`}>{p.free && <Icon name="done" />}</span>
+              </td>
+              <td>
+                <b>{p.name}</b>
+              </td>
+              <td class="num">{p.shape.reduce((a, b) => a * b, 1)}</td>
+              <td class="q">{p.unit}</td>
+              <td class="num q">{p.withoutData || MISSING}</td>
             </tr>
           ))}
         </tbody>
       </table>
       <OptimizationSettings />
-      <div class="head mid"><h2>Check before the run</h2><span class="right">{remarks.length > 0 && <span class="tag w">{remarks.length} message{remarks.length > 1 ? "s" : ""}</span>}</span></div>
+      <div class="head mid">
+        <h2>Check before the run</h2>
+        <span class="right">
+          {remarks.length > 0 && (
+            <span class="tag w">
+              {remarks.length} message{remarks.length > 1 ? "s" : ""}
+            </span>
+          )}
+        </span>
+      </div>
       <div class="cks">
-        <div class="ck g"><Icon name="done" /><span class="grow">{count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters; {count(samples("training"))} training and {count(samples("test"))} test samples</span></div>
-        {findings.map((f) => <div class={`ck ${f.severity === "remark" ? "i" : "w"}`}><Icon name={f.severity === "remark" ? "find" : "warning"} /><span class="grow">{f.text}</span>{f.severity !== "remark" && <button class="btn small" onClick={() => showFinding(f)}>Show</button>}</div>)}
+        <div class="ck g">
+          <Icon name="done" />
+          <span class="grow">
+            {count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters;{" "}
+            {count(samples("training"))} training and {count(samples("test"))} test samples
+          </span>
+        </div>
+        {findings.map((f) => (
+          <div class={`ck ${f.severity === "remark" ? "i" : "w"}`}>
+            <Icon name={f.severity === "remark" ? "find" : "warning"} />
+            <span class="grow">{f.text}</span>
+            {f.severity !== "remark" && (
+              <button class="btn small" onClick={() => showFinding(f)}>
+                Show
+              </button>
+            )}
+          </div>
+        ))}
       </div>
     </section>
   );
@@ -98,14 +204,40 @@ function Starts() {
   const best = Math.min(...progress.value.starts.map((row) => row.cost ?? Infinity));
   return (
     <section class="pane sts">
-      <div class="head"><h2>Starts</h2><span class="sub">the first from the present values, the others spread around it</span></div>
+      <div class="head">
+        <h2>Starts</h2>
+        <span class="sub">the first from the present values, the others spread around it</span>
+      </div>
       <table class="list">
-        <thead><tr><th class="num">start</th><th>state</th><th>stage</th><th class="num">iterations</th><th class="num">cost before</th><th class="num">cost</th><th class="num">RMSE</th><th class="num">time</th><th /></tr></thead>
+        <thead>
+          <tr>
+            <th class="num">start</th>
+            <th>state</th>
+            <th>stage</th>
+            <th class="num">iterations</th>
+            <th class="num">cost before</th>
+            <th class="num">cost</th>
+            <th class="num">RMSE</th>
+            <th class="num">time</th>
+            <th />
+          </tr>
+        </thead>
         <tbody>
           {progress.value.starts.map((row) => (
             <tr class={row.cost === best ? "on" : ""}>
-              <td class="num">{row.start}</td><td><span class={`tag ${row.state === "converged" ? "g" : row.state === "running" ? "t" : "w"}`}>{row.state}</span></td><td class="q">{row.state === "running" ? row.stage : ""}</td>
-              <td class="num">{row.iterations}</td><td class="num q">{cost(row.before)}</td><td class="num ink">{cost(row.cost)}</td><td class="num ink">{row.rmse === null ? MISSING : significant(row.rmse, 5)}</td><td class="num">{row.seconds.toFixed(2)} s</td><td>{row.cost === best && progress.value.starts.length > 1 ? <b class="good">best</b> : ""}</td>
+              <td class="num">{row.start}</td>
+              <td>
+                <span class={`tag ${row.state === "converged" ? "g" : row.state === "running" ? "t" : "w"}`}>
+                  {row.state}
+                </span>
+              </td>
+              <td class="q">{row.state === "running" ? row.stage : ""}</td>
+              <td class="num">{row.iterations}</td>
+              <td class="num q">{cost(row.before)}</td>
+              <td class="num ink">{cost(row.cost)}</td>
+              <td class="num ink">{row.rmse === null ? MISSING : significant(row.rmse, 5)}</td>
+              <td class="num">{row.seconds.toFixed(2)} s</td>
+              <td>{row.cost === best && progress.value.starts.length > 1 ? <b class="good">best</b> : ""}</td>
             </tr>
           ))}
         </tbody>
@@ -118,12 +250,20 @@ const cost = (value: number | null): string => (value === null ? MISSING : signi
 
 /** Logarithmic: an iteration at the start changes more than a thousand at the end. */
 function drawCourse(pen: Pen, width: number, height: number): void {
-  const lines = progress.value.starts.map((row) => progress.value.lines[`${quantity.value} ${row.start}`] ?? new Float32Array());
-  const [low, high] = [Math.min(...lines.flatMap((l) => [...l].filter((v) => v > 0))), Math.max(...lines.flatMap((l) => [...l].filter(Number.isFinite)))];
+  const lines = progress.value.starts.map(
+    (row) => progress.value.lines[`${quantity.value} ${row.start}`] ?? new Float32Array(),
+  );
+  const [low, high] = [
+    Math.min(...lines.flatMap((l) => [...l].filter((v) => v > 0))),
+    Math.max(...lines.flatMap((l) => [...l].filter(Number.isFinite))),
+  ];
   if (!(high > 0 && low > 0)) return;
   const box = { left: 56, right: width - 60, top: 10, bottom: height - 36 };
   const scale = (value: number) => Math.log10(value);
-  const range = [scale(low) - 0.03 * (scale(high) - scale(low) + 0.01), scale(high) + 0.03 * (scale(high) - scale(low) + 0.01)] as const;
+  const range = [
+    scale(low) - 0.03 * (scale(high) - scale(low) + 0.01),
+    scale(high) + 0.03 * (scale(high) - scale(low) + 0.01),
+  ] as const;
   const most = Math.max(2, ...lines.map((l) => l.length));
   const plot = area(pen, box, [0, most], range, { yTicks: [], title: "iteration", xTicks: ticks(0, most, 8) });
   pen.fillStyle = token("quiet");
@@ -143,7 +283,13 @@ function drawCourse(pen: Pen, width: number, height: number): void {
     const values = lines[k]!;
     const colour = token(row.state === "running" ? "model" : progress.value.starts.length > 1 ? "before" : "model");
     const xs = Float64Array.from(values, (_, i) => plot.x(i + 1));
-    line(pen, xs, Float64Array.from(values, (v) => plot.y(scale(v))), colour, 1.4);
+    line(
+      pen,
+      xs,
+      Float64Array.from(values, (v) => plot.y(scale(v))),
+      colour,
+      1.4,
+    );
     if (!values.length) return;
     pen.fillStyle = colour;
     pen.beginPath();
@@ -151,14 +297,26 @@ function drawCourse(pen: Pen, width: number, height: number): void {
     pen.fill();
     pen.textAlign = "left";
     pen.textBaseline = "bottom";
-    pen.fillText(progress.value.starts.length > 1 ? `start ${row.start}` : "", xs[xs.length - 1]! + 6, plot.y(scale(values[values.length - 1]!)) - 3);
+    pen.fillText(
+      progress.value.starts.length > 1 ? `start ${row.start}` : "",
+      xs[xs.length - 1]! + 6,
+      plot.y(scale(values[values.length - 1]!)) - 3,
+    );
   });
 }
 
-function SmallTable({ own }: { own: Small }) {
+function SmallTable({ own }: { own: CoarseTable }) {
   const draw = (pen: Pen, width: number, height: number) => {
     if (own.ends.length === 2) drawGrid(pen, width, height, { x: own.ends[0]!, y: own.ends[1]!, values: own.values });
     else if (own.ends.length === 1) drawCurves(pen, width, height, own.ends[0]!, own.start.flat(), own.values.flat());
   };
-  return <div class="mm"><div class="mt"><b>{own.name}</b><span class="q">{own.unit}</span></div><Picture label={own.name} draw={draw} of={[own]} /></div>;
+  return (
+    <div class="mm">
+      <div class="mt">
+        <b>{own.name}</b>
+        <span class="q">{own.unit}</span>
+      </div>
+      <Picture label={own.name} draw={draw} of={[own]} />
+    </div>
+  );
 }

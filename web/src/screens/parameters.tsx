@@ -4,21 +4,23 @@ import { computed, signal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
 import { extent } from "../drawing/canvas";
 import { height as heightColour } from "../drawing/colours";
-import { MISSING, count, plain, significant } from "../drawing/numbers";
+import { count, MISSING, plain, significant } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
-import { EvidencePane } from "../instruments/evidence";
 import { Icon } from "../icons";
+import { EvidencePane } from "../instruments/evidence";
+import { applyEdit, MapTable, type Shown } from "../instruments/map-table";
 import { Proposals } from "../instruments/proposals";
-import { MapTable, applyEdit, cellAt, cellsOf, type Shown } from "../instruments/map-table";
-import { describeCells, readEdit } from "../instruments/table-edits";
+import { SettingsButton } from "../instruments/settings-panel";
 import { Slice } from "../instruments/slices";
 import { Surface } from "../instruments/surface";
+import { cellAt, cellsOf } from "../instruments/table-cells";
+import { describeCells, readEdit } from "../instruments/table-edits";
 import { panel } from "../navigation";
-import { SettingsButton } from "../instruments/settings-panel";
-import { ParameterSettings } from "./parameters/settings";
+import type { EditedTable, ParameterRow } from "../replies";
+import { open, openName, referenceName, screen, selection, state, table } from "../store";
 import { CoverageChips } from "./parameters/coverage-chips";
+import { ParameterSettings } from "./parameters/settings";
 import { Properties } from "./properties";
-import { open, openName, referenceName, screen, selection, state, table, type Parameter, type Table } from "../store";
 
 const search = signal("");
 const filter = signal<"all" | "changed" | "at bound" | "no data">("all");
@@ -26,9 +28,9 @@ const shown = signal<Shown>({ mode: "value", empty: true, deviation: true });
 
 const FILTERS = {
   all: () => true,
-  changed: (p: Parameter) => p.changed > 0,
-  "at bound": (p: Parameter) => p.atBound > 0,
-  "no data": (p: Parameter) => p.withoutData > 0,
+  changed: (p: ParameterRow) => p.changed > 0,
+  "at bound": (p: ParameterRow) => p.atBound > 0,
+  "no data": (p: ParameterRow) => p.withoutData > 0,
 } as const;
 
 export function Parameters() {
@@ -38,7 +40,14 @@ export function Parameters() {
       <main class={`parameters ${panel.parameters.value ? "open" : ""}`}>
         <List />
         <Bar own={own} />
-        {own === null ? <section class="pane tbl"><p class="pad q">No parameter is open.</p><Proposals /></section> : <Editor own={own} />}
+        {own === null ? (
+          <section class="pane tbl">
+            <p class="pad q">No parameter is open.</p>
+            <Proposals />
+          </section>
+        ) : (
+          <Editor own={own} />
+        )}
         <ParameterSettings />
       </main>
       <Footer>
@@ -56,19 +65,48 @@ export function Parameters() {
 function List() {
   const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
   const all = state.value.parameters;
-  const visible = all.filter((p) => FILTERS[filter.value](p) && words.every((word) => `${p.name} ${p.kind} ${p.unit} ${p.description}`.toLowerCase().includes(word)));
+  const visible = all.filter(
+    (p) =>
+      FILTERS[filter.value](p) &&
+      words.every((word) => `${p.name} ${p.kind} ${p.unit} ${p.description}`.toLowerCase().includes(word)),
+  );
   return (
     <section class="pane list" aria-label="Parameters">
-      <div class="head"><h2>Parameters</h2><span class="right q">{count(state.value.freeValues)} values free</span></div>
+      <div class="head">
+        <h2>Parameters</h2>
+        <span class="right q">{count(state.value.freeValues)} values free</span>
+      </div>
       <div class="filter">
-        <label class="field" style={{ width: "100%" }}><Icon name="find" kind="q" /><input placeholder="Name, kind, unit" aria-label="Search parameters" value={search.value} onInput={(event) => { search.value = event.currentTarget.value; }} /></label>
+        <label class="field" style={{ width: "100%" }}>
+          <Icon name="find" kind="q" />
+          <input
+            placeholder="Name, kind, unit"
+            aria-label="Search parameters"
+            value={search.value}
+            onInput={(event) => {
+              search.value = event.currentTarget.value;
+            }}
+          />
+        </label>
         <div class="chips">
           {(Object.keys(FILTERS) as (keyof typeof FILTERS)[]).map((name) => (
-            <button class="chip" aria-pressed={filter.value === name} onClick={() => { filter.value = name; }}>{name} <i>{all.filter(FILTERS[name]).length}</i></button>
+            <button
+              class="chip"
+              aria-pressed={filter.value === name}
+              onClick={() => {
+                filter.value = name;
+              }}
+            >
+              {name} <i>{all.filter(FILTERS[name]).length}</i>
+            </button>
           ))}
         </div>
       </div>
-      <div class="items">{visible.map((p) => <Item own={p} />)}</div>
+      <div class="items">
+        {visible.map((p) => (
+          <Item own={p} />
+        ))}
+      </div>
       {isOpen.value && <OpenProperties />}
     </section>
   );
@@ -80,19 +118,35 @@ function OpenProperties() {
   return table.value === null ? null : <Properties own={table.value} />;
 }
 
-function Item({ own }: { own: Parameter }) {
+function Item({ own }: { own: ParameterRow }) {
   const on = own.name === openName.value;
   return (
-    <div class={`item ${on ? "on" : ""}`} data-parameter={own.name} tabIndex={0} role="button" aria-pressed={on} title={own.description}
-      onClick={() => open(own.name)} onKeyDown={(event) => { if (event.key === "Enter" || event.key === " ") open(own.name); }}>
+    <div
+      class={`item ${on ? "on" : ""}`}
+      data-parameter={own.name}
+      tabIndex={0}
+      role="button"
+      aria-pressed={on}
+      title={own.description}
+      onClick={() => open(own.name)}
+      onKeyDown={(event) => {
+        if (event.key === "Enter" || event.key === " ") open(own.name);
+      }}
+    >
       <Thumbnail own={own} />
-      <div class="grow"><b class="cut">{own.name}</b><small>{own.kind} {own.shape.join(" × ")}{own.unit && own.unit !== "-" ? ` · ${own.unit}` : ""}</small></div>
+      <div class="grow">
+        <b class="cut">{own.name}</b>
+        <small>
+          {own.kind} {own.shape.join(" × ")}
+          {own.unit && own.unit !== "-" ? ` · ${own.unit}` : ""}
+        </small>
+      </div>
       {own.changed > 0 && <span class="dotmark" title="changed" />}
     </div>
   );
 }
 
-function Thumbnail({ own }: { own: Parameter }) {
+function Thumbnail({ own }: { own: ParameterRow }) {
   const [rows, canvas] = [own.thumbnail, useRef<HTMLCanvasElement>(null)];
   const [nx, ny] = [rows.length, rows[0]?.length ?? 0];
   const values = rows.flat();
@@ -100,8 +154,17 @@ function Thumbnail({ own }: { own: Parameter }) {
   if (nx === 0) return <svg class="thumb" aria-hidden="true" />;
   if (ny > 1) return <canvas class="thumb" ref={canvas} width={nx} height={ny} aria-hidden="true" />;
   const [low, high] = extent(values);
-  const points = values.map((value, k) => `${2 + (26 * k) / Math.max(1, nx - 1)},${17 - 14 * (high > low ? (value - low) / (high - low) : 0.5)}`).join(" ");
-  return <svg class="thumb" aria-hidden="true"><polyline fill="none" stroke="var(--model)" stroke-width="1.5" points={points} /></svg>;
+  const points = values
+    .map(
+      (value, k) =>
+        `${2 + (26 * k) / Math.max(1, nx - 1)},${17 - 14 * (high > low ? (value - low) / (high - low) : 0.5)}`,
+    )
+    .join(" ");
+  return (
+    <svg class="thumb" aria-hidden="true">
+      <polyline fill="none" stroke="var(--model)" stroke-width="1.5" points={points} />
+    </svg>
+  );
 }
 
 /** Paint a pixel for each value, y upwards. */
@@ -110,28 +173,51 @@ function paintThumbnail(canvas: HTMLCanvasElement | null, rows: number[][]): voi
   const pen = canvas.getContext("2d")!;
   const [low, high] = extent(rows.flat());
   const image = pen.createImageData(canvas.width, canvas.height);
-  rows.forEach((row, i) => row.forEach((value, j) => {
-    const colour = heightColour(high > low ? (value - low) / (high - low) : 0.5);
-    image.data.set([...colour, 255], 4 * ((row.length - 1 - j) * rows.length + i));
-  }));
+  rows.forEach((row, i) =>
+    row.forEach((value, j) => {
+      const colour = heightColour(high > low ? (value - low) / (high - low) : 0.5);
+      image.data.set([...colour, 255], 4 * ((row.length - 1 - j) * rows.length + i));
+    }),
+  );
   pen.putImageData(image, 0, 0);
 }
 
-function Bar({ own }: { own: Table | null }) {
-  const set = (part: Partial<Shown>) => { shown.value = { ...shown.value, ...part }; };
+function Bar({ own }: { own: EditedTable | null }) {
+  const set = (part: Partial<Shown>) => {
+    shown.value = { ...shown.value, ...part };
+  };
   return (
     <section class="pane bar1">
       <div class="head">
-        <h2>{own?.name ?? MISSING}</h2><span class="sub">{[own?.description, own?.unit].filter(Boolean).join(" · ")}</span>
+        <h2>{own?.name ?? MISSING}</h2>
+        <span class="sub">{[own?.description, own?.unit].filter(Boolean).join(" · ")}</span>
         <div class="right">
           <span class="seg">
-            {([["value", "Value"], ["difference", "Difference"], ["percent", "in %"]] as const).map(([mode, text]) => (
-              <button aria-pressed={shown.value.mode === mode} onClick={() => set({ mode })}>{text}</button>
+            {(
+              [
+                ["value", "Value"],
+                ["difference", "Difference"],
+                ["percent", "in %"],
+              ] as const
+            ).map(([mode, text]) => (
+              <button aria-pressed={shown.value.mode === mode} onClick={() => set({ mode })}>
+                {text}
+              </button>
             ))}
           </span>
           <span class="sep" />
-          <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}><span class="sw hatched" />no data</button>
-          <button class="chip" aria-pressed={shown.value.deviation} onClick={() => set({ deviation: !shown.value.deviation })}><span class="sw bar2" />std dev</button>
+          <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}>
+            <span class="sw hatched" />
+            no data
+          </button>
+          <button
+            class="chip"
+            aria-pressed={shown.value.deviation}
+            onClick={() => set({ deviation: !shown.value.deviation })}
+          >
+            <span class="sw bar2" />
+            std dev
+          </button>
           <CoverageChips own={own} />
           <span class="sep" />
           <SettingsButton own={panel.parameters} first="parameters" />
@@ -141,32 +227,67 @@ function Bar({ own }: { own: Table | null }) {
   );
 }
 
-function Editor({ own }: { own: Table }) {
-  if (own.kind === "rbf") return <section class="pane tbl"><p class="pad q">A data-driven model with {count(own.values.length)} values, which are trained, not edited. <button class="btn small" onClick={() => { screen.value = "function"; }}>Training and errors</button></p></section>;
+function Editor({ own }: { own: EditedTable }) {
+  if (own.kind === "rbf")
+    return (
+      <section class="pane tbl">
+        <p class="pad q">
+          A data-driven model with {count(own.values.length)} values, which are trained, not edited.{" "}
+          <button
+            class="btn small"
+            onClick={() => {
+              screen.value = "function";
+            }}
+          >
+            Training and errors
+          </button>
+        </p>
+      </section>
+    );
   return (
     <>
       <section class="pane tbl">
-        <div class="scroll"><MapTable own={own} shown={shown.value} /></div>
+        <div class="scroll">
+          <MapTable own={own} shown={shown.value} />
+        </div>
         <SelectionBar own={own} />
       </section>
       {own.axes.length === 2 && (
         <section class="pane surf">
-          <div class="head"><h2>Surface</h2><span class="key"><i style={{ borderColor: "var(--accent)", borderTopWidth: "3px" }} />now</span><span class="key"><i style={{ borderColor: "var(--before)" }} />{referenceName.value}</span><span class="sub right">drag the dot up or down, the ground to turn</span></div>
+          <div class="head">
+            <h2>Surface</h2>
+            <span class="key">
+              <i style={{ borderColor: "var(--accent)", borderTopWidth: "3px" }} />
+              now
+            </span>
+            <span class="key">
+              <i style={{ borderColor: "var(--before)" }} />
+              {referenceName.value}
+            </span>
+            <span class="sub right">drag the dot up or down, the ground to turn</span>
+          </div>
           <Surface own={own} />
         </section>
       )}
       <EvidencePane own={own} />
       {own.axes.length > 0 && own.axes.length < 3 && (
         <section class={`pane slic ${own.axes.length === 1 ? "wide" : ""}`}>
-          <div class="head"><h2>{own.axes.length === 1 ? "Curve" : "Slices"}</h2><span class="sub">{own.axes.length === 1 ? "drag the points" : "through the point"}</span></div>
-          <div class="two">{own.axes.map((_, axis) => <Slice own={own} axis={axis as 0 | 1} />)}</div>
+          <div class="head">
+            <h2>{own.axes.length === 1 ? "Curve" : "Slices"}</h2>
+            <span class="sub">{own.axes.length === 1 ? "drag the points" : "through the point"}</span>
+          </div>
+          <div class="two">
+            {own.axes.map((_, axis) => (
+              <Slice own={own} axis={axis as 0 | 1} />
+            ))}
+          </div>
         </section>
       )}
     </>
   );
 }
 
-function SelectionBar({ own }: { own: Table }) {
+function SelectionBar({ own }: { own: EditedTable }) {
   const chosen = selection.value;
   const values = cellsOf(own, chosen).map((cell) => own.values[cell]!);
   const [least, greatest] = extent(values);
@@ -178,17 +299,24 @@ function SelectionBar({ own }: { own: Table }) {
   };
   return (
     <div class="selbar">
-      <span class="ink">{chosen.x[1] - chosen.x[0] + 1} × {chosen.y[1] - chosen.y[0] + 1}</span>
-      {own.axes.slice(0, 2).map((axis, k) => <><span class="q">{axis.input}</span> {reach(k as 0 | 1, k === 0 ? chosen.x : chosen.y)}</>)}
+      <span class="ink">
+        {chosen.x[1] - chosen.x[0] + 1} × {chosen.y[1] - chosen.y[0] + 1}
+      </span>
+      {own.axes.slice(0, 2).map((axis, k) => (
+        <>
+          <span class="q">{axis.input}</span> {reach(k as 0 | 1, k === 0 ? chosen.x : chosen.y)}
+        </>
+      ))}
       <span class="sep" />
-      <span class="q">least</span> {significant(least)} <span class="q">mean</span> {significant(mean)} <span class="q">greatest</span> {significant(greatest)}
+      <span class="q">least</span> {significant(least)} <span class="q">mean</span> {significant(mean)}{" "}
+      <span class="q">greatest</span> {significant(greatest)}
       <ValueField own={own} />
     </div>
   );
 }
 
 /** Sets the selected values, as typing into the table does. */
-function ValueField({ own }: { own: Table }) {
+function ValueField({ own }: { own: EditedTable }) {
   const value = own.values[cellAt(own, ...selection.value.active)]!;
   const enter = (event: KeyboardEvent & { currentTarget: HTMLInputElement }) => {
     const input = event.currentTarget;
@@ -201,8 +329,17 @@ function ValueField({ own }: { own: Table }) {
   };
   return (
     <span class="right">
-      <input class="field small num" aria-label={`Value of ${describeCells(own, selection.value)}`} title={`Sets the selected values (${own.unit || "no unit"}).\n=5 sets, *1.1 scales, +2 adds; Enter applies`}
-        value={plain(value, 6)} onFocus={(event) => event.currentTarget.select()} onKeyDown={enter} onBlur={(event) => { event.currentTarget.value = plain(value, 6); }} />
+      <input
+        class="field small num"
+        aria-label={`Value of ${describeCells(own, selection.value)}`}
+        title={`Sets the selected values (${own.unit || "no unit"}).\n=5 sets, *1.1 scales, +2 adds; Enter applies`}
+        value={plain(value, 6)}
+        onFocus={(event) => event.currentTarget.select()}
+        onKeyDown={enter}
+        onBlur={(event) => {
+          event.currentTarget.value = plain(value, 6);
+        }}
+      />
       <span class="q">{own.unit}</span>
     </span>
   );

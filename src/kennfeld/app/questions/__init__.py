@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-from kennfeld.app.answer import Answer, Given
 from kennfeld.app.questions import (
     additions,
     calibrations,
@@ -24,10 +23,9 @@ from kennfeld.app.questions import (
     trust,
 )
 from kennfeld.app.session.session import Session
+from kennfeld.app.wire import Question, questions_of
 
-Question = Callable[[Session, Given], Answer]
-
-QUESTIONS: dict[str, Question] = {
+_QUESTIONS: dict[str, Callable[..., object]] = {
     "table": parameters.table,
     "strip": plots.strip_chart,
     "statistics": plots.stretch_statistics,
@@ -73,7 +71,7 @@ QUESTIONS: dict[str, Question] = {
     "pair": calibrations.pair,
     "write-calibration": calibrations.write_calibration,
 }
-COMMANDS: dict[str, Question] = {  # these change the state, which all pages are told
+_COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which all pages are told
     "set-values": parameters.set_values,
     "set-keys": settings.set_keys,
     "set-toml": settings.set_toml,
@@ -98,3 +96,6 @@ COMMANDS: dict[str, Question] = {  # these change the state, which all pages are
     "add-files": additions.add_files,
     "take-values": calibrations.take_values,
 }
+
+QUESTIONS: dict[str, Question[Session]] = questions_of(_QUESTIONS)
+COMMANDS: dict[str, Question[Session]] = questions_of(_COMMANDS)

@@ -1,15 +1,15 @@
 """Files that are dropped onto the page: what they are decides what becomes of them in the project."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import confined
 from kennfeld.app.session.function_source import ImportSource, completed_reference, has_no_functions
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role, call
 from kennfeld.files.identification import identify
@@ -17,15 +17,29 @@ from kennfeld.models.importer import DroppedFiles, Importer
 from kennfeld.models.importer_registry import importer_of
 
 
-def add_files(session: Session, given: Given) -> Answer:
-    """Add `files` of the folder to the project, as one change: recordings, a function, or initial values.
+@dataclass(frozen=True)
+class AddedFiles:
+    """Files of the folder."""
+
+    files: Sequence[str]
+
+
+@dataclass(frozen=True)
+class FileKinds:
+    """The role of each file in the project."""
+
+    kinds: Mapping[str, str]
+
+
+def add_files(session: Session, asked: AddedFiles) -> FileKinds:
+    """Add files of the folder to the project, as one change: recordings, a function, or initial values.
 
     CAN databases decode the recordings that come with them; alone, those of all datasets.
     Where several files make up a function, as in ASCET projects, they are moved to where the import searches them; if
     the function is of this kind already, they only add to it.
     """
     folder = session.path.parent
-    names = [confined(folder, str(name)).relative_to(folder.resolve()).as_posix() for name in given["files"]]
+    names = [confined(folder, name).relative_to(folder.resolve()).as_posix() for name in asked.files]
     if not names:
         raise ArgumentError("no file is chosen")
     settings = session.settings
@@ -37,7 +51,7 @@ def add_files(session: Session, given: Given) -> Answer:
         session.do(SetKeys(f"Added {', '.join([*kinds][:3])}", session.path.name, changes))
     if any(placed) or Role.COMPANION.value in kinds.values():
         session.refresh()  # packages or included files that were missing
-    return Answer({"kinds": kinds})
+    return FileKinds(kinds)
 
 
 def _place(session: Session, names: list[str]) -> dict[Importer | None, list[str]]:

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
-from kennfeld.app.answer import Answer, Given, finite, finite_list
+from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.folders import confined, writable
+from kennfeld.app.questions.parameters import AxisPoints
 from kennfeld.app.session.calibration_source import (
+    SourceName,
     ValueSource,
     calibration_files,
     is_image,
@@ -17,8 +19,10 @@ from kennfeld.app.session.calibration_source import (
 from kennfeld.app.session.edited_values import fit_onto
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetTables
+from kennfeld.app.wire import Toml
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, Finding
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import plain_name
 from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read, write
 from kennfeld.domain.parameter_set import ParameterSet
@@ -30,111 +34,333 @@ MAX_ROWS = 5000  # labels that are listed
 MAX_REMARKS = 50
 
 
-def calibrations(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class ListedCalibration:
+    """A calibration file of the folder; an image needs an A2L file."""
+
+    name: str
+    format: str
+    image: bool
+
+
+@dataclass(frozen=True)
+class CalibrationFiles:
+    """The calibration files of the folder.
+
+    Attributes:
+        descriptions: A2L files.
+        endings: that can be written.
+        initial: the initial files as the project names them.
+    """
+
+    files: Sequence[ListedCalibration]
+    descriptions: Sequence[str]
+    endings: Sequence[str]
+    initial: Sequence[Toml]
+
+
+@dataclass(frozen=True)
+class AskedContents:
+    """A set of values; an A2L file has labels alone."""
+
+    source: SourceName
+
+
+@dataclass(frozen=True)
+class LabelRow:
+    """A label of a set of values, with the range of its values."""
+
+    name: str
+    size: str
+    kind: str
+    unit: str
+    description: str
+    text: str
+    function: str
+    least: float | None
+    greatest: float | None
+
+
+@dataclass(frozen=True)
+class SetContents:
+    """The labels of a set of values, `count` of them, and what was skipped."""
+
+    label: str
+    rows: Sequence[LabelRow]
+    count: int
+    findings: Sequence[str]
+
+
+@dataclass(frozen=True)
+class AskedDifferences:
+    """Two sets of values, and the largest differences that count as equal."""
+
+    first: SourceName
+    second: SourceName
+    tolerance: float | None = None
+    relative: float | None = None
+
+
+@dataclass(frozen=True)
+class AspectRow:
+    """One aspect in which a label differs, in words."""
+
+    aspect: str
+    first: str
+    second: str
+    place: str
+
+
+@dataclass(frozen=True)
+class LabelDifference:
+    """A label that differs in two sets.
+
+    Attributes:
+        name: with the variant, if there is one.
+        label: its name alone.
+        only: the set that has it alone.
+        largest: largest difference of values.
+        differ: number of values that differ, of `total`.
+        place: of the largest difference.
+        takeable: true if the project can take the values of the second set.
+    """
+
+    name: str
+    label: str
+    kind: str
+    unit: str
+    function: str
+    only: Literal["", "first", "second"]
+    largest: float | None
+    differ: int
+    total: int
+    place: str
+    aspects: Sequence[AspectRow]
+    takeable: bool
+
+
+@dataclass(frozen=True)
+class SetDifferences:
+    """The labels that differ in two sets, `count` of them, of those that were compared."""
+
+    labels: tuple[str, str]
+    rows: Sequence[LabelDifference]
+    count: int
+    compared: int
+    findings: Sequence[str]
+
+
+@dataclass(frozen=True)
+class AskedPair:
+    """A label of two sets."""
+
+    first: SourceName
+    second: SourceName
+    name: str
+
+
+@dataclass(frozen=True)
+class LabelValues:
+    """The values of a label in C order, with its axes; a text has none."""
+
+    kind: str
+    unit: str
+    description: str
+    function: str
+    axes: Sequence[AxisPoints]
+    values: Sequence[float | None]
+    text: str
+
+
+@dataclass(frozen=True)
+class LabelPair:
+    """A label in two sets; null for a set without it."""
+
+    name: str
+    first: LabelValues | None
+    second: LabelValues | None
+
+
+@dataclass(frozen=True)
+class TakeCommand:
+    """Labels of a set whose values the project takes."""
+
+    source: SourceName
+    names: Sequence[str]
+
+
+@dataclass(frozen=True)
+class TakenValues:
+    """Number of parameters whose values were taken, and remarks."""
+
+    taken: int
+    findings: Sequence[str]
+
+
+@dataclass(frozen=True)
+class WriteCommand:
+    """A file of the folder that is written; its ending selects the format.
+
+    Attributes:
+        first: the set that is written.
+        target: name of the file.
+        second: a set whose labels replace those of the first.
+        names: these of its labels; null for all.
+        image: the image whose copy gets the values.
+        a2l: the A2L file of the image.
+        force: replace a file that exists.
+    """
+
+    first: SourceName
+    target: str
+    second: SourceName | None = None
+    names: Sequence[str] | None = None
+    image: str = ""
+    a2l: str = ""
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class ExistingFile:
+    """A file that would be replaced; nothing was written."""
+
+    exists: str
+
+
+@dataclass(frozen=True)
+class LabelChange:
+    """A label of the second set that was replaced or added."""
+
+    name: str
+    action: str
+    details: str
+
+
+@dataclass(frozen=True)
+class RoundedRow:
+    """A label whose values a file does not store exactly: asked for, stored, and how many differ."""
+
+    name: str
+    differ: int
+    total: int
+    largest: float | None
+    place: str
+    asked: str
+    stored: str
+
+
+@dataclass(frozen=True)
+class WrittenCalibration:
+    """A file that was written, and what differs from the first set."""
+
+    file: str
+    changes: Sequence[LabelChange]
+    findings: Sequence[str]
+    rounded: Sequence[RoundedRow]
+
+
+def calibrations(session: Session) -> CalibrationFiles:
     """Return the calibration files of the folder, the A2L files among them, and the endings that can be written."""
     files = calibration_files(session.path.parent)
-    plain = [{"name": name, "format": kind, "image": is_image(name)} for name, kind in files if kind != "A2L"]
+    plain = [ListedCalibration(name, kind, is_image(name)) for name, kind in files if kind != "A2L"]
     settings = session.settings.get("calibration", {})
     initial = settings.get("initial", []) if isinstance(settings, dict) else []
-    return Answer(
-        {
-            "files": plain,
-            "descriptions": [name for name, kind in files if kind == "A2L"],
-            "endings": list(endings()),
-            "initial": initial if isinstance(initial, list) else [initial],
-        }
+    return CalibrationFiles(
+        files=plain,
+        descriptions=[name for name, kind in files if kind == "A2L"],
+        endings=list(endings()),
+        initial=initial if isinstance(initial, list) else [initial],
     )
 
 
-def contents(session: Session, given: Given) -> Answer:
-    """Return what a set of values holds: `source` is one of `source_of`, or an A2L file, which has labels alone."""
-    if str(given["source"].get("file", "")).lower().endswith(".a2l"):
-        return _labels(confined(session.path.parent, given["source"]["file"]))
-    source = source_of(session, given["source"])
+def contents(session: Session, asked: AskedContents) -> SetContents:
+    """Return what a set of values holds."""
+    if asked.source.file.lower().endswith(".a2l"):
+        return _labels(confined(session.path.parent, asked.source.file))
+    source = source_of(session, asked.source)
     rows = [_content(item) for item in _items(source)]
-    return Answer(
-        {"label": source.label, "rows": rows[:MAX_ROWS], "count": len(rows), "findings": _texts(source.findings)}
-    )
+    return SetContents(source.label, rows[:MAX_ROWS], len(rows), _texts(source.findings))
 
 
-def _labels(path: Path) -> Answer:
+def _labels(path: Path) -> SetContents:
     """Return the labels of an A2L file with their limits."""
     from kennfeld.calfiles import describe_a2l
 
     description = describe_a2l(path)
     rows = [
-        {
-            "name": label.name,
-            "kind": label.kind,
-            "size": " x ".join(map(str, label.shape)),
-            "unit": label.unit,
-            "description": label.description,
-            "function": ", ".join(label.functions),
-            "text": "",
-            "least": finite(label.lower),
-            "greatest": finite(label.upper),
-        }
+        LabelRow(
+            name=label.name,
+            kind=label.kind,
+            size=" x ".join(map(str, label.shape)),
+            unit=label.unit,
+            description=label.description,
+            function=", ".join(label.functions),
+            text="",
+            least=finite(label.lower),
+            greatest=finite(label.upper),
+        )
         for label in description.labels
     ]
-    findings = _texts(description.findings)
-    return Answer({"label": path.name, "rows": rows[:MAX_ROWS], "count": len(rows), "findings": findings})
+    return SetContents(path.name, rows[:MAX_ROWS], len(rows), _texts(description.findings))
 
 
-def _content(item: Item) -> dict[str, Any]:
+def _content(item: Item) -> LabelRow:
     side = _side(item)
-    known = [value for value in side["values"] if value is not None]
-    ends = {"least": min(known, default=None), "greatest": max(known, default=None)}
-    size = " x ".join(str(len(axis["points"])) for axis in side["axes"])
-    row = {key: side[key] for key in ("kind", "unit", "description", "text", "function")}
-    return {"name": item.name, "size": size, **row, **ends}
+    known = [value for value in side.values if value is not None]
+    return LabelRow(
+        name=item.name,
+        size=" x ".join(str(len(axis.points)) for axis in side.axes),
+        kind=side.kind,
+        unit=side.unit,
+        description=side.description,
+        text=side.text,
+        function=side.function,
+        least=min(known, default=None),
+        greatest=max(known, default=None),
+    )
 
 
-def differences(session: Session, given: Given) -> Answer:
-    """Return the differences between the sets `first` and `second`, a row for each name.
-
-    `tolerance` and `relative` are the largest differences that count as equal.
-    """
-    first, second = (source_of(session, given[side]) for side in ("first", "second"))
-    allowed = Tolerance(float(given.get("tolerance") or 0.0), float(given.get("relative") or 0.0))
+def differences(session: Session, asked: AskedDifferences) -> SetDifferences:
+    """Return the differences between two sets, a row for each name."""
+    first, second = source_of(session, asked.first), source_of(session, asked.second)
+    allowed = Tolerance(asked.tolerance or 0.0, asked.relative or 0.0)
     comparison = compare(first.parameters, second.parameters, allowed)
     by_name: dict[str, list[Difference]] = {}
     for difference in comparison.differences:
         by_name.setdefault(difference.name, []).append(difference)
     own = session.view.now.parameters if session.view is not None else ParameterSet()
     rows = [_row(name, each, first, second, own) for name, each in by_name.items()]
-    return Answer(
-        {
-            "labels": [first.label, second.label],
-            "rows": rows[:MAX_ROWS],
-            "count": len(rows),
-            "compared": comparison.compared,
-            "findings": _texts((*first.findings, *second.findings)),
-        }
+    return SetDifferences(
+        labels=(first.label, second.label),
+        rows=rows[:MAX_ROWS],
+        count=len(rows),
+        compared=comparison.compared,
+        findings=_texts((*first.findings, *second.findings)),
     )
 
 
 def _row(
     name: str, own: Sequence[Difference], first: ValueSource, second: ValueSource, present: ParameterSet
-) -> dict[str, Any]:
+) -> LabelDifference:
     label = _label(name, first, second)
     item = _item(second, label) or _item(first, label)
     presence = next((difference for difference in own if difference.aspect == "presence"), None)
     numbers = [difference for difference in own if difference.largest is not None]
     largest = next((difference for difference in numbers if difference.aspect == "values"), None)
-    return {
-        "name": name,
-        "label": label,
-        "kind": "" if item is None else _kind(item),
-        "unit": getattr(item, "unit", ""),
-        "function": own[0].function,
-        "only": "" if presence is None else "first" if presence.left else "second",
-        "largest": None if largest is None or largest.largest is None else finite(largest.largest),
-        "differ": 0 if largest is None else largest.count,
-        "total": 0 if largest is None else largest.total,
-        "place": "" if largest is None else largest.place,
-        "aspects": [{"aspect": d.aspect, "first": d.left, "second": d.right, "place": d.place} for d in own],
-        "takeable": label in present and isinstance(_item(second, label), Parameter),
-    }
+    return LabelDifference(
+        name=name,
+        label=label,
+        kind="" if item is None else _kind(item),
+        unit=getattr(item, "unit", ""),
+        function=own[0].function,
+        only="" if presence is None else "first" if presence.left else "second",
+        largest=None if largest is None or largest.largest is None else finite(largest.largest),
+        differ=0 if largest is None else largest.count,
+        total=0 if largest is None else largest.total,
+        place="" if largest is None else largest.place,
+        aspects=[AspectRow(d.aspect, d.left, d.right, d.place) for d in own],
+        takeable=label in present and isinstance(_item(second, label), Parameter),
+    )
 
 
 def _label(name: str, first: ValueSource, second: ValueSource) -> str:
@@ -156,51 +382,47 @@ def _kind(item: Item) -> str:
     return "group axis" if isinstance(item, Axis) else item.kind
 
 
-def pair(session: Session, given: Given) -> Answer:
-    """Return the label `name` in both sets, with its axes; None for a set without it."""
-    sides = (source_of(session, given[side]) for side in ("first", "second"))
-    items = [_item(source, given["name"]) for source in sides]
+def pair(session: Session, asked: AskedPair) -> LabelPair:
+    """Return a label in two sets, with its axes."""
+    items = [_item(source_of(session, source), asked.name) for source in (asked.first, asked.second)]
     first, second = (None if item is None else _side(item) for item in items)
-    return Answer({"name": given["name"], "first": first, "second": second})
+    return LabelPair(asked.name, first, second)
 
 
-def _side(item: Item) -> dict[str, Any]:
+def _side(item: Item) -> LabelValues:
     if isinstance(item, Text):
         return _of(item, item.kind, [], [], item.text)
     if isinstance(item, Axis):
-        index = {"input": "number", "unit": "", "points": list(range(1, len(item) + 1))}
+        index = AxisPoints("number", "", list(range(1, len(item) + 1)))
         return _of(item, "group axis", [index], finite_list(item.breakpoints), "")
-    axes = [
-        {"input": axis.input or axis.name, "unit": axis.unit, "points": axis.breakpoints.tolist()}
-        for axis in item.index_axes
-    ]
+    axes = [AxisPoints(axis.input or axis.name, axis.unit, axis.breakpoints.tolist()) for axis in item.index_axes]
     return _of(item, item.kind, axes, finite_list(item.values), "")
 
 
-def _of(item: Any, kind: str, axes: list[Any], values: list[float | None], text: str) -> dict[str, Any]:
+def _of(item: Item, kind: str, axes: list[AxisPoints], values: list[float | None], text: str) -> LabelValues:
     functions = getattr(item, "functions", ())
-    return {
-        "kind": kind,
-        "unit": item.unit,
-        "description": getattr(item, "description", ""),
-        "function": functions[0] if functions else "",
-        "axes": axes,
-        "values": values,
-        "text": text,
-    }
+    return LabelValues(
+        kind=kind,
+        unit=item.unit,
+        description=getattr(item, "description", ""),
+        function=functions[0] if functions else "",
+        axes=axes,
+        values=values,
+        text=text,
+    )
 
 
-def take_values(session: Session, given: Given) -> Answer:
-    """Take the values of the labels `names` of the set `source` into the project; undo takes them back.
+def take_values(session: Session, asked: TakeCommand) -> TakenValues:
+    """Take the values of labels of a set into the project; undo takes them back.
 
     Tables with other axes are interpolated onto those of the project.
     """
-    source, own = source_of(session, given["source"]), session.parameters
+    source, own = source_of(session, asked.source), session.parameters
     tables: dict[str, Float | None] = {}
     remarks = []
-    for name in given["names"]:
+    for name in asked.names:
         if name not in source.parameters or name not in own:
-            raise ArgumentError(f"{str(name)[:100]} is not a parameter of both the project and {source.label}")
+            raise ArgumentError(f"{name[:100]} is not a parameter of both the project and {source.label}")
         other = source.parameters[name]
         tables[name] = fit_onto(own[name], other).values
         if [a.breakpoints.tolist() for a in own[name].axes] != [a.breakpoints.tolist() for a in other.axes]:
@@ -208,47 +430,38 @@ def take_values(session: Session, given: Given) -> Answer:
     if not tables:
         raise ArgumentError("no parameter is chosen")
     session.do(SetTables(f"Took {', '.join(list(tables)[:3])} from {source.label}", tables))
-    return Answer({"taken": len(tables), "findings": remarks})
+    return TakenValues(len(tables), remarks)
 
 
-def write_calibration(session: Session, given: Given) -> Answer:
-    """Write a set of values as the file `target` of the folder; its ending selects the format.
+def write_calibration(session: Session, asked: WriteCommand) -> WrittenCalibration | ExistingFile:
+    """Write a set of values, or two that are merged, as a file of the folder.
 
-    With `second`, the labels `names` of that set replace those of `first`. `image` and its `a2l` are the image whose
-    copy gets the values. A file that exists is replaced only with `force`; without it, the answer has its name as
-    `exists`.
+    A file that exists is replaced only with `force`.
     """
-    first, folder = source_of(session, given["first"]), session.path.parent
-    target = writable(folder, plain_name(str(given["target"])))
+    first, folder = source_of(session, asked.first), session.path.parent
+    target = writable(folder, plain_name(asked.target))
     if target.suffix.lower() not in endings():
         raise ArgumentError(f"unknown format {target.suffix!r}; known are {', '.join(endings())}")
-    if target.exists() and not given.get("force"):
-        return Answer({"exists": target.name})
+    if target.exists() and not asked.force:
+        return ExistingFile(target.name)
     parameters, changes = first.parameters, tuple[Change, ...]()
-    if given.get("second"):
-        second = source_of(session, given["second"])
-        own = second.parameters if given.get("names") is None else part_of(second.parameters, set(given["names"]))
+    if asked.second is not None:
+        second = source_of(session, asked.second)
+        own = second.parameters if asked.names is None else part_of(second.parameters, set(asked.names))
         merged = merge([(first.label, first.parameters), (second.label, own)])
         parameters, changes = merged.parameters, merged.changes
-    image, a2l = (confined(folder, str(given[key])) if given.get(key) else None for key in ("image", "a2l"))
+    image, a2l = (confined(folder, name) if name else None for name in (asked.image, asked.a2l))
     findings = [*write(parameters, target, image, a2l), *losses(parameters, target)]
     rows = rounded(parameters, target, a2l or first.a2l)
-    return Answer(
-        {
-            "file": target.name,
-            "changes": [_change_row(change) for change in changes],
-            "findings": _texts(findings),
-            "rounded": rows,
-        }
-    )
+    return WrittenCalibration(target.name, [_change_row(change) for change in changes], _texts(findings), rows)
 
 
-def _change_row(change: Change) -> dict[str, str]:
+def _change_row(change: Change) -> LabelChange:
     details = "; ".join(f"{each.aspect} {each.left} -> {each.right}"[:120] for each in change.differences)
-    return {"name": change.name, "action": "replaced" if change.replaces else "added", "details": details}
+    return LabelChange(change.name, "replaced" if change.replaces else "added", details)
 
 
-def rounded(parameters: ParameterSet, target: Path, a2l: Path | None) -> list[dict[str, Any]]:
+def rounded(parameters: ParameterSet, target: Path, a2l: Path | None) -> list[RoundedRow]:
     """Return the labels whose values an image does not store exactly: asked for, stored, and how many differ."""
     if not is_image(target.name):
         return []
@@ -256,15 +469,15 @@ def rounded(parameters: ParameterSet, target: Path, a2l: Path | None) -> list[di
     both = [name for name in parameters if name in stored]
     comparison = compare(parameters.select(both), stored.select(both))
     return [
-        {
-            "name": each.name,
-            "differ": each.count,
-            "total": each.total,
-            "largest": finite(each.largest if each.largest is not None else math.nan),
-            "place": each.place,
-            "asked": each.left,
-            "stored": each.right,
-        }
+        RoundedRow(
+            name=each.name,
+            differ=each.count,
+            total=each.total,
+            largest=finite(each.largest if each.largest is not None else math.nan),
+            place=each.place,
+            asked=each.left,
+            stored=each.right,
+        )
         for each in comparison.differences
         if each.largest is not None
     ]

@@ -5,19 +5,18 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import writable
-from kennfeld.app.questions.calibrations import rounded
+from kennfeld.app.questions.calibrations import ExistingFile, RoundedRow, rounded
 from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.edited_values import on_same_breakpoints
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.domain.parameter_set import ParameterSet
@@ -45,7 +44,56 @@ result.parameters.save(folder / {parameters!r})
 '''
 
 
-def formats(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class ExportFormats:
+    """Extensions that values can be written as.
+
+    Attributes:
+        formats: all, those of the project first.
+        own: those of the project.
+        folder: the results folder.
+        stored: true if it has the files of a run.
+    """
+
+    formats: Sequence[str]
+    own: Sequence[str]
+    folder: str
+    stored: bool
+
+
+@dataclass(frozen=True)
+class ExportCommand:
+    """Files that are written into the results folder.
+
+    Attributes:
+        formats: extensions of files with the present values.
+        report: the report on them.
+        script: a script that repeats the run.
+        whole: all files of a run.
+        stored: the report on the run whose files are in the results folder.
+        simulation: extension of a file with all nodes over all datasets; empty for none.
+        force: replace another file with the name of the script.
+    """
+
+    formats: Sequence[str] = ()
+    report: bool = False
+    script: bool = False
+    whole: bool = False
+    stored: bool = False
+    simulation: str = ""
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class ExportedFiles:
+    """Files that were written, remarks, and values that an image does not store exactly."""
+
+    files: Sequence[str]
+    findings: Sequence[str]
+    rounded: Sequence[RoundedRow]
+
+
+def formats(session: Session) -> ExportFormats:
     """Return the extensions that values can be written as, those of the project first."""
     own = () if session.project is None else session.project.formats
     image = _image(session)
@@ -56,13 +104,11 @@ def formats(session: Session, given: Given) -> Answer:
         *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending),
     )
     known = [each for each in endings() if each not in special or each in own]
-    return Answer(
-        {
-            "formats": list(dict.fromkeys([*own, *known])),
-            "own": list(own),
-            "folder": str(_folder(session)),
-            "stored": (_folder(session) / RESULT).is_file(),
-        }
+    return ExportFormats(
+        formats=list(dict.fromkeys([*own, *known])),
+        own=own,
+        folder=str(_folder(session)),
+        stored=(_folder(session) / RESULT).is_file(),
     )
 
 
@@ -87,30 +133,27 @@ def _folder(session: Session) -> Path:
     return session.path.parent / FOLDER
 
 
-def export(session: Session, given: Given) -> Answer:
+def export(session: Session, asked: ExportCommand) -> ExportedFiles | ExistingFile:
     """Write the present values into the results folder.
 
-    `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run; `stored`
-    is the report on the run whose files are in the results folder;
-    `simulation` is the extension of a file with all nodes over all datasets. Another file with the name of the script
-    is replaced only with `force`; without it, nothing is written, and the answer has its name as `exists`.
+    Another file with the name of the script is replaced only with `force`; without it, nothing is written.
     """
     known = endings()
-    for ending in given.get("formats", ()):
+    for ending in asked.formats:
         if ending not in known:
             raise ArgumentError(f"unknown format {ending!r}")
-    script = _script(session, given) if given.get("script") else None
-    if script is not None and not given.get("force") and _would_replace(*script):
-        return Answer({"exists": script[0].name})
+    script = _script(session, asked) if asked.script else None
+    if script is not None and not asked.force and _would_replace(*script):
+        return ExistingFile(script[0].name)
     with ExitStack() as stack:
-        evaluates = any(given.get(key) for key in ("simulation", "whole", "report", "stored"))
+        evaluates = asked.simulation or asked.whole or asked.report or asked.stored
         project = stack.enter_context(session.evaluated()) if evaluates else session.project
-        return _export(session, project, given, script)
+        return _export(session, project, asked, script)
 
 
-def _script(session: Session, given: Given) -> tuple[Path, str]:
+def _script(session: Session, asked: ExportCommand) -> tuple[Path, str]:
     """Return the file of the script beside the project, and its text."""
-    ending = next(iter(given.get("formats", ())), ".json")
+    ending = next(iter(asked.formats), ".json")
     text = SCRIPT.format(project=session.path.name, parameters=f"parameters{ending}")
     return writable(session.path.parent, "calibrate.py"), text
 
@@ -119,42 +162,43 @@ def _would_replace(path: Path, text: str) -> bool:
     return path.exists() and not (path.is_file() and path.read_bytes() == text.encode())
 
 
-def _export(session: Session, project: Project | None, given: Given, script: tuple[Path, str] | None) -> Answer:
+def _export(
+    session: Session, project: Project | None, asked: ExportCommand, script: tuple[Path, str] | None
+) -> ExportedFiles:
     view = session.require_view()
     assert project is not None
     folder = results_folder(session.path)
     with convert_errors(folder, "cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
     values, findings, written = view.now.parameters.without(project.surrogates), list[Finding](), list[Path]()
-    rounding: list[dict[str, Any]] = []
-    for ending in given.get("formats", ()):
+    rounding: list[RoundedRow] = []
+    for ending in asked.formats:
         path, (image, a2l) = writable(folder, f"parameters{ending}"), _image(session) or (None, None)
         image = image if is_image(path.name) else None
         own = project.change_of_function(values, ending)
         findings += [*write_parameters(own, path, image, a2l), *losses(own, path)]
         rounding += rounded(own, path, a2l)
         written.append(path)
-    if given.get("simulation"):
+    if asked.simulation:
         remarks = Findings()
-        written.append(_write_simulation(session, project, str(given["simulation"]), remarks))
+        written.append(_write_simulation(session, project, asked.simulation, remarks))
         findings += remarks
-    whole, report = given.get("whole"), given.get("report")
-    result = _result(session, project) if whole or (report and session.runs) else None
-    if whole and result is not None:
+    result = _result(session, project) if asked.whole or (asked.report and session.runs) else None
+    if asked.whole and result is not None:
         from kennfeld.project.results import write
 
         written += write(result, project, folder)
         if session.validation is not None:
             text = json.dumps(session.validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
             written.append(write_text(f"{text}\n", folder / "cross_validation.json"))
-    if report:
+    if asked.report:
         written.append(_write_report(project, result, session.findings, folder))
-    if given.get("stored"):
+    if asked.stored:
         written.append(_write_stored_report(project, folder))
     if script is not None:
         written.append(write_text(script[1], script[0]))
     files = [path.relative_to(session.path.parent).as_posix() for path in dict.fromkeys(written)]
-    return Answer({"files": files, "findings": [str(f) for f in findings], "rounded": rounding})
+    return ExportedFiles(files, [str(f) for f in findings], rounding)
 
 
 def _write_simulation(session: Session, project: Project, ending: str, findings: Findings) -> Path:

@@ -1,16 +1,20 @@
 """Functions in files of other tools: as the function of the project, and as functions that formula text calls."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
-from kennfeld.app.answer import Answer, Given, finite
+from kennfeld.app.answer import finite
 from kennfeld.app.folders import confined
+from kennfeld.app.questions.imported import ImportProblem, StateRow
+from kennfeld.app.questions.overview import NamedUnit
 from kennfeld.app.session.function_source import FunctionSource, completed_reference, has_no_functions, read_called
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
+from kennfeld.app.wire import ABSENT, Absent
 from kennfeld.base.errors import ArgumentError, Finding, InputError
 from kennfeld.base.formatting import join_names
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.file_format import call
 from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.node import CLOCK
@@ -19,28 +23,147 @@ from kennfeld.models.formula.functions import FUNCTIONS, BuiltinFunction, functi
 from kennfeld.models.formula.lexer import is_plain
 from kennfeld.models.function_files import callable_endings, importer_of_function
 from kennfeld.models.import_view import problem_views
-from kennfeld.models.importer import FileFacts
+from kennfeld.models.importer import FileFacts, FormulaLine
 from kennfeld.models.model_export import formula_lines, is_formula
 from kennfeld.models.model_function import ModelFunction, as_model
-from kennfeld.models.quantities import calibratable
+from kennfeld.models.quantities import CalibratableParameter, calibratable
 
 MAX_CHARACTERS = 2_000_000  # of a source text
 _KINDS = ("scalar", "curve", "map")  # by number of axes
 
 
-def function_file(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class NamedFunction:
+    """A function in a file.
+
+    Attributes:
+        reference: the file, for some kinds with a colon and the name of the function.
+        kind: what the file is; empty if it holds no functions.
+        named: true if the functions of such a file have names.
+        functions: those of the file.
+        choices: ways in which the file can be used, if there are several.
+    """
+
+    file: str
+    reference: str
+    kind: str
+    named: bool
+    function: str
+    functions: Sequence[str]
+    choices: Sequence[str]
+
+
+@dataclass(frozen=True)
+class FunctionPort:
+    """An input of a function; `later` tells that only later samples use its value."""
+
+    name: str
+    unit: str
+    default: float | None
+    later: bool
+
+
+@dataclass(frozen=True)
+class ProjectFunction(NamedFunction):
+    """The function of the project in a file; what follows `problems` is known if it can be read.
+
+    Attributes:
+        source: text of the file; empty if it is not one of text.
+        facts: names and texts that the file states of itself.
+        runs: true if code of the file runs with the function.
+    """
+
+    source: str
+    facts: Sequence[tuple[str, str]]
+    whole: bool
+    problems: Sequence[ImportProblem]
+    inputs: Sequence[FunctionPort] | Absent = ABSENT
+    outputs: Sequence[NamedUnit] | Absent = ABSENT
+    parameters: Sequence[CalibratableParameter] | Absent = ABSENT
+    states: Sequence[StateRow] | Absent = ABSENT
+    notes: Sequence[str] | Absent = ABSENT
+    step: float | Absent | None = ABSENT
+    solver: str | Absent = ABSENT
+    runs: bool | Absent = ABSENT
+    lines: Sequence[FormulaLine] | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class FunctionCall:
+    """The way in which formula text calls an output."""
+
+    signature: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class CalledFunction(NamedFunction):
+    """A function that formula text may call; `memory` tells if it has states, as far as it can be read."""
+
+    name: str
+    calls: Sequence[FunctionCall]
+    parameters: Sequence[CalibratableParameter]
+    notes: Sequence[str]
+    problems: Sequence[ImportProblem]
+    memory: bool | Absent = ABSENT
+    runs: bool | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class CallableFunctions:
+    """The functions that formula text may call."""
+
+    functions: Sequence[CalledFunction]
+
+
+@dataclass(frozen=True)
+class FunctionsCommand:
+    """Files of the folder."""
+
+    files: Sequence[str]
+
+
+@dataclass(frozen=True)
+class FunctionNames:
+    """The names by which formula text calls the functions of files."""
+
+    names: Sequence[str]
+
+
+@dataclass(frozen=True)
+class CompletionRow:
+    """A name that formula text can use, and how it is called or its unit."""
+
+    label: str
+    kind: Literal["function", "parameter", "node", "input"]
+    detail: str
+
+
+@dataclass(frozen=True)
+class CompletionRows:
+    """The names that formula text can use."""
+
+    completions: Sequence[CompletionRow]
+
+
+def function_file(session: Session) -> ProjectFunction:
     """Return the function of the project in a file of another tool: its source, ports, parameters, states, problems."""
     source = require_function(session)
-    head = {**_file_of(source), "source": _text(source), "facts": []}
+    text = _text(source)
     refused = [f for f in session.findings if f.location.path == "[model] file" and f.severity == "error"]
     try:
         function = source.read()
         model = as_model(function)
-        head["facts"] = list(_facts(source).rows)
+        facts = list(_facts(source).rows)
     except InputError as error:
         findings = [f for f in refused if not source.path.is_file()] or _reasons(source, error)
-        return Answer({**head, "whole": False, "problems": problem_views(findings)})
-    return Answer({**head, **_of_function(source, function, model), "whole": True, "problems": []})
+        return ProjectFunction(**_file_of(source), source=text, facts=[], whole=False, problems=_problems(findings))
+    own = ProjectFunction(**_file_of(source), source=text, facts=facts, whole=True, problems=[])
+    return _with_function(own, source, function, model)
+
+
+def _problems(findings: Sequence[Finding]) -> list[ImportProblem]:
+    return [ImportProblem(**view) for view in problem_views(findings)]
 
 
 def _reasons(source: FunctionSource, error: InputError) -> Sequence[Finding]:
@@ -58,9 +181,9 @@ def require_function(session: Session) -> FunctionSource:
     return source
 
 
-def _lines(source: FunctionSource, model: Model) -> list[dict[str, str]]:
+def _lines(source: FunctionSource, model: Model) -> list[FormulaLine]:
     importer = source.importer
-    return [] if importer is None else [asdict(line) for line in formula_lines(importer, model)]
+    return [] if importer is None else formula_lines(importer, model)
 
 
 def _file_of(source: FunctionSource) -> dict[str, Any]:
@@ -97,21 +220,24 @@ def _text(source: FunctionSource) -> str:
     return text if len(text) <= MAX_CHARACTERS else ""
 
 
-def _of_function(source: FunctionSource, function: ModelFunction, model: Model) -> dict[str, Any]:
-    return {
-        "inputs": [x._asdict() for x in function.inputs if x.name not in CLOCK],
-        "outputs": [y._asdict() for y in function.outputs],
-        "parameters": [asdict(calibratable(p)) for p in function.values.parameters],
-        "states": _states(source, model),
-        "notes": [str(remark) for remark in function.remarks],
-        "step": source.step or model.step,
-        "solver": model.solver,
-        "runs": source.runs,
-        "lines": _lines(source, model) if is_formula(model.graph) else [],
-    }
+def _with_function(
+    own: ProjectFunction, source: FunctionSource, function: ModelFunction, model: Model
+) -> ProjectFunction:
+    return replace(
+        own,
+        inputs=[FunctionPort(x.name, x.unit, x.default, x.later) for x in function.inputs if x.name not in CLOCK],
+        outputs=[NamedUnit(y.name, y.unit) for y in function.outputs],
+        parameters=[calibratable(p) for p in function.values.parameters],
+        states=_states(source, model),
+        notes=[str(remark) for remark in function.remarks],
+        step=source.step or model.step,
+        solver=model.solver,
+        runs=source.runs,
+        lines=_lines(source, model) if is_formula(model.graph) else [],
+    )
 
 
-def _states(source: FunctionSource, model: Model) -> list[dict[str, Any]]:
+def _states(source: FunctionSource, model: Model) -> list[StateRow]:
     """Return the states with their names, as far as the file states them, and their first values.
 
     Functions that are called over a whole trajectory keep theirs to themselves.
@@ -124,31 +250,30 @@ def _states(source: FunctionSource, model: Model) -> list[dict[str, Any]]:
     names = list(_facts(source).states)
     if len(names) != len(starts):
         names = [f"state {number}" for number in range(1, len(starts) + 1)]
-    return [{"name": name, "initial": start} for name, start in zip(names, starts, strict=True)]
+    return [StateRow(name, start) for name, start in zip(names, starts, strict=True)]
 
 
-def called_functions(session: Session, given: Given) -> Answer:
+def called_functions(session: Session) -> CallableFunctions:
     """Return the functions that formula text may call: how they are called, and what is wrong with them."""
     sources = FunctionSource.called(session.settings, session.path)
-    return Answer({"functions": [{"name": source.name, **_file_of(source), **_calls(source)} for source in sources]})
+    return CallableFunctions([_called(source) for source in sources])
 
 
-def _calls(source: FunctionSource) -> dict[str, Any]:
+def _called(source: FunctionSource) -> CalledFunction:
+    own = CalledFunction(**_file_of(source), name=source.name, calls=[], parameters=[], notes=[], problems=[])
     try:
         function = source.read()
     except InputError as error:
-        findings = source.listing_problems or error.findings
-        return {"calls": [], "parameters": [], "notes": [], "problems": problem_views(findings)}
+        return replace(own, problems=_problems(source.listing_problems or error.findings))
     units = [output.unit for output in function.outputs]
-    rules = _rules(function)
-    return {
-        "calls": [{"signature": rule.signature, "unit": units[function.calls[rule.name]]} for rule in rules],
-        "memory": function.memory,
-        "runs": source.runs,
-        "parameters": [asdict(calibratable(p)) for p in function.values.parameters],
-        "notes": [str(remark) for remark in function.remarks],
-        "problems": [],
-    }
+    return replace(
+        own,
+        calls=[FunctionCall(rule.signature, units[function.calls[rule.name]]) for rule in _rules(function)],
+        memory=function.memory,
+        runs=source.runs,
+        parameters=[calibratable(p) for p in function.values.parameters],
+        notes=[str(remark) for remark in function.remarks],
+    )
 
 
 def _rules(function: ModelFunction) -> Sequence[BuiltinFunction]:
@@ -157,15 +282,15 @@ def _rules(function: ModelFunction) -> Sequence[BuiltinFunction]:
     return rules[-1:] if len(function.outputs) == 1 else rules
 
 
-def add_functions(session: Session, given: Given) -> Answer:
-    """Let formula text call the functions of `files` of the folder, each by a name like that of its file.
+def add_functions(session: Session, asked: FunctionsCommand) -> FunctionNames:
+    """Let formula text call the functions of files of the folder, each by a name like that of its file.
 
     Files of data that come with a function in C are no functions of their own.
     """
     folder = session.path.parent
     taken = {*FUNCTIONS, *_keys(session, "functions"), *_keys(session, "surrogates"), *_used(session)}
     changes: list[tuple[tuple[str, ...], Any]] = []
-    files = [confined(folder, str(name)).relative_to(folder.resolve()).as_posix() for name in given["files"]]
+    files = [confined(folder, name).relative_to(folder.resolve()).as_posix() for name in asked.files]
     for file in files:
         if importer_of_function(file) is None:
             raise ArgumentError(f"{file} holds no functions; use {join_names(callable_endings(), 99, ' or ')}")
@@ -176,7 +301,7 @@ def add_functions(session: Session, given: Given) -> Answer:
     names = [path[-1] for path, _ in changes]
     if changes:
         session.do(SetKeys(f"{', '.join(names)} can be called", session.path.name, changes))
-    return Answer({"names": names})
+    return FunctionNames(names)
 
 
 def _keys(session: Session, section: str) -> list[str]:
@@ -201,25 +326,26 @@ def _free_name(file: str, taken: set[str]) -> str:
     return name
 
 
-def completions(session: Session, given: Given) -> Answer:
+def completions(session: Session) -> CompletionRows:
     """Return the names that formula text can use, each with its kind and how it is called or its unit."""
-    return Answer({"completions": [{"label": n, "kind": k, "detail": d} for n, k, d in _completions(session)]})
+    return CompletionRows(list(_completions(session)))
 
 
-def _completions(session: Session) -> Iterator[tuple[str, str, str]]:
+def _completions(session: Session) -> Iterator[CompletionRow]:
     called = read_called(session.settings, session.path)
     calls = functions_of_files(called)
     for rule in (*FUNCTIONS.values(), *(rule for each in called for rule in _rules(each))):
-        yield rule.name, "function", rule.signature
+        yield CompletionRow(rule.name, "function", rule.signature)
     for name in _keys(session, "surrogates"):
-        yield name, "function", "surrogate"
+        yield CompletionRow(name, "function", "surrogate")
     function = session.function
     if function is None:
         return
     graph = function.graph
     for name, axes in graph.parameters.items():
         if name not in calls:
-            yield name, "parameter", _KINDS[axes] if axes < len(_KINDS) else f"{axes} axes"
-    for kind, names in (("node", graph.names), ("input", graph.inputs)):
-        for name in names:
-            yield name, kind, graph.units.get(name, "")
+            yield CompletionRow(name, "parameter", _KINDS[axes] if axes < len(_KINDS) else f"{axes} axes")
+    for name in graph.names:
+        yield CompletionRow(name, "node", graph.units.get(name, ""))
+    for name in graph.inputs:
+        yield CompletionRow(name, "input", graph.units.get(name, ""))

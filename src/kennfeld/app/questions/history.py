@@ -1,14 +1,21 @@
 """Undo and redo."""
 
-from kennfeld.app.answer import Answer, Given
 from kennfeld.app.session.session import Session
+from kennfeld.base.lazy_dataclass import dataclass
 
 
-def undo(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class HistoryStep:
+    """The title of the command that was taken back or done again; empty if there is none."""
+
+    title: str
+
+
+def undo(session: Session) -> HistoryStep:
     """Take the last command back."""
-    return Answer({"title": session.undo()})
+    return HistoryStep(session.undo())
 
 
-def redo(session: Session, given: Given) -> Answer:
+def redo(session: Session) -> HistoryStep:
     """Bring back what was undone."""
-    return Answer({"title": session.redo()})
+    return HistoryStep(session.redo())

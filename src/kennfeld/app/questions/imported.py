@@ -1,16 +1,212 @@
 """The function of a project that an importer reads: what a page shows of it, and its parts."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
-from kennfeld.app.answer import Answer, Given
+from kennfeld.app.questions.overview import NamedUnit
 from kennfeld.app.session.function_source import ImportSource
 from kennfeld.app.session.session import Session
+from kennfeld.app.wire import ABSENT, Absent, from_json
 from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.file_format import call
 from kennfeld.models.import_view import problem_views
 from kennfeld.models.importer import FormulaLine
 from kennfeld.models.model import Model
 from kennfeld.models.model_export import formula_lines, is_formula
+from kennfeld.models.quantities import CalibratableParameter
+
+
+@dataclass(frozen=True)
+class ImportChoice:
+    """The part of an ASCET model that the project chooses: a class with its methods, or tasks."""
+
+    class_: str
+    methods: Sequence[str]
+    tasks: Sequence[str]
+
+
+@dataclass(frozen=True)
+class SourceText:
+    """A file of source text."""
+
+    file: str
+    text: str
+
+
+@dataclass(frozen=True)
+class ImportProblem:
+    """A problem of an import.
+
+    Attributes:
+        source: number of the file that it is about; -1 for none.
+        line: line of the file; 0 for none.
+        place: place within the file, such as a block.
+        text: the whole message.
+    """
+
+    source: int
+    line: int
+    place: str
+    message: str
+    remedy: str
+    text: str
+
+
+@dataclass(frozen=True)
+class BlockRow:
+    """A block of the tree; the blocks of a subsystem follow it, one level deeper.
+
+    Attributes:
+        path: path from the imported system; a slash within a name is doubled.
+        inner: number of blocks directly within it.
+        field: the field that says most about it, empty if there is none.
+        detail: that field as written.
+    """
+
+    path: str
+    name: str
+    type: str
+    depth: int
+    inner: int
+    field: str
+    detail: str
+    state: Literal["supported", "bound", "undefined", "unsupported", "unused", "unreached"]
+
+
+@dataclass(frozen=True)
+class BlockingBlock:
+    """A block that is not supported; `undefined` are variables that it lacks."""
+
+    path: str
+    type: str
+    why: str
+    remedy: str
+    stops: bool
+    undefined: Sequence[str]
+
+
+@dataclass(frozen=True)
+class UndefinedVariable:
+    """A variable without a value, and the blocks that use it."""
+
+    name: str
+    paths: Sequence[str]
+    reason: str
+
+
+@dataclass(frozen=True)
+class ClassChoice:
+    """A class with the methods that a step can call."""
+
+    name: str
+    methods: Sequence[str]
+
+
+@dataclass(frozen=True)
+class TaskRow:
+    """A task with its period in s and its methods."""
+
+    name: str
+    period: float | None
+    methods: Sequence[str]
+
+
+@dataclass(frozen=True)
+class ScheduleRow:
+    """A task that is imported, with its period and delay in s."""
+
+    name: str
+    period: float
+    delay: float
+    methods: Sequence[str]
+
+
+@dataclass(frozen=True)
+class StateRow:
+    """A state with its first value; null if that is calculated."""
+
+    name: str
+    initial: float | None
+
+
+@dataclass(frozen=True)
+class SourcePlace:
+    """The line at which a node or a parameter is declared, with the number of its file."""
+
+    name: str
+    source: int
+    line: int
+
+
+@dataclass(frozen=True)
+class ImportedFunction:
+    """The function of the project as its importer shows it: blocks or source text, and as far as it can be imported.
+
+    Attributes:
+        bind: channels or formulas in place of blocks.
+        files: with values of variables.
+        lines: formula text.
+        whole: true if all of it can be imported.
+        step: in s.
+        total: number of blocks.
+        unreached: number of blocks that no output depends on.
+        loops: paths of blocks that depend on each other.
+        missing: names that are not declared.
+        calls: methods in the order of their calls.
+    """
+
+    file: str
+    subsystem: str
+    bind: Mapping[str, str]
+    files: Sequence[str]
+    chosen: ImportChoice
+    problems: Sequence[ImportProblem]
+    sources: Sequence[SourceText] | Absent = ABSENT
+    name: str | Absent = ABSENT
+    version: str | Absent = ABSENT
+    blocks: Sequence[BlockRow] | Absent = ABSENT
+    subsystems: Sequence[str] | Absent = ABSENT
+    lines: Sequence[FormulaLine] | Absent = ABSENT
+    whole: bool | Absent = ABSENT
+    step: float | Absent | None = ABSENT
+    inputs: Sequence[NamedUnit] | Absent = ABSENT
+    outputs: Sequence[NamedUnit] | Absent = ABSENT
+    parameters: Sequence[CalibratableParameter] | Absent = ABSENT
+    notes: Sequence[str] | Absent = ABSENT
+    total: int | Absent = ABSENT
+    supported: int | Absent = ABSENT
+    unreached: int | Absent = ABSENT
+    solver: str | Absent = ABSENT
+    blocking: Sequence[BlockingBlock] | Absent = ABSENT
+    undefined: Sequence[UndefinedVariable] | Absent = ABSENT
+    loops: Sequence[Sequence[str]] | Absent = ABSENT
+    stopped: Sequence[ImportProblem] | Absent = ABSENT
+    classes: Sequence[ClassChoice] | Absent = ABSENT
+    tasks: Sequence[TaskRow] | Absent = ABSENT
+    missing: Sequence[str] | Absent = ABSENT
+    calls: Sequence[str] | Absent = ABSENT
+    startup: Sequence[str] | Absent = ABSENT
+    schedule: Sequence[ScheduleRow] | Absent = ABSENT
+    states: Sequence[StateRow] | Absent = ABSENT
+    places: Sequence[SourcePlace] | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class ImportablePart:
+    """A part of the file that can be imported by itself."""
+
+    path: str
+    blocks: int
+    inputs: Sequence[str]
+    outputs: Sequence[str]
+
+
+@dataclass(frozen=True)
+class ImportableParts:
+    """The parts of the file that can be imported by themselves, largest first."""
+
+    parts: Sequence[ImportablePart]
 
 
 def require_import(session: Session) -> ImportSource:
@@ -22,7 +218,7 @@ def require_import(session: Session) -> ImportSource:
     return source
 
 
-def imported(session: Session, given: Given) -> Answer:
+def imported(session: Session) -> ImportedFunction:
     """Return the function of the project as its importer shows it: the source, its formula text, what stops it."""
     source = require_import(session)
     if not source.importer.view:
@@ -30,11 +226,17 @@ def imported(session: Session, given: Given) -> Answer:
     head = _head(source)
     refused = [f for f in session.findings if f.location.path == "[model] file" and f.severity == "error"]
     if refused:
-        return Answer({**head, "sources": [], "problems": problem_views(refused)})
+        return _imported({**head, "sources": [], "problems": problem_views(refused)})
     try:
-        return Answer({**head, **call(source.importer.view, source.request, session.path.parent)})
+        return _imported({**head, **call(source.importer.view, source.request, session.path.parent)})
     except InputError as error:
-        return Answer({**head, "sources": [], "problems": problem_views(error.findings)})
+        return _imported({**head, "sources": [], "problems": problem_views(error.findings)})
+
+
+def _imported(view: Mapping[str, Any]) -> ImportedFunction:
+    """Return the view of an importer, which may be one of another package."""
+    function: ImportedFunction = from_json(ImportedFunction, view, "view")
+    return function
 
 
 def _head(source: ImportSource) -> dict[str, Any]:
@@ -49,12 +251,15 @@ def _head(source: ImportSource) -> dict[str, Any]:
     }
 
 
-def parts(session: Session, given: Given) -> Answer:
+def parts(session: Session) -> ImportableParts:
     """Return the parts of the file that can be imported by themselves, largest first."""
     source = require_import(session)
     if not source.importer.parts:
         raise ArgumentError(f"{source.importer.label} has no parts")
-    return Answer({"parts": call(source.importer.parts, source.request, session.path.parent)})
+    own: ImportableParts = from_json(
+        ImportableParts, {"parts": call(source.importer.parts, source.request, session.path.parent)}, "view"
+    )
+    return own
 
 
 def converted(session: Session) -> tuple[str, Model, list[FormulaLine]]:

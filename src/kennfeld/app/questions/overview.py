@@ -1,7 +1,8 @@
 """The state that every page shows."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.view import View
-from kennfeld.base.errors import Finding, Location
+from kennfeld.app.wire import ABSENT, Absent
+from kennfeld.base.errors import Finding, Location, Severity
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
 from kennfeld.graph import Graph
@@ -19,110 +22,282 @@ from kennfeld.models.importer_registry import importer_of
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
+Screen = Literal["data", "function", "parameters", "optimization", "results"]
 
-def overview(session: Session) -> dict[str, Any]:
+
+@dataclass(frozen=True)
+class OpenProject:
+    """Name and project file of the open project."""
+
+    name: str
+    path: str
+
+
+@dataclass(frozen=True)
+class FindingRow:
+    """A message about the project.
+
+    Attributes:
+        text: the message with its location.
+        message: the message alone.
+        path: place within the file: `[model] step`.
+        screen: the screen on which it is solved.
+    """
+
+    severity: Severity
+    text: str
+    message: str
+    file: str
+    line: int
+    column: int
+    path: str
+    screen: Screen
+
+
+@dataclass(frozen=True)
+class UndecidedCode:
+    """A file whose code, or an address that, has not been allowed."""
+
+    file: str
+    digest: str
+    text: str
+
+
+@dataclass(frozen=True)
+class JobState:
+    """The running or last calibration."""
+
+    state: str
+    message: str
+    seconds: float
+    run: int
+    iterations: int
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """The running or last training of a surrogate: idle, running, trained, failed or stopped."""
+
+    state: str
+    file: str
+    seconds: float
+    lines: Sequence[str]
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """A calibration of this session."""
+
+    number: int
+    status: str
+
+
+@dataclass(frozen=True)
+class ScoreRow:
+    """Errors of a criterion over the datasets of a use: now, at the start, and before the last change."""
+
+    criterion: str
+    use: str
+    unit: str
+    samples: int
+    rmse: float | None
+    before: float | None
+    last: float | None
+    mean: float | None
+    largest: float | None
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A parameter of the function, with numbers of its values."""
+
+    name: str
+    kind: str
+    unit: str
+    description: str
+    shape: Sequence[int]
+    free: bool
+    changed: int
+    at_bound: int
+    without_data: int
+    thumbnail: Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True)
+class NamedUnit:
+    """A node, channel or port with its unit."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class DatasetRow:
+    """A dataset; `pieces` are the positions at which its pieces but the first begin."""
+
+    name: str
+    use: str
+    samples: int
+    timed: bool
+    begin: float
+    end: float
+    pieces: Sequence[float]
+    channels: Sequence[NamedUnit]
+
+
+@dataclass(frozen=True)
+class CriterionRow:
+    """A criterion: its node, and what that is to follow."""
+
+    node: str
+    target: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class ShownFunction:
+    """The file of the function, and the screen that shows it: `formula`, or the one of its importer."""
+
+    file: str
+    screen: str
+
+
+@dataclass(frozen=True)
+class AppState:
+    """The open project as all pages show it; numbers follow once it can be evaluated.
+
+    Attributes:
+        revision: changes with what the model shows, not with the progress of a run.
+        text_revision: changes with the project file and the function.
+        excerpt: of data in partitions: samples that the screens show, and all samples; null if all are shown.
+    """
+
+    project: OpenProject
+    revision: int
+    text_revision: int
+    unsaved: Sequence[str]
+    undo: str
+    redo: str
+    findings: Sequence[FindingRow]
+    code: Sequence[UndecidedCode]
+    job: JobState
+    training: TrainingState
+    runs: Sequence[RunRow]
+    seconds: float
+    changed_on_disk: bool
+    recoverable: bool
+    function: ShownFunction
+    nodes: Sequence[NamedUnit] | Absent = ABSENT
+    inputs: Sequence[str] | Absent = ABSENT
+    scores: Sequence[ScoreRow] | Absent = ABSENT
+    parameters: Sequence[ParameterRow] | Absent = ABSENT
+    free_values: int | Absent = ABSENT
+    datasets: Sequence[DatasetRow] | Absent = ABSENT
+    criteria: Sequence[CriterionRow] | Absent = ABSENT
+    excerpt: tuple[int, int] | Absent | None = ABSENT
+
+
+@dataclass(frozen=True)
+class NoProject:
+    """The state without an open project."""
+
+    project: None = None
+
+
+@dataclass(frozen=True)
+class StateNews:
+    """The state, as all pages are told after every change."""
+
+    state: AppState | NoProject
+
+
+def overview(session: Session) -> AppState:
     """Return what all pages show of a session."""
-    project, job, view = session.project, session.job, session.view
-    return {
-        "project": {"name": project.name if project else session.path.parent.name, "path": str(session.path)},
-        "revision": session.revision,
-        "textRevision": session.text_revision,
-        "unsaved": session.history.titles_since(session.saved),
-        "undo": session.history.undoable,
-        "redo": session.history.redoable,
-        "findings": [_finding(finding) for finding in session.findings],
-        "code": [{"file": each.file, "digest": each.digest, "text": each.text} for each in session.undecided],
-        "job": {
-            "state": job.state,
-            "message": job.message,
-            "seconds": round(job.seconds, 2),
-            "run": len(session.runs),
-            "iterations": len(job.trace),
-        },
-        "training": {
-            "state": session.training.state,
-            "file": session.training.file,
-            "seconds": round(session.training.seconds, 1),
-            "lines": session.training.lines[-12:],
-        },
-        "runs": [{"number": run.number, "status": run.result.status} for run in session.runs],
-        "seconds": session.seconds,
-        "changedOnDisk": session.changed_on_disk,
-        "recoverable": session.recoverable,
-        "function": _function(session),
-        **(_of_function(session) if view is None else _of_view(session, view)),
-    }
+    project, job, training = session.project, session.job, session.training
+    state = AppState(
+        OpenProject(project.name if project else session.path.parent.name, str(session.path)),
+        session.revision,
+        session.text_revision,
+        session.history.titles_since(session.saved),
+        session.history.undoable,
+        session.history.redoable,
+        [_finding(finding) for finding in session.findings],
+        [UndecidedCode(each.file, each.digest, each.text) for each in session.undecided],
+        JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace)),
+        TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
+        [RunRow(run.number, run.result.status) for run in session.runs],
+        session.seconds,
+        session.changed_on_disk,
+        session.recoverable,
+        _function(session),
+    )
+    if session.view is not None:
+        return _with_view(state, session, session.view)
+    if session.function is None:
+        return state
+    graph = session.function.graph
+    return replace(state, nodes=_nodes(graph), inputs=graph.inputs)
 
 
-def _function(session: Session) -> dict[str, Any]:
-    """Return the file of the function, and the screen that shows it."""
+def _function(session: Session) -> ShownFunction:
     model = session.settings.get("model")
     file = str(model.get("file", "")) if isinstance(model, dict) else ""
     importer = importer_of(split_reference(file)[0])
-    return {"file": file, "screen": "formula" if importer is None else importer.screen}
+    return ShownFunction(file, "formula" if importer is None else importer.screen)
 
 
-def _of_function(session: Session) -> dict[str, Any]:
-    """Return what is known of a project that cannot be evaluated yet."""
-    if session.function is None:
-        return {}
-    graph = session.function.graph
-    return {"nodes": _nodes(graph), "inputs": list(graph.inputs)}
+def _nodes(graph: Graph) -> list[NamedUnit]:
+    return [NamedUnit(name, graph.units.get(name, "")) for name in graph.names]
 
 
-def _nodes(graph: Graph) -> list[dict[str, str]]:
-    return [{"name": name, "unit": graph.units.get(name, "")} for name in graph.names]
-
-
-def _of_view(session: Session, view: View) -> dict[str, Any]:
+def _with_view(state: AppState, session: Session, view: View) -> AppState:
+    """Return the state of a project that can be evaluated."""
     problem = view.model.problem
     graph = problem.model.graph
-    return {
-        "scores": _scores(session, view),
-        "parameters": [_parameter(session, view, name) for name in graph.parameters],
-        "freeValues": problem.free_size,
-        "datasets": [_dataset(recording) for recording in view.model.recordings],
-        "nodes": _nodes(graph),
-        "criteria": [
-            {"node": c.node, "target": str(c.target), "unit": view.model.unit(i)}
-            for i, c in enumerate(problem.criteria)
-        ],
-        "inputs": [problem.channels.get(name, name) for name in graph.inputs],
-        "excerpt": session.excerpt,
-    }
+    return replace(
+        state,
+        scores=_scores(session, view),
+        parameters=[_parameter(session, view, name) for name in graph.parameters],
+        free_values=problem.free_size,
+        datasets=[_dataset(recording) for recording in view.model.recordings],
+        nodes=_nodes(graph),
+        criteria=[CriterionRow(c.node, str(c.target), view.model.unit(i)) for i, c in enumerate(problem.criteria)],
+        inputs=[problem.channels.get(name, name) for name in graph.inputs],
+        excerpt=session.excerpt,
+    )
 
 
-def _dataset(recording: LiveDataset) -> dict[str, Any]:
+def _dataset(recording: LiveDataset) -> DatasetRow:
     position = recording.position
-    return {
-        "name": recording.name,
-        "use": recording.use,
-        "samples": recording.count,
-        "timed": recording.timed,
-        "begin": float(position[0]) if position.size else 0.0,
-        "end": float(position[-1]) if position.size else 1.0,
-        "pieces": [float(position[start]) for start in recording.starts.tolist()[1:MAX_PIECES]],
-        "channels": [{"name": c.name, "unit": c.unit} for c in recording.bound.dataset.channels],
-    }
+    return DatasetRow(
+        name=recording.name,
+        use=recording.use,
+        samples=recording.count,
+        timed=recording.timed,
+        begin=float(position[0]) if position.size else 0.0,
+        end=float(position[-1]) if position.size else 1.0,
+        pieces=[float(position[start]) for start in recording.starts.tolist()[1:MAX_PIECES]],
+        channels=[NamedUnit(channel.name, channel.unit) for channel in recording.bound.dataset.channels],
+    )
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding(finding: Finding) -> FindingRow:
     location = finding.location
-    return {
-        "severity": finding.severity,
-        "text": str(finding),
-        "message": str(replace(finding, location=Location())),
-        "file": location.file,
-        "line": location.line,
-        "column": location.column,
-        "path": location.path,
-        "screen": _screen_of(location),
-    }
+    return FindingRow(
+        severity=finding.severity,
+        text=str(finding),
+        message=str(replace(finding, location=Location())),
+        file=location.file,
+        line=location.line,
+        column=location.column,
+        path=location.path,
+        screen=_screen_of(location),
+    )
 
 
 RECORDINGS = endings_of(Role.RECORDING)
 FUNCTIONS = (*endings_of(Role.FUNCTION), *endings_of(Role.PROGRAM))
-SCREENS = {
+SCREENS: Mapping[str, Screen] = {
     "dataset": "data",
     "channels": "data",
     "calculated": "data",
@@ -140,7 +315,7 @@ SCREENS = {
 }
 
 
-def _screen_of(location: Location) -> str:
+def _screen_of(location: Location) -> Screen:
     """Return the screen on which a problem is solved."""
     if location.file.lower().endswith(FUNCTIONS) or importer_of_function(location.file) is not None:
         return "function"
@@ -150,36 +325,36 @@ def _screen_of(location: Location) -> str:
     return SCREENS.get(section, "parameters")
 
 
-def _scores(session: Session, view: View) -> list[dict[str, Any]]:
+def _scores(session: Session, view: View) -> list[ScoreRow]:
     problem, last = view.model.problem, session.last
     return [
-        {
-            "criterion": problem.criteria[score.criterion].node,
-            "use": score.use,
-            "unit": view.model.unit(score.criterion),
-            "samples": score.samples,
-            "rmse": finite(score.rmse),
-            "before": finite(view.start.scores[i].rmse),
-            "last": finite(last[i].rmse) if last else None,
-            "mean": finite(score.mean),
-            "largest": finite(score.largest),
-        }
+        ScoreRow(
+            criterion=problem.criteria[score.criterion].node,
+            use=score.use,
+            unit=view.model.unit(score.criterion),
+            samples=score.samples,
+            rmse=finite(score.rmse),
+            before=finite(view.start.scores[i].rmse),
+            last=finite(last[i].rmse) if last else None,
+            mean=finite(score.mean),
+            largest=finite(score.largest),
+        )
         for i, score in enumerate(view.now.scores)
     ]
 
 
-def _parameter(session: Session, view: View, name: str) -> dict[str, Any]:
+def _parameter(session: Session, view: View, name: str) -> ParameterRow:
     table, initial = view.now.parameters[name], session.reference(name)
     samples = view.samples.get(name)
-    return {
-        "name": name,
-        "kind": table.kind,
-        "unit": table.unit,
-        "description": table.description,
-        "shape": list(table.values.shape),
-        "free": name in view.model.problem.free_names,
-        "changed": int(np.count_nonzero(table.values != initial.values)),
-        "atBound": int(np.count_nonzero(table.at_bound)),
-        "withoutData": 0 if samples is None else int(np.count_nonzero(samples == 0)),
-        "thumbnail": thumbnail(table.values),
-    }
+    return ParameterRow(
+        name=name,
+        kind=table.kind,
+        unit=table.unit,
+        description=table.description,
+        shape=table.values.shape,
+        free=name in view.model.problem.free_names,
+        changed=int(np.count_nonzero(table.values != initial.values)),
+        at_bound=int(np.count_nonzero(table.at_bound)),
+        without_data=0 if samples is None else int(np.count_nonzero(samples == 0)),
+        thumbnail=thumbnail(table.values),
+    )

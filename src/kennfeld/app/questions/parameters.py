@@ -1,56 +1,112 @@
 """The editor of one parameter."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from kennfeld.app.answer import Answer, Given, finite_list
+from kennfeld.app.answer import finite_list
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter
 from kennfeld.project.model import coordinates_of
 
 
-def table(session: Session, given: Given) -> Answer:
-    """Return the parameter `name`: axes, values now and to compare with, bounds, locks, samples and uncertainty."""
-    view, name = session.require_view(), given["name"]
+@dataclass(frozen=True)
+class AskedTable:
+    """A parameter by its name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class AxisPoints:
+    """An axis of a table: its input, unit and breakpoints."""
+
+    input: str
+    unit: str
+    points: Sequence[float]
+
+
+@dataclass(frozen=True)
+class EditedTable:
+    """A parameter as the editor shows it; lists are in C order: `values[i * ny + j]` is at x[i], y[j].
+
+    Attributes:
+        reference: values to compare with.
+        locked: numbers of values that are not fitted.
+        samples: number of samples that inform each value; null if it is not known.
+        deviation: standard deviation of each value; null if it is not known.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    description: str
+    axes: Sequence[AxisPoints]
+    values: Sequence[float]
+    reference: Sequence[float]
+    locked: Sequence[int]
+    lower: Sequence[float | None]
+    upper: Sequence[float | None]
+    samples: Sequence[int] | None
+    deviation: Sequence[float | None] | None
+
+
+@dataclass(frozen=True)
+class TableReply:
+    """The parameter that was asked for."""
+
+    table: EditedTable
+
+
+@dataclass(frozen=True)
+class ValueEdit:
+    """Values of a parameter; `cells` are their numbers in C order. Edits of one `drag` are one entry of the history."""
+
+    name: str
+    cells: Sequence[int]
+    values: Sequence[float]
+    title: str
+    drag: str = ""
+
+
+def table(session: Session, asked: AskedTable) -> TableReply:
+    """Return a parameter: axes, values now and to compare with, bounds, locks, samples and uncertainty."""
+    view, name = session.require_view(), asked.name
     own, reference = view.now.parameters[name], session.reference(name)
     samples, deviation = view.samples.get(name), session.deviation(name)
     inputs = coordinates_of(view.model.problem.model.graph, name)
-    return Answer(
-        {
-            "table": {
-                "name": name,
-                "kind": own.kind,
-                "unit": own.unit,
-                "description": own.description,
-                "axes": describe_axes(own, inputs),
-                "values": own.values.ravel().tolist(),
-                "reference": reference.values.ravel().tolist(),
-                "locked": np.flatnonzero(own.locked.ravel()).tolist(),
-                "lower": finite_list(own.lower),
-                "upper": finite_list(own.upper),
-                "samples": None if samples is None else samples.ravel().tolist(),
-                "deviation": None if deviation is None else finite_list(deviation),
-            }
-        }
+    return TableReply(
+        EditedTable(
+            name=name,
+            kind=own.kind,
+            unit=own.unit,
+            description=own.description,
+            axes=describe_axes(own, inputs),
+            values=own.values.ravel().tolist(),
+            reference=reference.values.ravel().tolist(),
+            locked=np.flatnonzero(own.locked.ravel()).tolist(),
+            lower=finite_list(own.lower),
+            upper=finite_list(own.upper),
+            samples=None if samples is None else samples.ravel().tolist(),
+            deviation=None if deviation is None else finite_list(deviation),
+        )
     )
 
 
-def describe_axes(table: Parameter, inputs: Sequence[str] = ()) -> list[dict[str, Any]]:
+def describe_axes(table: Parameter, inputs: Sequence[str] = ()) -> list[AxisPoints]:
     """Return input, unit and breakpoints of each axis; `inputs` are those of axes that do not name theirs."""
     names = (*inputs, *[""] * len(table.index_axes))
     return [
-        {"input": axis.input or name, "unit": axis.unit, "points": axis.breakpoints.tolist()}
+        AxisPoints(axis.input or name, axis.unit, axis.breakpoints.tolist())
         for axis, name in zip(table.index_axes, names, strict=False)
     ]
 
 
-def set_values(session: Session, given: Given) -> Answer:
-    """Set values of the parameter `name`: `cells` are numbers of values in C order."""
-    own = session.parameters[given["name"]]
+def set_values(session: Session, asked: ValueEdit) -> None:
+    """Set values of a parameter."""
+    own = session.parameters[asked.name]
     values = own.values.ravel().copy()
-    values[np.array(given["cells"], dtype=np.int64)] = np.array(given["values"], dtype=np.float64)
-    session.do(SetValues(given["title"], given["name"], values.reshape(own.values.shape)), str(given.get("drag", "")))
-    return Answer()
+    values[np.array(asked.cells, dtype=np.int64)] = np.array(asked.values, dtype=np.float64)
+    session.do(SetValues(asked.title, asked.name, values.reshape(own.values.shape)), asked.drag)

@@ -1,16 +1,19 @@
 """The recordings of the project: their files, channels, and what the function reads of them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from kennfeld.app.answer import Answer, Given, finite
-from kennfeld.app.session.proposal import Range, propose
+from kennfeld.app.answer import finite
+from kennfeld.app.session.proposal import KeyChoice, Range, propose
 from kennfeld.app.session.session import Session
+from kennfeld.app.wire import ABSENT, Absent, KeyChange
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile, to_databases
 from kennfeld.measurement.reader import describe
 from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, recording_files
@@ -22,29 +25,112 @@ MAX_DESCRIBED = 10  # files of a dataset that are read to describe their channel
 MAX_FILES = 200  # of them that are listed
 
 
-def files(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class ChannelRow:
+    """A channel of a file with the range of its values; `group` names the table if there are several."""
+
+    name: str
+    group: str
+    unit: str
+    least: float | None
+    greatest: float | None
+
+
+@dataclass(frozen=True)
+class RecordingFile:
+    """A file of a dataset, as far as it can be read.
+
+    Attributes:
+        size: of the file in bytes.
+        samples: number of samples of the longest table.
+        step: between samples in s.
+        length: duration in s.
+        missing: share of missing values in the channel that has most of them.
+        sparsest: that channel.
+        error: why it cannot be read.
+        note: why it is not described.
+    """
+
+    name: str
+    channels: Sequence[ChannelRow]
+    size: int | Absent = ABSENT
+    samples: int | Absent = ABSENT
+    step: float | Absent | None = ABSENT
+    length: float | Absent | None = ABSENT
+    missing: float | Absent = ABSENT
+    sparsest: str | Absent = ABSENT
+    error: str | Absent = ABSENT
+    note: str | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class DatasetFiles:
+    """A dataset of the project file, numbered from 1 on, with its files."""
+
+    number: int
+    name: str
+    use: str
+    files: Sequence[RecordingFile]
+
+
+@dataclass(frozen=True)
+class MappedInput:
+    """An input of the function, or the target of the criterion `number`, with its channel."""
+
+    name: str
+    role: Literal["input", "target"]
+    unit: str
+    channel: str
+    number: int | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class DataFiles:
+    """The files of all datasets, and the channels that the project needs."""
+
+    datasets: Sequence[DatasetFiles]
+    inputs: Sequence[MappedInput]
+
+
+@dataclass(frozen=True)
+class ProposalRow:
+    """Something that the project lacks, with the keys that provide it; one of them may be chosen."""
+
+    title: str
+    changes: Sequence[KeyChange]
+    choice: KeyChoice | None
+
+
+@dataclass(frozen=True)
+class ProposalRows:
+    """Proposals for all that the project lacks."""
+
+    proposals: Sequence[ProposalRow]
+
+
+def files(session: Session) -> DataFiles:
     """Return the files of each dataset with their channels, and the inputs and targets of the function.
 
     The project may be incomplete: what its file says counts.
     """
     entries = _entries(session)
     rows = [
-        {
-            "number": number,
-            "name": str(entry.get("name", "")),
-            "use": str(entry.get("use", "training")),
-            "files": [*map(_listed, _described_files(session, entry)), *_other_files(session, entry)],
-        }
+        DatasetFiles(
+            number=number,
+            name=str(entry.get("name", "")),
+            use=str(entry.get("use", "training")),
+            files=[*map(_listed, _described_files(session, entry)), *_other_files(session, entry)],
+        )
         for number, entry in enumerate(entries, 1)
     ]
-    return Answer({"datasets": rows, "inputs": _inputs(session)})
+    return DataFiles(rows, _inputs(session))
 
 
-def _listed(file: dict[str, Any]) -> dict[str, Any]:
-    return {**file, "channels": file["channels"][:MAX_CHANNELS]}
+def _listed(file: RecordingFile) -> RecordingFile:
+    return replace(file, channels=file.channels[:MAX_CHANNELS])
 
 
-def _described_files(session: Session, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _described_files(session: Session, entry: Mapping[str, Any]) -> list[RecordingFile]:
     """Return the files of a dataset with their channels; some of them if the data are in partitions."""
     folder = session.path.parent
     paths = _paths(folder, entry)
@@ -66,16 +152,16 @@ def _databases(folder: Path, entry: Mapping[str, Any]) -> tuple[DatabaseFile, ..
     return tuple(databases)
 
 
-def _other_files(session: Session, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _other_files(session: Session, entry: Mapping[str, Any]) -> Iterator[RecordingFile]:
     """Yield the further files of a dataset in partitions, which are not read here."""
     if not session.reads_partitions:
         return
     paths = _paths(session.path.parent, entry)
     others = [path for number, path in enumerate(paths) if number >= MAX_DESCRIBED or is_remote(path)]
     for path in others[:MAX_FILES]:
-        yield {"name": path if is_remote(path) else Path(path).name, "note": "read in partitions", "channels": []}
+        yield RecordingFile(path if is_remote(path) else Path(path).name, [], note="read in partitions")
     if more := others[MAX_FILES:]:
-        yield {"name": count_noun(len(more), "more file"), "note": "read in partitions", "channels": []}
+        yield RecordingFile(count_noun(len(more), "more file"), [], note="read in partitions")
 
 
 def _entries(session: Session) -> list[Mapping[str, Any]]:
@@ -100,7 +186,7 @@ def recording_names(session: Session) -> list[str]:
 def channel_names(session: Session) -> list[str]:
     """Return the names of the channels of all files, each once."""
     files = (file for entry in _entries(session) for file in _described_files(session, entry))
-    return list(dict.fromkeys(channel["name"] for file in files for channel in file["channels"]))
+    return list(dict.fromkeys(channel.name for file in files for channel in file.channels))
 
 
 def channel_ranges(session: Session) -> dict[str, Range]:
@@ -108,11 +194,11 @@ def channel_ranges(session: Session) -> dict[str, Range]:
     ranges: dict[str, Range] = {}
     training = [entry for entry in _entries(session) if entry.get("use", "training") == "training"]
     for file in (file for entry in training for file in _described_files(session, entry)):
-        for channel in file["channels"]:
-            if channel["least"] is not None:
-                known = ranges.get(channel["name"], Range(channel["least"], channel["greatest"]))
-                low, high = min(known.least, channel["least"]), max(known.greatest, channel["greatest"])
-                ranges[channel["name"]] = Range(low, high)
+        for channel in file.channels:
+            if channel.least is not None and channel.greatest is not None:
+                known = ranges.get(channel.name, Range(channel.least, channel.greatest))
+                low, high = min(known.least, channel.least), max(known.greatest, channel.greatest)
+                ranges[channel.name] = Range(low, high)
     return ranges
 
 
@@ -125,39 +211,28 @@ def recorded_channels(session: Session, number: int) -> dict[str, str]:
     if number >= len(entries) or session.reads_partitions:
         return {}
     files = _described_files(session, entries[number])
-    return {channel["name"]: channel["unit"] for file in files for channel in file["channels"]}
+    return {channel.name: channel.unit for file in files for channel in file.channels}
 
 
-def proposals(session: Session, given: Given) -> Answer:
+def proposals(session: Session) -> ProposalRows:
     """Return what the function needs and the project lacks, with the keys that provide it."""
     function = session.function
     if function is None:
-        return Answer({"proposals": []})
-    known = session.initial_names
-    return Answer(
-        {
-            "proposals": [
-                {
-                    "title": each.title,
-                    "changes": each.changes,
-                    "choice": None if each.choice is None else vars(each.choice),
-                }
-                for each in propose(function, session.settings, known, channel_ranges(session))
-            ]
-        }
-    )
+        return ProposalRows([])
+    lacking = propose(function, session.settings, session.initial_names, channel_ranges(session))
+    return ProposalRows([ProposalRow(each.title, each.changes, each.choice) for each in lacking])
 
 
-def _file(folder: Path, path: str, databases: tuple[DatabaseFile, ...]) -> dict[str, Any]:
+def _file(folder: Path, path: str, databases: tuple[DatabaseFile, ...]) -> RecordingFile:
     plain = Path(path.partition("#")[0])
     try:
         return _described(str(folder), path, databases, plain.stat().st_size)
     except OSError as error:
-        return {"name": plain.name, "error": error.strerror or str(error), "channels": []}
+        return RecordingFile(plain.name, [], error=error.strerror or str(error))
 
 
 @while_unchanged(512)
-def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], size: int) -> dict[str, Any]:
+def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], size: int) -> RecordingFile:
     """Describe a recording; `size` is that of its file."""
     for file in (*recording_files(path), *(database.path for database in databases)):
         note_opened(file)
@@ -165,41 +240,41 @@ def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], size
     try:
         tables = describe(path, databases).tables
     except InputError as error:
-        return {"name": shown, "size": size, "error": str(error), "channels": []}
+        return RecordingFile(shown, [], size=size, error=str(error))
     several = len(tables) > 1
     channels = [(table.name if several else "", channel) for table in tables for channel in table.channels]
     sparsest = max((channel for _, channel in channels), key=lambda channel: channel.nan_share, default=None)
     time = next((table.time for table in tables if table.time is not None), None)
-    return {
-        "name": shown,
-        "size": size,
-        "samples": max((table.samples for table in tables), default=0),
-        "step": None if time is None else time.step,
-        "length": None if time is None else time.end - time.begin,
-        "missing": 0.0 if sparsest is None else sparsest.nan_share,
-        "sparsest": "" if sparsest is None else sparsest.name,
-        "channels": [
-            {
-                "name": channel.name,
-                "group": group,
-                "unit": channel.unit,
-                "least": None if channel.minimum is None else finite(channel.minimum),
-                "greatest": None if channel.maximum is None else finite(channel.maximum),
-            }
+    return RecordingFile(
+        name=shown,
+        size=size,
+        samples=max((table.samples for table in tables), default=0),
+        step=None if time is None else time.step,
+        length=None if time is None else time.end - time.begin,
+        missing=0.0 if sparsest is None else sparsest.nan_share,
+        sparsest="" if sparsest is None else sparsest.name,
+        channels=[
+            ChannelRow(
+                name=channel.name,
+                group=group,
+                unit=channel.unit,
+                least=None if channel.minimum is None else finite(channel.minimum),
+                greatest=None if channel.maximum is None else finite(channel.maximum),
+            )
             for group, channel in channels[:MAX_SIGNALS]
         ],
-    }
+    )
 
 
-def _inputs(session: Session) -> list[dict[str, Any]]:
+def _inputs(session: Session) -> list[MappedInput]:
     """Return the inputs of the function and the targets of its criteria, each with its channel."""
     function, settings = session.function, session.settings
     if function is None:
         return []
     graph, mapped = function.graph, settings.get("channels", {})
     scalars = {*session.initial_names, *settings.get("parameters", {})}
-    rows: list[dict[str, Any]] = [
-        {"name": name, "role": "input", "unit": graph.units.get(name, ""), "channel": str(mapped.get(name, name))}
+    rows = [
+        MappedInput(name, "input", graph.units.get(name, ""), str(mapped.get(name, name)))
         for name in graph.inputs
         if name not in scalars
     ]
@@ -209,5 +284,5 @@ def _inputs(session: Session) -> list[dict[str, Any]]:
         node = str(entry.get("node", ""))
         if isinstance(channel, str):
             unit = graph.units.get(node, "")
-            rows.append({"name": node, "role": "target", "number": number, "unit": unit, "channel": channel})
+            rows.append(MappedInput(node, "target", unit, channel, number))
     return rows

@@ -1,16 +1,17 @@
 """The keys of the project file as a page shows them, and the names that their values choose from."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from kennfeld.app.answer import Answer, Given
-from kennfeld.app.questions.overview import FUNCTIONS, RECORDINGS, SCREENS
+from kennfeld.app.questions.overview import FUNCTIONS, RECORDINGS, SCREENS, Screen
 from kennfeld.app.questions.recordings import channel_names, recording_names
 from kennfeld.app.session.session import Session
+from kennfeld.app.wire import ABSENT, Absent, from_json
 from kennfeld.base.errors import InputError
 from kennfeld.base.file_state import while_unchanged
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import describe, endings
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role
@@ -32,34 +33,113 @@ _FILES = {
 }
 
 
-def schema(session: Session, given: Given) -> Answer:
+FormKind = (
+    Literal["text", "number", "integer", "flag", "choice", "texts", "numbers", "pair"]
+    | Literal["table", "entry", "entries", "named", "either", "list", "toml"]
+)
+
+
+@dataclass(frozen=True)
+class KeyForm:
+    """The kind of a value, and what its field needs.
+
+    Attributes:
+        words: texts in place of a number.
+        numbers: true for whole numbers among texts.
+        names: the only names of a table.
+        values: form of the values of a table.
+        word: what messages call an entry.
+        single: true if one table may stand for a list of one.
+        forms: alternatives.
+        item: form of the elements of a list.
+    """
+
+    kind: FormKind
+    title: str | Absent = ABSENT
+    least: float | Absent | None = ABSENT
+    above: float | Absent | None = ABSENT
+    most: float | Absent | None = ABSENT
+    words: Sequence[str] | Absent = ABSENT
+    options: Sequence[str] | Absent = ABSENT
+    numbers: bool | Absent = ABSENT
+    names: Sequence[str] | Absent = ABSENT
+    values: "KeyForm | Absent" = ABSENT
+    keys: "Sequence[KeyRow] | Absent" = ABSENT
+    word: str | Absent = ABSENT
+    single: bool | Absent = ABSENT
+    forms: "Sequence[KeyForm] | Absent" = ABSENT
+    item: "KeyForm | Absent" = ABSENT
+
+
+@dataclass(frozen=True)
+class KeyRow:
+    """A key of the project file.
+
+    Attributes:
+        holds: what texts are: "channel", "condition" ...
+        by: what the names of a table are.
+    """
+
+    name: str
+    help: str
+    type: str
+    default: str
+    required: bool
+    unit: str
+    holds: str
+    by: str
+    form: KeyForm
+
+
+@dataclass(frozen=True)
+class SectionRow(KeyRow):
+    """A section of the project file, and the screen that shows it."""
+
+    heading: str
+    screen: Screen
+
+
+@dataclass(frozen=True)
+class SchemaReply:
+    """The sections of the project file in the documented order."""
+
+    sections: Sequence[SectionRow]
+
+
+@dataclass(frozen=True)
+class NamesReply:
+    """Names that values choose from, by what the values are: "channel", "node", "image" ..."""
+
+    names: Mapping[str, Sequence[str]]
+
+
+def schema(session: Session) -> SchemaReply:
     """Return the sections of the project file with their screens and keys: form, default, unit and help."""
-    return Answer({"sections": _sections()})
+    return SchemaReply(_sections())
 
 
 @cache
-def _sections() -> list[dict[str, Any]]:
-    return [{**section, "screen": SCREENS.get(section["name"], "parameters")} for section in describe_sections()]
+def _sections() -> list[SectionRow]:
+    described = ({**each, "screen": SCREENS.get(each["name"], "parameters")} for each in describe_sections())
+    return [from_json(SectionRow, section, section["name"]) for section in described]
 
 
-def names(session: Session, given: Given) -> Answer:
+def names(session: Session) -> NamesReply:
     """Return the names that values of keys choose from, by what the values are: "channel", "node", "image" ..."""
     function, settings = session.function, session.settings
     graph = None if function is None else function.graph
     nodes, inputs = (list(graph.names), list(graph.inputs)) if graph is not None else ([], [])
     channels = [*channel_names(session), *_keys(settings, "calculated")]
     parameters = [*(graph.parameters if graph is not None else ()), *_keys(settings, "parameters")]
-    return Answer(
+    return NamesReply(
         {
-            "names": {
-                "channel": _unique(channels),
-                "node": nodes,
-                "input": _unique([*inputs, *nodes]),
-                "parameter": _unique(parameters),
-                "group axis": _keys(settings, "axes"),
-                "variant": _variants(session),
-                **_files(session.path.parent, set(recording_names(session))),
-            }
+            "channel": _unique(channels),
+            "node": nodes,
+            "input": _unique([*inputs, *nodes]),
+            "parameter": _unique(parameters),
+            "group axis": _keys(settings, "axes"),
+            "variant": _variants(session),
+            **_files(session.path.parent, set(recording_names(session))),
         }
     )
 

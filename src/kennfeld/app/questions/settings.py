@@ -1,30 +1,89 @@
 """The settings of the project: keys of the project file, and the text of the function."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date, time
 from pathlib import Path
 from typing import Any
 
-from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import writable
+from kennfeld.app.session.files_on_disk import Conflict
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText
+from kennfeld.app.wire import ABSENT, Absent, KeyChange, KeyPath, Toml
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.project.schema import read_project
 from kennfeld.project.toml_file import parse_value
 
-Changes = Sequence[tuple[Sequence[str | int], Any]]
+
+@dataclass(frozen=True)
+class SettingsReply:
+    """The project file and the function: tables and text of the former, name and text of the latter."""
+
+    settings: Mapping[str, Toml]
+    text: str
+    file: str
+    function: str
 
 
-def settings(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class KeysEdit:
+    """Keys of the project file with their new values. Edits of one `drag` are one entry of the history."""
+
+    changes: Sequence[KeyChange]
+    title: str
+    drag: str = ""
+
+
+@dataclass(frozen=True)
+class TomlEdit:
+    """A key of the project file, and its value as TOML; an empty text removes the key."""
+
+    path: KeyPath
+    text: str
+    title: str
+
+
+@dataclass(frozen=True)
+class TextEdit:
+    """The text of the function, or of the project file if `file` is empty."""
+
+    file: str
+    text: str
+    title: str
+    drag: str = ""
+
+
+@dataclass(frozen=True)
+class SaveCommand:
+    """With `force`, files that another program has changed are replaced."""
+
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class SaveReply:
+    """Files that another program has changed, if there are any; nothing was written then."""
+
+    conflicts: Sequence[Conflict] | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class RecoverCommand:
+    """With `discard`, the edits are forgotten."""
+
+    discard: bool = False
+
+
+def settings(session: Session) -> SettingsReply:
     """Return the tables of the project file, and the texts of the project file and the function."""
     text, file = session.state.texts[session.path.name], session.formula_file
     known = file in session.state.texts or (session.path.parent / file).is_file()
     function = session.text_of(file) if file and known else ""
     if function:
         session.note_shown(file, function)
-    return Answer({"settings": _plain(session.settings), "text": text, "file": file, "function": function})
+    return SettingsReply(_plain(session.settings), text, file, function)
 
 
 def _plain(value: Any) -> Any:
@@ -47,32 +106,30 @@ def _toml(value: Any) -> Any:
     return value
 
 
-def set_keys(session: Session, given: Given) -> Answer:
-    """Set keys of the project file: `changes` are pairs of a path and a value, null removes the key."""
-    changes = [(tuple(path), _toml(value)) for path, value in given["changes"]]
-    session.do(_command(session, given, changes), str(given.get("drag", "")))
-    return Answer()
+def set_keys(session: Session, asked: KeysEdit) -> None:
+    """Set keys of the project file."""
+    changes = [(path, _toml(value)) for path, value in asked.changes]
+    session.do(_command(session, asked.title, changes), asked.drag)
 
 
-def _command(session: Session, given: Given, changes: Changes) -> SetKeys:
+def _command(session: Session, title: str, changes: Sequence[KeyChange]) -> SetKeys:
     name = session.path.name
-    return SetKeys(str(given["title"]), name, changes, session.saved.texts.get(name, ""))
+    return SetKeys(title, name, changes, session.saved.texts.get(name, ""))
 
 
-def set_toml(session: Session, given: Given) -> Answer:
-    """Set the key at `path` to a value that is written as TOML: `text`. An empty text removes the key.
+def set_toml(session: Session, asked: TomlEdit) -> None:
+    """Set a key to a value that is written as TOML.
 
     Raises:
         InputError: the text is not a value, or the project file reports an error of it.
     """
-    path, text = tuple(given["path"]), str(given["text"]).strip()
+    path, text = asked.path, asked.text.strip()
     value = parse_value(str(path[-1]), text) if text else None
-    command = _command(session, given, [(path, value)])
+    command = _command(session, asked.title, [(path, value)])
     refusals = _new_errors(session, command)
     if refusals:
         raise InputError(refusals)
     session.do(command)
-    return Answer()
 
 
 def _new_errors(session: Session, command: SetKeys) -> list[Finding]:
@@ -93,36 +150,33 @@ def _errors(path: Path, text: str) -> tuple[Finding, ...]:
     return ()
 
 
-def set_text(session: Session, given: Given) -> Answer:
-    """Replace the text of the function, or of the project file if `file` is empty."""
-    file = str(given["file"]) or session.path.name
+def set_text(session: Session, asked: TextEdit) -> None:
+    """Replace the text of the function or of the project file."""
+    file = asked.file or session.path.name
     if file not in (session.path.name, session.formula_file):
         raise InputError.of(Location(file[:200]), "is not a file of this project")
     writable(session.path.parent, file)
-    session.do(SetText(str(given["title"]), file, str(given["text"])), str(given.get("drag", "")))
-    return Answer()
+    session.do(SetText(asked.title, file, asked.text), asked.drag)
 
 
-def save(session: Session, given: Given) -> Answer:
+def save(session: Session, asked: SaveCommand) -> SaveReply:
     """Write what was edited to the files of the project.
 
     Files that another program has changed since they were read are replaced only with `force`; without it, nothing is
-    written, and the answer has them as `conflicts`, each with its text on disk and that of the session.
+    written, and the reply has them, each with its text on disk and that of the session.
     """
-    conflicts = [] if given.get("force") else session.conflicts
+    conflicts = [] if asked.force else session.conflicts
     if conflicts:
-        return Answer({"conflicts": [{"file": c.file, "disk": c.disk, "own": c.own} for c in conflicts]})
-    session.save(replace=bool(given.get("force")))
-    return Answer()
+        return SaveReply(conflicts)
+    session.save(replace=asked.force)
+    return SaveReply()
 
 
-def reload(session: Session, given: Given) -> Answer:
+def reload(session: Session) -> None:
     """Take over what another program wrote to the files of the project; undo brings back what was edited here."""
     session.reload()
-    return Answer()
 
 
-def recover(session: Session, given: Given) -> Answer:
-    """Take over the edits of a session that ended without saving; `discard` forgets them."""
-    session.recover(discard=bool(given.get("discard")))
-    return Answer()
+def recover(session: Session, asked: RecoverCommand) -> None:
+    """Take over the edits of a session that ended without saving, or forget them."""
+    session.recover(discard=asked.discard)

@@ -1,21 +1,24 @@
 """The data-driven models of the project: their quality, their training, and where they hold."""
 
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from dataclasses import field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from kennfeld.app.answer import Answer, Given, finite
+from kennfeld.app.answer import finite
 from kennfeld.app.folders import confined
 from kennfeld.app.questions.recordings import files
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
+from kennfeld.app.wire import ABSENT, Absent
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.project.toml_file import is_training, read_toml
 
 if TYPE_CHECKING:  # loaded when a surrogate is read
+    from kennfeld.analysis.extrapolation import Extrapolation
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 RECORDED = (
@@ -31,23 +34,127 @@ RECORDED = (
 )  # keys of training files, too
 
 
-def surrogates(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class SurrogateQualityRow:
+    """Errors of a surrogate on a dataset."""
+
+    dataset: str
+    use: str
+    mode: str
+    samples: int
+    rmse: float | None
+    r2: float | None
+    max_abs: float | None = field(metadata={"wire": "max_abs"})
+
+
+@dataclass(frozen=True)
+class SurrogateRow:
+    """A surrogate of the project, or a training file beside it; what follows `problem` is known of a trained one.
+
+    Attributes:
+        training: its training file, if there is one.
+        training_problem: why that cannot be used.
+        problem: why the file cannot be read.
+        centres: number of basis functions.
+        bounded: true if it knows where its training data lie.
+    """
+
+    name: str
+    file: str
+    state: Literal["trained", "not trained", "unreadable"]
+    training: str = ""
+    training_problem: str = ""
+    problem: str | Absent = ABSENT
+    inputs: Sequence[str] | Absent = ABSENT
+    output: str | Absent = ABSENT
+    unit: str | Absent = ABSENT
+    centres: int | Absent = ABSENT
+    step: float | Absent | None = ABSENT
+    stability: str | Absent = ABSENT
+    deviation: str | Absent = ABSENT
+    remarks: Sequence[str] | Absent = ABSENT
+    quality: Sequence[SurrogateQualityRow] | Absent = ABSENT
+    bounded: bool | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class SurrogateRows:
+    """The surrogates of the project, then training files whose surrogate it does not use."""
+
+    surrogates: Sequence[SurrogateRow]
+
+
+@dataclass(frozen=True)
+class FarthestSample:
+    """The sample of a dataset that is farthest outside of the training data."""
+
+    sample: int
+    piece: int
+    time: float | None
+    input: str
+    value: float | None
+    end: float | None
+    sentence: str
+
+
+@dataclass(frozen=True)
+class ValidityRow:
+    """The share of samples of a dataset at which a surrogate is used outside of its training data."""
+
+    name: str
+    dataset: str
+    use: str
+    samples: int
+    outside: int | None
+    worst: FarthestSample | None
+    share: float
+    text: str
+
+
+@dataclass(frozen=True)
+class ValidityRows:
+    """Where surrogates are used outside of their training data, by surrogate and dataset."""
+
+    rows: Sequence[ValidityRow]
+
+
+@dataclass(frozen=True)
+class TrainCommand:
+    """A training file beside the project."""
+
+    file: str
+
+
+@dataclass(frozen=True)
+class NewSurrogate:
+    """A surrogate of a channel by others; `kind` is dynamic or static."""
+
+    name: str
+    inputs: Sequence[str]
+    output: str
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class WrittenTraining:
+    """The training file that was written."""
+
+    file: str
+
+
+def surrogates(session: Session) -> SurrogateRows:
     """Return the surrogates of the project and the training files beside it, each with its state and quality."""
     folder = session.path.parent
     trainings = {each["target"]: each for each in _trainings(folder)}
     named = session.settings.get("surrogates")
     entries = {str(n): str(f) for n, f in named.items()} if isinstance(named, dict) else {}
     others = [("", file) for file in trainings if file not in entries.values()]
-    rows = [
-        {"name": name, "file": file, **_stored(folder / file), **_training_of(trainings, file)}
-        for name, file in (*entries.items(), *others)
-    ]
-    return Answer({"surrogates": rows})
-
-
-def _training_of(trainings: Mapping[str, Mapping[str, str]], file: str) -> dict[str, str]:
-    training = trainings.get(file, {})
-    return {"training": training.get("file", ""), "trainingProblem": training.get("problem", "")}
+    rows = []
+    for name, file in (*entries.items(), *others):
+        training = trainings.get(file, {})
+        row = _stored(name, file, folder / file)
+        rows.append(replace(row, training=training.get("file", ""), training_problem=training.get("problem", "")))
+    return SurrogateRows(rows)
 
 
 def _trainings(folder: Path) -> Iterator[dict[str, str]]:
@@ -65,74 +172,89 @@ def _trainings(folder: Path) -> Iterator[dict[str, str]]:
             yield {"file": path.name, "target": training.target.name, "problem": ""}
 
 
-def _stored(path: Path) -> dict[str, Any]:
+def _stored(name: str, file: str, path: Path) -> SurrogateRow:
     """Return what the file of a surrogate says."""
     from kennfeld.surrogate.surrogate_file import read_surrogate
 
     if not path.is_file():
-        return {"state": "not trained"}
+        return SurrogateRow(name, file, "not trained")
     try:
-        return {"state": "trained", **_described(read_surrogate(path))}
+        return _described(name, file, read_surrogate(path))
     except InputError as error:
-        return {"state": "unreadable", "problem": " ".join(map(str, error.findings))}
+        return SurrogateRow(name, file, "unreadable", problem=" ".join(map(str, error.findings)))
 
 
-def _described(own: "Surrogate") -> dict[str, Any]:
-    quality = [
-        asdict(line) | {name: finite(getattr(line, name)) for name in ("rmse", "r2", "max_abs")} for line in own.quality
-    ]
+def _described(name: str, file: str, own: "Surrogate") -> SurrogateRow:
     from kennfeld.surrogate.surrogate_file import deviation_note
 
-    step = getattr(own, "step", None)
-    return {
-        "inputs": list(own.inputs),
-        "output": own.output,
-        "unit": own.units[-1] if own.units else "",
-        "centres": own.expansion.size,
-        "step": step,
-        "stability": getattr(own, "stability", ""),
-        "deviation": deviation_note(own),
-        "remarks": list(own.remarks),
-        "quality": quality,
-        "bounded": own.validity is not None,
-    }
+    quality = [
+        SurrogateQualityRow(
+            *(line.dataset, line.use, line.mode, line.samples), finite(line.rmse), finite(line.r2), finite(line.max_abs)
+        )
+        for line in own.quality
+    ]
+    return SurrogateRow(
+        name,
+        file,
+        "trained",
+        inputs=list(own.inputs),
+        output=own.output,
+        unit=own.units[-1] if own.units else "",
+        centres=own.expansion.size,
+        step=getattr(own, "step", None),
+        stability=getattr(own, "stability", ""),
+        deviation=deviation_note(own),
+        remarks=list(own.remarks),
+        quality=quality,
+        bounded=own.validity is not None,
+    )
 
 
-def validity(session: Session, given: Given) -> Answer:
+def validity(session: Session) -> ValidityRows:
     """Return by surrogate and dataset the share of samples outside of the training data, at the present values."""
     from kennfeld.analysis.extrapolation import find_extrapolation
 
     view = session.require_view()
     rows = find_extrapolation(view.model.problem, view.now.parameters)
-    return Answer({"rows": [row.as_json() | {"share": row.share, "text": str(row)} for row in rows]})
+    return ValidityRows([_validity_row(row) for row in rows])
 
 
-def train_surrogate(session: Session, given: Given) -> Answer:
-    """Train what the training file `file` beside the project describes, in a process of its own."""
-    session.training.start(confined(session.path.parent, str(given["file"])))
-    return Answer()
+def _validity_row(row: "Extrapolation") -> ValidityRow:
+    worst = (
+        None
+        if row.worst is None
+        else FarthestSample(
+            *(row.worst.sample, row.worst.piece, row.worst.time, row.worst.input),
+            *(finite(row.worst.value), finite(row.worst.end), row.worst.sentence),
+        )
+    )
+    return ValidityRow(row.name, row.dataset, row.use, row.samples, row.outside, worst, row.share, str(row))
 
 
-def stop_training(session: Session, given: Given) -> Answer:
+def train_surrogate(session: Session, asked: TrainCommand) -> None:
+    """Train what a training file beside the project describes, in a process of its own."""
+    session.training.start(confined(session.path.parent, asked.file))
+
+
+def stop_training(session: Session) -> None:
     """End the training at once; the surrogate stays as it was."""
     session.training.stop()
-    return Answer()
 
 
-def new_surrogate(session: Session, given: Given) -> Answer:
-    """Write a training file for `name` from `inputs`, `output`, `kind` and the datasets of the project, and name it."""
+def new_surrogate(session: Session, asked: NewSurrogate) -> WrittenTraining:
+    """Write a training file for a surrogate from the datasets of the project, and name it in the project."""
     from kennfeld.project.document import ProjectDocument
     from kennfeld.project.surrogate_training import TrainingFile
 
-    name, folder = str(given["name"]).strip(), session.path.parent
+    name, folder = asked.name.strip(), session.path.parent
     if not name.isidentifier():
         raise ArgumentError(f"name={name!r} must be a name that formula text can call, such as engine")
     path = folder / f"{name}.toml"
     if os.path.lexists(path) or name in session.settings.get("surrogates", {}):
         raise ArgumentError(f"{path.name} exists already; choose another name")
     document = ProjectDocument("", path, TrainingFile)
-    entry: dict[str, Any] = {"inputs": [str(each) for each in given["inputs"]], "output": str(given["output"])}
-    kind = {"kind": "dynamic"} if given.get("kind") == "dynamic" else {}
+    entry: dict[str, Any] = {"inputs": list(asked.inputs), "output": asked.output}
+    kind = {"kind": "dynamic"} if asked.kind == "dynamic" else {}
     document.set(("surrogate",), kind | entry)
     for section in ("calculated", "units"):
         if session.settings.get(section):
@@ -141,14 +263,14 @@ def new_surrogate(session: Session, given: Given) -> Answer:
         document.set(("dataset", number), dataset)
     write_whole(path, document.text)
     session.do(SetKeys(f"New surrogate {name}", session.path.name, [(("surrogates", name), f"{name}.json")]))
-    return Answer({"file": path.name})
+    return WrittenTraining(path.name)
 
 
 def _datasets(session: Session, channels: set[str]) -> Iterator[dict[str, Any]]:
     """Yield the datasets of the project all of whose files have these channels."""
     calculated = session.settings.get("calculated", {})
-    for row in files(session, {}).head["datasets"]:
-        recorded = [{each["name"] for each in file["channels"]} | {*calculated} for file in row["files"]]
+    for row in files(session).datasets:
+        recorded = [{each.name for each in file.channels} | {*calculated} for file in row.files]
         if all(channels <= names for names in recorded):
-            dataset = session.settings["dataset"][row["number"] - 1]
+            dataset = session.settings["dataset"][row.number - 1]
             yield {key: dataset[key] for key in RECORDED if key in dataset}

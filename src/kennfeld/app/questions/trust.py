@@ -1,13 +1,15 @@
 """Values that the data of the last run cannot determine, with remedies that the page applies."""
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.app.answer import Answer, Given, finite
+from kennfeld.app.answer import finite
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
+from kennfeld.app.wire import ABSENT, Absent, KeyChange
 from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.project.remedies import KeyChanges, key_changes
@@ -15,71 +17,147 @@ from kennfeld.project.remedies import KeyChanges, key_changes
 MAX_PINNED = 2500  # values whose covariance is computed
 
 
-def trust(session: Session, given: Given) -> Answer:
+@dataclass(frozen=True)
+class RemedyRow:
+    """A remedy as changes of the project file; `applied` if the file has them already."""
+
+    kind: str
+    title: str
+    changes: Sequence[KeyChange]
+    applied: bool
+
+
+@dataclass(frozen=True)
+class UndeterminedDirection:
+    """A direction of the values that the data do not determine."""
+
+    sentence: str
+    remedy: str
+    remedies: Sequence[RemedyRow]
+    exact: bool
+    deviation: float | None
+    parameters: Sequence[str]
+
+
+@dataclass(frozen=True)
+class NoiseRow:
+    """Standard deviation of the errors of a criterion."""
+
+    criterion: str
+    value: float | None
+
+
+@dataclass(frozen=True)
+class TrustReply:
+    """Values that the data of the last run cannot determine; without a run, only empty lists.
+
+    Attributes:
+        coupled: sentences on values that are determined together only.
+        sentence: on the values that nothing determines.
+        advice: what to do about them.
+        dimension: number of directions that nothing determines.
+        holdings: limits that hold values.
+        freedom: samples less fitted values.
+        values: number of free values.
+    """
+
+    directions: Sequence[UndeterminedDirection]
+    remedies: Sequence[RemedyRow]
+    coupled: Sequence[str] | Absent = ABSENT
+    sentence: str | Absent = ABSENT
+    advice: str | Absent = ABSENT
+    dimension: int | Absent = ABSENT
+    holdings: Sequence[str] | Absent = ABSENT
+    noise: Sequence[NoiseRow] | Absent = ABSENT
+    remark: str | Absent = ABSENT
+    freedom: float | Absent | None = ABSENT
+    values: int | Absent = ABSENT
+
+
+@dataclass(frozen=True)
+class AskedPin:
+    """A pin of a parameter at a grid point."""
+
+    parameter: str
+    at: Sequence[float]
+
+
+@dataclass(frozen=True)
+class PinnedRow:
+    """Median standard deviation of a table, before and after a pin."""
+
+    name: str
+    unit: str
+    before: float | None
+    after: float | None
+
+
+@dataclass(frozen=True)
+class PinnedReply:
+    """The effect of a pin by table; empty if nothing determines the value, or there are too many values."""
+
+    rows: Sequence[PinnedRow]
+
+
+def trust(session: Session) -> TrustReply:
     """Return what the data of the last run cannot determine; remedies are changes of keys of the project file."""
     if not session.runs:
-        return Answer({"directions": [], "remedies": []})
+        return TrustReply([], [])
     last: Run = session.runs[-1]
     known = last.result.trust
-    return Answer(
-        {
-            "directions": [
-                {
-                    "sentence": direction.sentence,
-                    "remedy": direction.remedy,
-                    "remedies": [_as_json(each) for each in _applicable(session, last, direction.remedies)],
-                    "exact": direction.exact,
-                    "deviation": finite(direction.deviation),
-                    "parameters": list(direction.parts),
-                }
-                for direction in known.directions
-                if not direction.determined
-            ],
-            "coupled": [direction.sentence for direction in known.directions if direction.determined],
-            "sentence": known.null_space.sentence,
-            "advice": known.null_space.advice,
-            "dimension": known.null_space.dimension,
-            "remedies": [_as_json(each) for each in _applicable(session, last, (known.null_space.remedy,))],
-            "holdings": [str(limit) for limit in known.holdings],
-            "noise": [{"criterion": name, "value": finite(value)} for name, value in known.noise.items()],
-            "remark": known.remark,
-            "freedom": finite(known.freedom),
-            "values": last.result.free_values,
-        }
+    return TrustReply(
+        directions=[
+            UndeterminedDirection(
+                sentence=direction.sentence,
+                remedy=direction.remedy,
+                remedies=_applicable(session, last, direction.remedies),
+                exact=direction.exact,
+                deviation=finite(direction.deviation),
+                parameters=list(direction.parts),
+            )
+            for direction in known.directions
+            if not direction.determined
+        ],
+        coupled=[direction.sentence for direction in known.directions if direction.determined],
+        sentence=known.null_space.sentence,
+        advice=known.null_space.advice,
+        dimension=known.null_space.dimension,
+        remedies=_applicable(session, last, (known.null_space.remedy,)),
+        holdings=[str(limit) for limit in known.holdings],
+        noise=[NoiseRow(name, finite(value)) for name, value in known.noise.items()],
+        remark=known.remark,
+        freedom=finite(known.freedom),
+        values=last.result.free_values,
     )
 
 
-def _applicable(session: Session, run: Run, remedies: tuple[Remedy, ...]) -> list[KeyChanges]:
+def _applicable(session: Session, run: Run, remedies: tuple[Remedy, ...]) -> list[RemedyRow]:
     problem, settings = run.problem or session.require_view().model.problem, session.settings
     changes = (key_changes(each, problem, settings, run.result.smoothness) for each in remedies)
-    return [each for each in changes if each is not None]
+    return [_remedy_row(each) for each in changes if each is not None]
 
 
-def _as_json(change: KeyChanges) -> dict[str, Any]:
-    return {**vars(change), "changes": [[list(path), value] for path, value in change.changes]}
+def _remedy_row(own: KeyChanges) -> RemedyRow:
+    return RemedyRow(own.kind, own.title, own.changes, own.applied)
 
 
-def pinned(session: Session, given: Given) -> Answer:
-    """Return the median standard deviation of each table, and what it would be with the grid point `at` pinned.
-
-    `parameter` and `at` are those of a pin at a grid point. There are no rows if nothing determines the value, or if
-    the last run has too many values.
-    """
-    name, at = str(given["parameter"]), tuple(float(place) for place in given["at"])
+def pinned(session: Session, asked: AskedPin) -> PinnedReply:
+    """Return the median standard deviation of each table, and what it would be with a grid point pinned."""
+    name, at = asked.parameter, asked.at
     trust = session.runs[-1].result.trust if session.runs else Trust()
     sizes = {each: np.size(values) for each, values in trust.deviation.items()}
     if name not in sizes or sum(sizes.values()) > MAX_PINNED:
-        return Answer({"rows": []})
+        return PinnedReply([])
     own = session.runs[-1].result.parameters
     table = own[name]
     index = tuple(int(np.abs(a.breakpoints - place).argmin()) for a, place in zip(table.index_axes, at, strict=True))
     after = pinned_deviation(trust, name, index)
     rows = [
-        {"name": each, "unit": own[each].unit, "before": _median(trust.deviation[each]), "after": _median(after[each])}
+        PinnedRow(each, own[each].unit, _median(trust.deviation[each]), _median(after[each]))
         for each in after
         if each in own
     ]
-    return Answer({"rows": rows})
+    return PinnedReply(rows)
 
 
 def pinned_deviation(trust: Trust, name: str, index: tuple[int, ...]) -> dict[str, Float]:

@@ -6,7 +6,7 @@ import json
 import secrets
 import socket
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,10 @@ from kennfeld.app.archive import write_archive
 from kennfeld.app.server.frames import pack
 from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
 from kennfeld.app.server.security import RequestGuard, new_token
+from kennfeld.app.wire import from_json
 from kennfeld.app.workspace import UPLOAD_ENDING, AppWorkspace
-from kennfeld.base.errors import KennfeldError
+from kennfeld.base.errors import ArgumentError, KennfeldError
+from kennfeld.base.lazy_dataclass import dataclass
 
 STATIC = Path(__file__).parent.parent / "static"
 MAX_MESSAGE = 4_000_000  # bytes; a pasted table of 10 000 values takes 200 000
@@ -35,6 +37,15 @@ MAX_UPLOAD = 4_000_000_000  # bytes
 CHUNK = 1_000_000  # bytes of a download that are sent at once
 WATCH_INTERVAL = 1.0  # s between looks at the files on disk
 SLOW_CLIENT = 10.0  # s after which a page that does not read is closed
+
+
+@dataclass(frozen=True)
+class PageQuestion:
+    """A question of a page: its number, which the answer repeats, its name, and its details."""
+
+    id: int
+    ask: str
+    with_: Mapping[str, Any] | None = None
 
 
 class Server:
@@ -105,9 +116,10 @@ class Server:
             raise WebSocketDisconnect
         number: Any = None
         try:
-            question = json.loads(message.get("text") or "")
-            number = question["id"]
-            answer = await self._in_session(lambda: self.workspace.answer(question["ask"], question.get("with") or {}))
+            said = _parsed(message.get("text") or "")
+            number = said.get("id") if isinstance(said, dict) else None
+            question: PageQuestion = from_json(PageQuestion, said, "question")
+            answer = await self._in_session(lambda: self.workspace.answer(question.ask, question.with_ or {}))
         except KennfeldError as error:
             page.put(Answer({"id": number, "error": str(error)}))
         except Exception as error:  # a page that waits for an answer would be lost
@@ -174,6 +186,13 @@ class Server:
         headers = {"content-disposition": _attachment(f"{folder.name}.zip"), "content-length": str(size)}
         chunks = iter(lambda: file.read(CHUNK), b"")
         return StreamingResponse(chunks, 200, headers, "application/zip", BackgroundTask(file.close))
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise ArgumentError(f"the question is not JSON: {error}") from None
 
 
 def _attachment(name: str) -> str:

@@ -1,8 +1,7 @@
 """Sets of values that can be compared: the present ones, the start, a run, or a calibration file of the folder."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 from kennfeld.app.folders import confined
 from kennfeld.app.session.session import Session
@@ -35,19 +34,31 @@ class ValueSource:
     a2l: Path | None = None
 
 
-def source_of(session: Session, given: Mapping[str, Any]) -> ValueSource:
-    """Return the set that a page names.
+@dataclass(frozen=True)
+class SourceName:
+    """A set of values as a page names it.
 
-    `given` is `{"from": "now" | "start" | NUMBER}`, or `{"from": "file", "file": PATH, "a2l": PATH}`; the A2L file of
-    an image may be missing.
+    Attributes:
+        from_: "now", "start", the number of a run, or "file".
+        file: a file of the folder.
+        a2l: the A2L file of an image, if it is known.
+    """
+
+    from_: str | int = "now"
+    file: str = ""
+    a2l: str | None = None
+
+
+def source_of(session: Session, name: SourceName) -> ValueSource:
+    """Return the set that a page names.
 
     Raises:
         ArgumentError: it is not a file of the folder, or there is no such run.
         InputError: the file cannot be read.
     """
-    origin = str(given.get("from", "now"))
+    origin = str(name.from_)
     if origin == "file":
-        return _file_source(session, str(given.get("file", "")), str(given.get("a2l") or ""))
+        return _file_source(session, name.file, name.a2l or "")
     project, view = session.project, session.require_view()
     surrogates = project.surrogates if project is not None else ()
     if origin in ("now", "start"):

@@ -1,39 +1,15 @@
 """Samples that a brush selects, and the conditions of a project file that say the same."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.signals import GridPoint, SampleSelection, SignalName, SignalRange
+from kennfeld.app.session.signals import SampleSelection, SignalName
 from kennfeld.base.errors import ArgumentError, Location
 from kennfeld.models.formula import expression, spell_name
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.binding import bind_inputs
 
 DIGITS = 8  # of the numbers in a condition
-
-
-def read_selection(given: Mapping[str, Any] | None) -> SampleSelection | None:
-    """Return the selection that a page describes.
-
-    It has `begin` and `end` of a stretch, `ranges` of signals, or a grid `point`.
-    """
-    if given is None:
-        return None
-    ranges = tuple(
-        SignalRange(read_signal(each["signal"]), float(each["least"]), float(each["greatest"]))
-        for each in given.get("ranges", ())
-    )
-    place = given.get("point")
-    point = None if place is None else GridPoint(str(place["parameter"]), int(place["value"]))
-    return SampleSelection(ranges, float(given.get("begin", -np.inf)), float(given.get("end", np.inf)), point)
-
-
-def read_signal(given: Mapping[str, Any]) -> SignalName:
-    """Return the signal that a page describes by `kind` and `name`."""
-    return SignalName(given["kind"], str(given["name"]))
 
 
 def condition(selection: SampleSelection, recording: LiveDataset, problem: Problem) -> str:

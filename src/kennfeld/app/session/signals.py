@@ -1,6 +1,7 @@
 """Signals that can be drawn: channels, nodes of the function, and errors, over the samples of a dataset."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
@@ -23,10 +24,12 @@ class SignalName:
         kind: a channel; the target of a criterion, NaN where it is not scored; a node at the present values or at those
             of the start; the error of a criterion at the present values or at those of the start.
         name: of the channel or node; the number of the criterion for targets and errors.
+        unit: of a channel that the project does not use; for the page alone, and not compared.
     """
 
     kind: Kind
     name: str
+    unit: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)

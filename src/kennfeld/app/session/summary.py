@@ -1,5 +1,6 @@
 """Summary of a project for the start page: its errors, its state, and a picture of its first dataset."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_noun
+from kennfeld.base.lazy_dataclass import dataclass
 
 BINS = 24
 POINTS = 400  # of the picture
@@ -26,7 +28,7 @@ def summarise_session(session: Session) -> dict[str, Any]:
     view = session.view
     if view is None or not view.model.recordings or not view.now.scores:
         return summary
-    return summary | _errors(view) | _facts(session, view) | {"picture": _picture(view)}
+    return summary | _errors(view) | _facts(session, view) | {"picture": vars(_picture(view))}
 
 
 def _errors(view: View) -> dict[str, Any]:
@@ -54,15 +56,25 @@ def _facts(session: Session, view: View) -> dict[str, Any]:
     }
 
 
-def _picture(view: View) -> dict[str, Any]:
-    """Return measured, present and initial values of the first criterion over the first dataset, thinned out."""
+@dataclass(frozen=True)
+class PictureLines:
+    """Measured, present and initial values of the first criterion over the first dataset, thinned out."""
+
+    dataset: str
+    timed: bool
+    x: Sequence[float | None]
+    measured: Sequence[float | None]
+    now: Sequence[float | None]
+    start: Sequence[float | None]
+
+
+def _picture(view: View) -> PictureLines:
     recording = view.model.recordings[0]
     chosen = np.unique(np.linspace(0, recording.count - 1, min(POINTS, recording.count)).astype(np.int64))
     measured = view.now.measured(0, 0)[chosen]
     now, start = ((each.measured(0, 0) + each.errors[0][0])[chosen] for each in (view.now, view.start))
     position = recording.position[chosen]
-    values = {"x": position, "measured": measured, "now": now, "start": start}
-    return {"dataset": recording.name, "timed": recording.timed} | {key: _plain(each) for key, each in values.items()}
+    return PictureLines(recording.name, recording.timed, *map(_plain, (position, measured, now, start)))
 
 
 def _plain(values: Float) -> list[float | None]:

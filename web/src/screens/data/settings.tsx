@@ -6,7 +6,17 @@ import { SettingsPanel, type Tab } from "../../instruments/settings-panel";
 import { panel } from "../../navigation";
 
 const TABS: Tab[] = [
-  { section: "dataset", title: "Datasets", content: () => <EntryList section="dataset" noun="dataset" empty="Recordings to calibrate with. Drop files onto the page, or name them here." /> },
+  {
+    section: "dataset",
+    title: "Datasets",
+    content: () => (
+      <EntryList
+        section="dataset"
+        noun="dataset"
+        empty="Recordings to calibrate with. Drop files onto the page, or name them here."
+      />
+    ),
+  },
   { section: "channels", title: "Channels", content: () => <TableForm section="channels" /> },
   { section: "calculated", title: "Calculated", content: () => <TableForm section="calculated" /> },
   { section: "units", title: "Units", content: () => <TableForm section="units" /> },

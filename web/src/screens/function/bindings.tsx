@@ -5,43 +5,85 @@ import { useEffect, useRef } from "preact/hooks";
 import { newest } from "../../connection";
 import { significant } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { ReadChannel } from "../../replies";
 import { setKeys } from "../../settings";
 import { request } from "../../store";
 import { diagram } from "./source";
 
-interface Channel { name: string; least: number | null; greatest: number | null; known: boolean; guess: string }
-
 export const binding = signal(""); // path of the block that is being bound
 const text = signal("");
-const reads = signal<{ channels: Channel[]; problem: string }>({ channels: [], problem: "" });
+const reads = signal<{ channels: ReadChannel[]; problem: string }>({ channels: [], problem: "" });
 
 const check = newest(async (formula: string) => {
   const reply = await request("formula-reads", { text: formula });
-  if (reply !== null) reads.value = reply.head as unknown as { channels: Channel[]; problem: string };
+  if (reply !== null) reads.value = reply.head;
 });
 
-effect(() => { if (binding.value !== "" && text.value.trim()) check(text.value); });
-effect(() => { text.value = diagram.value?.bind[binding.value] ?? ""; });
+effect(() => {
+  if (binding.value !== "" && text.value.trim()) check(text.value);
+});
+effect(() => {
+  text.value = diagram.value?.bind[binding.value] ?? "";
+});
 
 /** The field that binds the block `binding`. */
 export function Binding() {
   const field = useRef<HTMLInputElement>(null);
   const path = binding.value;
-  useEffect(() => { field.current?.focus(); }, [path]);
+  useEffect(() => {
+    field.current?.focus();
+  }, [path]);
   if (path === "") return null;
   const usable = text.value.trim() !== "" && reads.value.problem === "";
   const apply = () => {
     const formula = text.value.trim();
     if (!usable) return;
-    binding.value = "";  // which empties the field
+    binding.value = ""; // which empties the field
     void setKeys([[["model", "bind", path], formula]], `Bound ${path} to ${formula}`);
   };
   return (
-    <form class="binding pad" onSubmit={(event) => { event.preventDefault(); apply(); }}>
-      <label class="q" for="binding">Formula or channel in place of <b class="ink">{path}</b></label>
-      <span class={`field mono ${text.value.trim() && reads.value.problem ? "bad" : ""}`}><input id="binding" ref={field} value={text.value} placeholder="0.15 * (t_wall - 20)" autocomplete="off" spellcheck={false} title={`A channel, or a formula over channels\n[model] bind = { "${path}" = "..." }`} onInput={(event) => { text.value = event.currentTarget.value; }} onKeyDown={(event) => { if (event.key === "Escape") binding.value = ""; }} /></span>
+    <form
+      class="binding pad"
+      onSubmit={(event) => {
+        event.preventDefault();
+        apply();
+      }}
+    >
+      <label class="q" for="binding">
+        Formula or channel in place of <b class="ink">{path}</b>
+      </label>
+      <span class={`field mono ${text.value.trim() && reads.value.problem ? "bad" : ""}`}>
+        <input
+          id="binding"
+          ref={field}
+          value={text.value}
+          placeholder="0.15 * (t_wall - 20)"
+          autocomplete="off"
+          spellcheck={false}
+          title={`A channel, or a formula over channels\n[model] bind = { "${path}" = "..." }`}
+          onInput={(event) => {
+            text.value = event.currentTarget.value;
+          }}
+          onKeyDown={(event) => {
+            if (event.key === "Escape") binding.value = "";
+          }}
+        />
+      </span>
       <Reads />
-      <span class="row"><button class="btn small primary" type="submit" disabled={!usable}>Bind</button><button class="btn small" type="button" onClick={() => { binding.value = ""; }}>Cancel</button></span>
+      <span class="row">
+        <button class="btn small primary" type="submit" disabled={!usable}>
+          Bind
+        </button>
+        <button
+          class="btn small"
+          type="button"
+          onClick={() => {
+            binding.value = "";
+          }}
+        >
+          Cancel
+        </button>
+      </span>
     </form>
   );
 }
@@ -49,11 +91,30 @@ export function Binding() {
 /** What the formula reads. */
 function Reads() {
   const { channels, problem } = reads.value;
-  if (text.value.trim() === "") return <p class="q">Nothing is guessed: name the channel that the block would deliver, or calculate it.</p>;
-  if (problem) return <p class="bad" role="alert">{problem.replace(/^[,: ]+/, "")}</p>;
-  return <>{channels.map((each) => each.known
-    ? <p key={each.name}><Icon name="done" kind="good" /> reads the channel <b class="mono">{each.name}</b>{each.least !== null && `, ${significant(each.least)} … ${significant(each.greatest!)}`}</p>
-    : <p key={each.name} class="warn"><Icon name="warning" /> no recording has the channel <b class="mono">{each.name}</b> yet. {each.guess}</p>)}</>;
+  if (text.value.trim() === "")
+    return <p class="q">Nothing is guessed: name the channel that the block would deliver, or calculate it.</p>;
+  if (problem)
+    return (
+      <p class="bad" role="alert">
+        {problem.replace(/^[,: ]+/, "")}
+      </p>
+    );
+  return (
+    <>
+      {channels.map((each) =>
+        each.known ? (
+          <p key={each.name}>
+            <Icon name="done" kind="good" /> reads the channel <b class="mono">{each.name}</b>
+            {each.least !== null && `, ${significant(each.least)} … ${significant(each.greatest!)}`}
+          </p>
+        ) : (
+          <p key={each.name} class="warn">
+            <Icon name="warning" /> no recording has the channel <b class="mono">{each.name}</b> yet. {each.guess}
+          </p>
+        ),
+      )}
+    </>
+  );
 }
 
 /** The blocks that are bound. */
@@ -61,9 +122,37 @@ export function Bindings() {
   const all = Object.entries(diagram.value?.bind ?? {});
   if (all.length === 0) return null;
   return (
-    <table class="list" aria-label="Bindings"><tbody>{all.map(([path, formula]) => (
-      <tr key={path}><td><Icon name="link" kind="acc" /> <b>{path}</b></td><td class="mono">{formula}</td>
-        <td class="num"><button class="btn bare small" onClick={() => { binding.value = path; }}>Change</button><button class="btn bare small" aria-label={`Remove the binding of ${path}`} title="Use the block again" onClick={() => { void setKeys([[["model", "bind", path], null]], `${path} is no longer bound`); }}>×</button></td></tr>
-    ))}</tbody></table>
+    <table class="list" aria-label="Bindings">
+      <tbody>
+        {all.map(([path, formula]) => (
+          <tr key={path}>
+            <td>
+              <Icon name="link" kind="acc" /> <b>{path}</b>
+            </td>
+            <td class="mono">{formula}</td>
+            <td class="num">
+              <button
+                class="btn bare small"
+                onClick={() => {
+                  binding.value = path;
+                }}
+              >
+                Change
+              </button>
+              <button
+                class="btn bare small"
+                aria-label={`Remove the binding of ${path}`}
+                title="Use the block again"
+                onClick={() => {
+                  void setKeys([[["model", "bind", path], null]], `${path} is no longer bound`);
+                }}
+              >
+                ×
+              </button>
+            </td>
+          </tr>
+        ))}
+      </tbody>
+    </table>
   );
 }

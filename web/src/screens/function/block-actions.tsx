@@ -1,14 +1,15 @@
 // What can be done with the chosen block: replace it, or make the number in its field a parameter.
 
 import { plain } from "../../drawing/numbers";
+import type { BlockRow } from "../../replies";
 import { setKeys, valueAt } from "../../settings";
 import { binding } from "./bindings";
-import { chosen, diagram, type Block } from "./source";
+import { chosen, diagram } from "./source";
 
-const chosenBlock = (): Block | undefined => diagram.value?.blocks?.find((block) => block.path === chosen.value);
+const chosenBlock = (): BlockRow | undefined => diagram.value?.blocks?.find((block) => block.path === chosen.value);
 
 /** The number in the field of a block, null if it is something else, or a parameter already. */
-function literal(block: Block): number | null {
+function literal(block: BlockRow): number | null {
   const value = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(block.detail) ? Number(block.detail) : null;
   return value === null || valueAt(["parameters", `${block.path}:${block.field}`]) !== undefined ? null : value;
 }
@@ -28,10 +29,30 @@ export function BlockActions() {
   const value = literal(block);
   return (
     <div class="actions row" aria-label="Chosen block">
-      <b class="cut ink" title={block.path}>{block.name}</b>
+      <b class="cut ink" title={block.path}>
+        {block.name}
+      </b>
       <span class="right row">
-        {value !== null && <button class="btn small" title={`The number becomes a parameter that can be calibrated (p)\n[parameters."${block.path}:${block.field}"]`} onClick={promote}>{block.field} {plain(value)} as parameter</button>}
-        {!block.inner && <button class="btn small" title="A channel or a formula in place of the block (b)" onClick={() => { binding.value = block.path; }}>Bind…</button>}
+        {value !== null && (
+          <button
+            class="btn small"
+            title={`The number becomes a parameter that can be calibrated (p)\n[parameters."${block.path}:${block.field}"]`}
+            onClick={promote}
+          >
+            {block.field} {plain(value)} as parameter
+          </button>
+        )}
+        {!block.inner && (
+          <button
+            class="btn small"
+            title="A channel or a formula in place of the block (b)"
+            onClick={() => {
+              binding.value = block.path;
+            }}
+          >
+            Bind…
+          </button>
+        )}
       </span>
     </div>
   );

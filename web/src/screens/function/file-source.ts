@@ -1,30 +1,17 @@
-// What the page knows of functions in files of other tools: the function of the project, and those that formula text calls.
+// What the page knows of functions in files of other tools: the function of the project, and those that formula text
+// calls.
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
-import { fileOf, holdsFunctions, isHeader } from "../../function-files";
+import { holdsFunctions, isHeader } from "../../function-files";
+import type { CalledFunction, ProjectFunction } from "../../replies";
 import { setKeys } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
-import { chosen, functionFile, type Line, type Port, type Variable } from "./source";
+import { chosen, functionFile } from "./source";
 
-export interface FileProblem { line: number; message: string; remedy: string; text: string }
-interface OfFile { file: string; reference: string; kind: string; function: string; functions: string[]; choices: string[]; named: boolean; problems: FileProblem[] }
-
-/** The function of the project; inputs and what follows are known if it can be read. */
-export interface FileFunction extends OfFile {
-  source: string; facts: [string, string][]; whole: boolean;
-  inputs?: Port[]; outputs?: Port[]; parameters?: Variable[]; states?: { name: string; initial: number | null }[];
-  notes?: string[]; step?: number | null; solver?: string; runs?: boolean; lines?: Line[];
-}
-
-/** A function that formula text calls. */
-export interface CalledFunction extends OfFile {
-  name: string; calls: { signature: string; unit: string }[]; parameters: Variable[]; notes: string[]; memory?: boolean; runs?: boolean;
-}
-
-export const isFileFunction = computed(() => holdsFunctions(fileOf(functionFile.value)));
-export const fileFunction = signal<FileFunction | null>(null);
+export const isFileFunction = computed(() => state.value.function.screen === "function-file");
+export const fileFunction = signal<ProjectFunction | null>(null);
 export const calledFunctions = signal<CalledFunction[]>([]);
 
 const shown = computed(() => screen.value === "function" && state.value.project !== null);
@@ -32,20 +19,25 @@ const textRevision = computed(() => state.value.textRevision);
 
 const loadFunction = newest(async (_: number) => {
   const reply = await request("function-file");
-  if (reply !== null) fileFunction.value = reply.head as unknown as FileFunction;
+  if (reply !== null) fileFunction.value = reply.head;
 });
 const loadCalled = newest(async (_: number) => {
   const reply = await request("called-functions");
-  if (reply !== null) calledFunctions.value = reply.head.functions as CalledFunction[];
+  if (reply !== null) calledFunctions.value = reply.head.functions;
 });
 
-effect(() => { void functionFile.value; if (isFileFunction.value) chosen.value = ""; });
+effect(() => {
+  void functionFile.value;
+  if (isFileFunction.value) chosen.value = "";
+});
 effect(() => {
   if (!shown.value) return;
   if (isFileFunction.value) loadFunction(textRevision.value);
   else fileFunction.value = null;
 });
-effect(() => { if (shown.value && !isFileFunction.value) loadCalled(textRevision.value); });
+effect(() => {
+  if (shown.value && !isFileFunction.value) loadCalled(textRevision.value);
+});
 
 /** Store files beside the project, and let formula text call their functions; headers belong to those of C. */
 export async function addCalled(files: File[]): Promise<void> {
@@ -57,8 +49,10 @@ export async function addCalled(files: File[]): Promise<void> {
     return;
   }
   const reply = await request("add-functions", { files: holding });
-  if (reply !== null) message.value = `Formula text can call ${(reply.head.names as string[]).join(", ")}`;
+  if (reply !== null) message.value = `Formula text can call ${reply.head.names.join(", ")}`;
 }
 
 /** Call another function of the file of a called function. */
-export const setCalled = (own: CalledFunction, name: string): void => { void setKeys([[["functions", own.name], `${own.file}:${name}`]], `${own.name} is ${name} of ${own.file}`); };
+export const setCalled = (own: CalledFunction, name: string): void => {
+  void setKeys([[["functions", own.name], `${own.file}:${name}`]], `${own.name} is ${name} of ${own.file}`);
+};

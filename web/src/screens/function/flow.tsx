@@ -3,44 +3,69 @@
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { shown, split } from "../../instruments/error-split";
+import type { FlowNode, FunctionFlow } from "../../replies";
 import { request, screen, settled, state } from "../../store";
 import { isFileFunction } from "./file-source";
 import { chosen, esdl, simulink } from "./source";
 
-interface FlowNode { name: string; sources: string[]; tables: string[]; kind: string }
-interface Flow { inputs: string[]; nodes: FlowNode[]; outputs: string[] }
-interface Box { name: string; sign: string; x: number; y: number; input: boolean; node?: FlowNode }
+interface Box {
+  name: string;
+  sign: string;
+  x: number;
+  y: number;
+  input: boolean;
+  node?: FlowNode;
+}
 
 const WIDTH = 102;
 const HEIGHT = 32;
 const GAP = 22;
 const MOST = 60; // boxes that are drawn; of larger functions those around the chosen node
 
-const flow = signal<Flow | null>(null);
-const SIGNS: Record<string, string> = { add: "+", sub: "−", mul: "×", div: "÷", neg: "−", state: "memory", select: "if", input: "input", const: "constant" };
+const flow = signal<FunctionFlow | null>(null);
+const SIGNS: Record<string, string> = {
+  add: "+",
+  sub: "−",
+  mul: "×",
+  div: "÷",
+  neg: "−",
+  state: "memory",
+  select: "if",
+  input: "input",
+  const: "constant",
+};
 
 const pageWidth = signal(innerWidth);
-addEventListener("resize", () => { pageWidth.value = innerWidth; });
+addEventListener("resize", () => {
+  pageWidth.value = innerWidth;
+});
 
 /** The number of columns for which the pane has room. */
 const room = computed(() => Math.max(3, Math.floor((0.45 * (pageWidth.value - 136) - 20 + GAP) / (WIDTH + GAP))));
 
 const load = newest(async (_: number) => {
   const reply = await request("flow");
-  if (reply !== null) flow.value = reply.head as unknown as Flow;
+  if (reply !== null) flow.value = reply.head;
 });
 const textRevision = computed(() => state.value.textRevision);
 effect(() => {
   const revision = textRevision.value;
-  if (screen.value === "function" && !simulink.value && !esdl.value && !isFileFunction.value && settled.value.nodes.length > 0) load(revision);
+  if (
+    screen.value === "function" &&
+    !simulink.value &&
+    !esdl.value &&
+    !isFileFunction.value &&
+    settled.value.nodes.length > 0
+  )
+    load(revision);
 });
 
 /** The nodes and inputs that are drawn. */
-function around(own: Flow): Set<string> {
+function around(own: FunctionFlow): Set<string> {
   const names = [...own.inputs, ...own.nodes.map((node) => node.name)];
   if (names.length <= MOST) return new Set(names);
   const kept = new Set<string>([chosen.value || (own.outputs[0] ?? own.nodes.at(-1)!.name)]);
-  for (let grown = true; grown && kept.size < MOST;) {
+  for (let grown = true; grown && kept.size < MOST; ) {
     const before = kept.size;
     for (const node of own.nodes) {
       if (kept.size >= MOST) break;
@@ -53,7 +78,7 @@ function around(own: Flow): Set<string> {
 }
 
 /** Each node one column to the right of what it reads; reads of earlier samples close a loop and do not count. */
-function columns(own: Flow, drawn: Set<string>): Map<string, number> {
+function columns(own: FunctionFlow, drawn: Set<string>): Map<string, number> {
   const byName = new Map(own.nodes.map((node) => [node.name, node]));
   const ranks = new Map<string, number>();
   const entered = new Set<string>();
@@ -78,9 +103,10 @@ const layout = computed<{ boxes: Map<string, Box>; width: number; height: number
   const byName = new Map(own.nodes.map((node) => [node.name, node]));
   const ranks = columns(own, drawn);
   const last = Math.max(...ranks.values());
-  const fit = (rank: number): number => (last < room.value || rank < 2 ? rank : 1 + Math.ceil(((rank - 1) * (room.value - 2)) / (last - 1)));
+  const fit = (rank: number): number =>
+    last < room.value || rank < 2 ? rank : 1 + Math.ceil(((rank - 1) * (room.value - 2)) / (last - 1));
   const byColumn: string[][] = [];
-  for (const [name, rank] of ranks) (byColumn[fit(rank)] ??= []).push(name);
+  for (const [name, rank] of ranks) byColumn[fit(rank)] = [...(byColumn[fit(rank)] ?? []), name];
   const boxes = new Map<string, Box>();
   byColumn.filter(Boolean).forEach((names, column) => {
     const height = (name: string): number => {
@@ -92,32 +118,90 @@ const layout = computed<{ boxes: Map<string, Box>; width: number; height: number
     for (const name of names) {
       const node = byName.get(name);
       y = Math.max(y, column > 0 ? height(name) : 0);
-      boxes.set(name, { name, x: 2 + column * (WIDTH + GAP), y, input: node === undefined, sign: node === undefined ? "" : node.tables[0] ? node.kind : SIGNS[node.kind] ?? node.kind, node });
+      boxes.set(name, {
+        name,
+        x: 2 + column * (WIDTH + GAP),
+        y,
+        input: node === undefined,
+        sign: node === undefined ? "" : node.tables[0] ? node.kind : (SIGNS[node.kind] ?? node.kind),
+        node,
+      });
       y += HEIGHT + 12;
     }
   });
   const all = [...boxes.values()];
-  return { boxes, width: Math.max(...all.map((box) => box.x)) + WIDTH + 4, height: Math.max(...all.map((box) => box.y)) + HEIGHT + 4 };
+  return {
+    boxes,
+    width: Math.max(...all.map((box) => box.x)) + WIDTH + 4,
+    height: Math.max(...all.map((box) => box.y)) + HEIGHT + 4,
+  };
 });
 
 export function SignalFlow() {
   const own = layout.value;
   if (own === null) return <p class="pad q">The nodes of the function and what they read are drawn here.</p>;
-  const values = new Map([...(split.value?.nodes ?? []).map((each) => [each.name, each.now] as const), ...(split.value?.inputs ?? []).map((each) => [each.name, each.value] as const)]);
+  const values = new Map([
+    ...(split.value?.nodes ?? []).map((each) => [each.name, each.now] as const),
+    ...(split.value?.inputs ?? []).map((each) => [each.name, each.value] as const),
+  ]);
   const boxes = [...own.boxes.values()];
-  const edges = boxes.flatMap((to) => (to.node?.sources ?? []).flatMap((name) => { const from = own.boxes.get(name); return from && from !== to ? [{ from, to }] : []; }));
+  const edges = boxes.flatMap((to) =>
+    (to.node?.sources ?? []).flatMap((name) => {
+      const from = own.boxes.get(name);
+      return from && from !== to ? [{ from, to }] : [];
+    }),
+  );
   const hot = (edge: { from: Box; to: Box }) => edge.from.name === chosen.value || edge.to.name === chosen.value;
   return (
     <div class="flow-body">
-      <svg class="flow" viewBox={`0 0 ${own.width} ${own.height}`} style={{ width: "100%", maxWidth: `${own.width}px`, minWidth: `${own.width * 0.72}px` }} role="group" aria-label="Signal flow">
-        {[...edges].sort((a, b) => Number(hot(a)) - Number(hot(b))).map((edge) => <path key={`${edge.from.name} ${edge.to.name}`} class={hot(edge) ? "hot" : ""} d={wire(edge.from, edge.to)} />)}
+      <svg
+        class="flow"
+        viewBox={`0 0 ${own.width} ${own.height}`}
+        style={{ width: "100%", maxWidth: `${own.width}px`, minWidth: `${own.width * 0.72}px` }}
+        role="group"
+        aria-label="Signal flow"
+      >
+        {[...edges]
+          .sort((a, b) => Number(hot(a)) - Number(hot(b)))
+          .map((edge) => (
+            <path
+              key={`${edge.from.name} ${edge.to.name}`}
+              class={hot(edge) ? "hot" : ""}
+              d={wire(edge.from, edge.to)}
+            />
+          ))}
         {boxes.map((box) => (
-          <g key={box.name} class={`blk ${box.input ? "in" : box.node!.tables.length ? "par" : ""} ${flow.value!.outputs.includes(box.name) ? "out" : ""} ${box.name === chosen.value ? "now" : ""}`} role="button" tabIndex={0} data-node={box.name} aria-label={`${box.name}, ${box.sign || "input"}`} onClick={() => { chosen.value = box.name; }} onKeyDown={(event) => { if (event.key === "Enter" || event.key === " ") { chosen.value = box.name; event.preventDefault(); } }}>
-            <title>{box.name}{box.node?.tables.length ? `: ${box.node.tables.join(", ")}` : ""}</title>
+          <g
+            key={box.name}
+            class={`blk ${box.input ? "in" : box.node!.tables.length ? "par" : ""} ${flow.value!.outputs.includes(box.name) ? "out" : ""} ${box.name === chosen.value ? "now" : ""}`}
+            role="button"
+            tabIndex={0}
+            data-node={box.name}
+            aria-label={`${box.name}, ${box.sign || "input"}`}
+            onClick={() => {
+              chosen.value = box.name;
+            }}
+            onKeyDown={(event) => {
+              if (event.key === "Enter" || event.key === " ") {
+                chosen.value = box.name;
+                event.preventDefault();
+              }
+            }}
+          >
+            <title>
+              {box.name}
+              {box.node?.tables.length ? `: ${box.node.tables.join(", ")}` : ""}
+            </title>
             <rect x={box.x} y={box.y} width={WIDTH} height={HEIGHT} rx="3" />
-            <text class="t1" x={box.x + 7} y={box.y + 13}>{box.name.length > 13 ? `${box.name.slice(0, 12)}…` : box.name}</text>
-            <text x={box.x + 7} y={box.y + 26}>{box.sign.slice(0, 8)}</text>
-            <text class="t3" x={box.x + WIDTH - 7} y={box.y + 26}>{values.has(box.name) ? shown(values.get(box.name)) : ""}</text>
+            <text class="t1" x={box.x + 7} y={box.y + 13}>
+              {box.name.length > 13 ? `${box.name.slice(0, 12)}…` : box.name}
+            </text>
+            <text x={box.x + 7} y={box.y + 26}>
+              {box.sign.slice(0, 8)}
+            </text>
+            <text class="t3" x={box.x + WIDTH - 7} y={box.y + 26}>
+              {values.has(box.name) ? shown(values.get(box.name)) : ""}
+            </text>
           </g>
         ))}
       </svg>
@@ -128,7 +212,10 @@ export function SignalFlow() {
 /** The line from one box to another: to the right, up or down in the gap before the target. */
 function wire(from: Box, to: Box): string {
   const [x1, y1, x2, y2] = [from.x + WIDTH, from.y + HEIGHT / 2, to.x, to.y + HEIGHT / 2];
-  if (from.x === to.x && to.y > from.y) return to.y - from.y < 2 * HEIGHT ? `M${from.x + WIDTH / 2},${from.y + HEIGHT} V${to.y}` : `M${x1},${y1} h7 V${to.y - 6} H${from.x + WIDTH / 2} v6`;
+  if (from.x === to.x && to.y > from.y)
+    return to.y - from.y < 2 * HEIGHT
+      ? `M${from.x + WIDTH / 2},${from.y + HEIGHT} V${to.y}`
+      : `M${x1},${y1} h7 V${to.y - 6} H${from.x + WIDTH / 2} v6`;
   if (x2 <= x1) return `M${x1},${y1} h6 V${Math.max(from.y, to.y) + HEIGHT + 6} H${x2 - 6} V${y2} h6`;
   const bend = x2 - 6 - (Math.round(y1) % 5) * 4;
   return `M${x1},${y1} H${bend} V${y2} H${x2}`;

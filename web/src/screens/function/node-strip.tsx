@@ -2,29 +2,47 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
-import { area, extent, line, widened, type Pen } from "../../drawing/canvas";
+import { area, extent, line, type Pen, widened } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { split } from "../../instruments/error-split";
 import { Picture } from "../../instruments/picture";
 import { criterion, cursor, datasetNumber } from "../../plots";
+import type { SignalName } from "../../replies";
 import { request, revision, screen, settled } from "../../store";
 import { chosen, simulink } from "./source";
 
 const AROUND = 80; // samples on each side of the cursor
 
-interface Strip { begin: number; x: Float32Array; start: Float32Array; now: Float32Array; error: Float32Array }
+interface Strip {
+  begin: number;
+  x: Float32Array;
+  start: Float32Array;
+  now: Float32Array;
+  error: Float32Array;
+}
 const strip = signal<Strip | null>(null);
 
 const load = newest(async ([dataset, begin, end, node, criterion]: [number, number, number, string, number]) => {
-  const signals = [{ kind: "start", name: node }, { kind: "node", name: node }, { kind: "error", name: String(criterion) }];
+  const signals: SignalName[] = [
+    { kind: "start", name: node },
+    { kind: "node", name: node },
+    { kind: "error", name: String(criterion) },
+  ];
   const reply = await request("strip", { dataset, begin, end, pixels: 460, signals });
-  if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, start: reply.arrays["0"]!, now: reply.arrays["1"]!, error: reply.arrays["2"]! };
+  if (reply !== null)
+    strip.value = {
+      begin: reply.head.begin,
+      x: reply.arrays.x,
+      start: reply.arrays["0"]!,
+      now: reply.arrays["1"]!,
+      error: reply.arrays["2"]!,
+    };
 });
 
 /** The node that is drawn: the chosen one, else that of the criterion. */
 export const drawnNode = computed(() => {
   const { nodes } = settled.value;
-  return nodes.some((node) => node.name === chosen.value) ? chosen.value : criterion.value?.node ?? "";
+  return nodes.some((node) => node.name === chosen.value) ? chosen.value : (criterion.value?.node ?? "");
 });
 
 const place = computed(() => split.value?.position ?? null);
@@ -32,17 +50,54 @@ const place = computed(() => split.value?.position ?? null);
 effect(() => {
   void revision.value;
   const data = settled.value.datasets[datasetNumber.value];
-  if (screen.value !== "function" || simulink.value || data === undefined || place.value === null || !settled.value.nodes.some((node) => node.name === drawnNode.value)) return;
+  if (
+    screen.value !== "function" ||
+    simulink.value ||
+    data === undefined ||
+    place.value === null ||
+    !settled.value.nodes.some((node) => node.name === drawnNode.value)
+  )
+    return;
   const reach = (AROUND * (data.end - data.begin)) / Math.max(1, data.samples - 1);
-  load([datasetNumber.value, Math.max(data.begin, place.value - reach), Math.min(data.end, place.value + reach), drawnNode.value, split.value!.criterion]);
+  load([
+    datasetNumber.value,
+    Math.max(data.begin, place.value - reach),
+    Math.min(data.end, place.value + reach),
+    drawnNode.value,
+    split.value!.criterion,
+  ]);
 });
 
 export function NodeStrip() {
   const unit = settled.value.nodes.find((node) => node.name === drawnNode.value)?.unit ?? "";
   return (
     <>
-      <div class="head mid"><h2>{drawnNode.value}</h2><span class="sub">{unit && `[${unit}] `}around the cursor; a click moves it</span><span class="right"><span class="key"><i style={{ borderColor: "var(--model)" }} />now</span><span class="key"><i style={{ borderColor: "var(--before)" }} />start</span><span class="key"><i style={{ borderColor: "var(--error)" }} />error</span></span></div>
-      <div class="strip-box" onClick={pick}><Picture label={`${drawnNode.value} and the error around the cursor`} kind="node-strip" draw={draw} of={[strip.value, split.value]} /></div>
+      <div class="head mid">
+        <h2>{drawnNode.value}</h2>
+        <span class="sub">{unit && `[${unit}] `}around the cursor; a click moves it</span>
+        <span class="right">
+          <span class="key">
+            <i style={{ borderColor: "var(--model)" }} />
+            now
+          </span>
+          <span class="key">
+            <i style={{ borderColor: "var(--before)" }} />
+            start
+          </span>
+          <span class="key">
+            <i style={{ borderColor: "var(--error)" }} />
+            error
+          </span>
+        </span>
+      </div>
+      <div class="strip-box" onClick={pick}>
+        <Picture
+          label={`${drawnNode.value} and the error around the cursor`}
+          kind="node-strip"
+          draw={draw}
+          of={[strip.value, split.value]}
+        />
+      </div>
     </>
   );
 }
@@ -64,7 +119,13 @@ function draw(pen: Pen, width: number, height: number): void {
   if (data === null || data.x.length === 0) return;
   const xs = Float64Array.from(data.x, (x) => x + data.begin);
   const middle = Math.round(height * 0.58);
-  const upper = area(pen, { left: LEFT, right: width - RIGHT, top: 8, bottom: middle - 8 }, extent(xs), widened(extent(data.start, data.now), 0.08), { unlabelled: true });
+  const upper = area(
+    pen,
+    { left: LEFT, right: width - RIGHT, top: 8, bottom: middle - 8 },
+    extent(xs),
+    widened(extent(data.start, data.now), 0.08),
+    { unlabelled: true },
+  );
   upper.clip(() => {
     const at = xs.map(upper.x);
     line(pen, at, Float64Array.from(data.start, upper.y), token("before"), 1.25);
@@ -72,7 +133,13 @@ function draw(pen: Pen, width: number, height: number): void {
     mark(pen, upper.x, 8, middle - 8);
   });
   const known = data.error.filter(Number.isFinite);
-  const lower = area(pen, { left: LEFT, right: width - RIGHT, top: middle + 2, bottom: height - 32 }, extent(xs), widened(extent(known, [0]), 0.08), { title: settled.value.datasets[datasetNumber.value]?.timed ? "time [s]" : "point" });
+  const lower = area(
+    pen,
+    { left: LEFT, right: width - RIGHT, top: middle + 2, bottom: height - 32 },
+    extent(xs),
+    widened(extent(known, [0]), 0.08),
+    { title: settled.value.datasets[datasetNumber.value]?.timed ? "time [s]" : "point" },
+  );
   lower.clip(() => {
     line(pen, xs.map(lower.x), Float64Array.from(data.error, lower.y), token("error"), 1.25);
     mark(pen, lower.x, middle + 2, height - 32);

@@ -3,54 +3,148 @@
 import { signal } from "@preact/signals";
 import { parseNumber, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
-import { outcome, running, validate, view, type Result } from "../../runs";
+import type { RunResult, StepRow } from "../../replies";
+import { outcome, running, validate, view } from "../../runs";
 import { state } from "../../store";
-
-export interface StepRow { name: string; state: string; iterations: number; cost: number | null; rmse: number | null }
 
 const folds = signal(5);
 const parts = signal("auto");
 
 export function OutcomeHead({ sub, steps }: { sub: string; steps: StepRow[] }) {
   const options = ["tables", "result", ...(steps.length ? ["steps"] : []), "cross-validation"];
-  const title = view.value === "tables" ? "Tables" : view.value === "result" ? "Result" : view.value === "steps" ? "Steps" : "Cross-validation";
-  return <div class="head"><h2>{title}</h2><span class="sub cut">{view.value === "tables" ? sub : ""}</span><span class="right"><Segment label="What is shown" options={options} chosen={view.value} choose={(option) => { view.value = option; }} /></span></div>;
+  const title =
+    view.value === "tables"
+      ? "Tables"
+      : view.value === "result"
+        ? "Result"
+        : view.value === "steps"
+          ? "Steps"
+          : "Cross-validation";
+  return (
+    <div class="head">
+      <h2>{title}</h2>
+      <span class="sub cut">{view.value === "tables" ? sub : ""}</span>
+      <span class="right">
+        <Segment
+          label="What is shown"
+          options={options}
+          chosen={view.value}
+          choose={(option) => {
+            view.value = option;
+          }}
+        />
+      </span>
+    </div>
+  );
 }
 
 export function OutcomeBody({ steps }: { steps: StepRow[] }) {
   if (view.value === "steps" && steps.length) return <Steps rows={steps} />;
   if (view.value === "cross-validation") return <Validation />;
   const own = outcome.value.result;
-  return own === null ? <p class="pad q">After a run: errors by criterion and dataset, chosen smoothness and shifts, and what the search remarks.</p> : <ResultTables own={own} />;
+  return own === null ? (
+    <p class="pad q">
+      After a run: errors by criterion and dataset, chosen smoothness and shifts, and what the search remarks.
+    </p>
+  ) : (
+    <ResultTables own={own} />
+  );
 }
 
 /** A table of text with a heading; columns of numbers are aligned right. */
 export function Cells({ rows, id }: { rows: string[][]; id: string }) {
   const [head = [], ...body] = rows;
-  const text = (column: number): boolean => body.some((row) => Number.isNaN(Number(row[column])) && row[column] !== "-");
+  const text = (column: number): boolean =>
+    body.some((row) => Number.isNaN(Number(row[column])) && row[column] !== "-");
   return (
     <table class="list pt" id={id}>
-      <thead><tr>{head.map((cell, k) => <th class={text(k) ? "" : "num"}>{cell}</th>)}</tr></thead>
-      <tbody>{body.map((row) => <tr>{row.map((cell, k) => <td class={text(k) ? "" : "num ink"}>{cell}</td>)}</tr>)}</tbody>
+      <thead>
+        <tr>
+          {head.map((cell, k) => (
+            <th class={text(k) ? "" : "num"}>{cell}</th>
+          ))}
+        </tr>
+      </thead>
+      <tbody>
+        {body.map((row) => (
+          <tr>
+            {row.map((cell, k) => (
+              <td class={text(k) ? "" : "num ink"}>{cell}</td>
+            ))}
+          </tr>
+        ))}
+      </tbody>
     </table>
   );
 }
 
-function ResultTables({ own }: { own: Result }) {
+function ResultTables({ own }: { own: RunResult }) {
   const { seconds } = own;
   return (
     <div class="items" id="result">
       <Cells rows={own.quality} id="quality" />
-      {own.warnings.map((text) => <p class="note warn">{text}</p>)}
+      {own.warnings.map((text) => (
+        <p class="note warn">{text}</p>
+      ))}
       <dl class="facts pad wide">
-        <dt>status</dt><dd class="wrap">{own.status}: {own.message}</dd>
-        <dt>effort</dt><dd>{own.free} values free, {own.fixed} fixed; {own.iterations} iterations, {own.evaluations} evaluations; {significant(seconds.total ?? 0, 3)} s ({significant(seconds.compile ?? 0, 2)} s compiling)</dd>
-        {own.smoothness.map((each) => <><dt>smoothness of {each.parameter}</dt><dd data-smoothness={each.parameter}>{Object.entries(each.factors).map(([axis, factor]) => `${axis} ${significant(factor, 3)}`).join(", ")}, from the data</dd></>)}
-        {own.shifts.map((each) => <><dt>shift of {each.channel}</dt><dd>{significant(each.shift, 3)} in {each.dataset}</dd></>)}
-        {own.breakpoints.map((each) => <><dt>breakpoints of {each.axis}</dt><dd title={`before: ${each.before.map((v) => significant(v)).join(", ")}`}>{each.after.map((value) => significant(value, 4)).join(", ")}</dd></>)}
-        {own.distances.length > 1 && <><dt>distance of starts</dt><dd title="Distance of the end of each start from the best one, relative to the size of each parameter">{own.distances.map(([start, distance]) => `${start}: ${distance === null ? "unknown" : significant(distance, 2)}`).join(", ")}</dd></>}
-        {own.resumed.length > 0 && <><dt>resumed from</dt><dd>{own.resumed.join(", ")}</dd></>}
-        {own.extrapolations.map((text) => <><dt class="warn">surrogate</dt><dd class="wrap">{text}</dd></>)}
+        <dt>status</dt>
+        <dd class="wrap">
+          {own.status}: {own.message}
+        </dd>
+        <dt>effort</dt>
+        <dd>
+          {own.free} values free, {own.fixed} fixed; {own.iterations} iterations, {own.evaluations} evaluations;{" "}
+          {significant(seconds.total ?? 0, 3)} s ({significant(seconds.compile ?? 0, 2)} s compiling)
+        </dd>
+        {own.smoothness.map((each) => (
+          <>
+            <dt>smoothness of {each.parameter}</dt>
+            <dd data-smoothness={each.parameter}>
+              {Object.entries(each.factors)
+                .map(([axis, factor]) => `${axis} ${significant(factor, 3)}`)
+                .join(", ")}
+              , from the data
+            </dd>
+          </>
+        ))}
+        {own.shifts.map((each) => (
+          <>
+            <dt>shift of {each.channel}</dt>
+            <dd>
+              {significant(each.shift, 3)} in {each.dataset}
+            </dd>
+          </>
+        ))}
+        {own.breakpoints.map((each) => (
+          <>
+            <dt>breakpoints of {each.axis}</dt>
+            <dd title={`before: ${each.before.map((v) => significant(v)).join(", ")}`}>
+              {each.after.map((value) => significant(value, 4)).join(", ")}
+            </dd>
+          </>
+        ))}
+        {own.distances.length > 1 && (
+          <>
+            <dt>distance of starts</dt>
+            <dd title="Distance of the end of each start from the best one, relative to the size of each parameter">
+              {own.distances
+                .map(([start, distance]) => `${start}: ${distance === null ? "unknown" : significant(distance, 2)}`)
+                .join(", ")}
+            </dd>
+          </>
+        )}
+        {own.resumed.length > 0 && (
+          <>
+            <dt>resumed from</dt>
+            <dd>{own.resumed.join(", ")}</dd>
+          </>
+        )}
+        {own.extrapolations.map((text) => (
+          <>
+            <dt class="warn">surrogate</dt>
+            <dd class="wrap">{text}</dd>
+          </>
+        ))}
       </dl>
     </div>
   );
@@ -60,8 +154,34 @@ function Steps({ rows }: { rows: StepRow[] }) {
   return (
     <div class="items">
       <table class="list" id="steps">
-        <thead><tr><th class="num">step</th><th>name</th><th>state</th><th class="num">iterations</th><th class="num">cost</th><th class="num">RMSE</th></tr></thead>
-        <tbody>{rows.map((row, k) => <tr class={row.state === "running" ? "on" : ""} data-step={row.name}><td class="num">{k + 1}</td><td><b>{row.name}</b></td><td><span class={`tag ${row.state === "running" ? "t" : row.state === "done" ? "g" : ""}`}>{row.state}</span></td><td class="num">{row.iterations || ""}</td><td class="num">{row.cost === null ? "" : significant(row.cost, 5)}</td><td class="num ink">{row.rmse === null ? "" : significant(row.rmse, 5)}</td></tr>)}</tbody>
+        <thead>
+          <tr>
+            <th class="num">step</th>
+            <th>name</th>
+            <th>state</th>
+            <th class="num">iterations</th>
+            <th class="num">cost</th>
+            <th class="num">RMSE</th>
+          </tr>
+        </thead>
+        <tbody>
+          {rows.map((row, k) => (
+            <tr class={row.state === "running" ? "on" : ""} data-step={row.name}>
+              <td class="num">{k + 1}</td>
+              <td>
+                <b>{row.name}</b>
+              </td>
+              <td>
+                <span class={`tag ${row.state === "running" ? "t" : row.state === "done" ? "g" : ""}`}>
+                  {row.state}
+                </span>
+              </td>
+              <td class="num">{row.iterations || ""}</td>
+              <td class="num">{row.cost === null ? "" : significant(row.cost, 5)}</td>
+              <td class="num ink">{row.rmse === null ? "" : significant(row.rmse, 5)}</td>
+            </tr>
+          ))}
+        </tbody>
       </table>
     </div>
   );
@@ -74,12 +194,54 @@ function Validation() {
   return (
     <div class="items">
       <div class="pl">
-        <label title="Number of parts of the training data; each is held out once (kennfeld calibrate --cross-validate). Typical: 5"><span class="q">Folds</span> <span class="field small num" style={{ width: "44px" }}><input aria-label="Folds" value={folds.value} onChange={(event) => { const typed = parseNumber(event.currentTarget.value); if (typed !== null && typed >= 2) folds.value = Math.round(typed); }} /></span></label>
-        <label title="files: whole files; blocks: contiguous parts of each file; random: single points; auto: files if there are enough, blocks for data in time, else random (--parts)"><span class="q">Parts</span> <select class="field small" aria-label="Parts" value={parts.value} onChange={(event) => { parts.value = event.currentTarget.value; }}>{PARTS.map((each) => <option value={each}>{each}</option>)}</select></label>
-        <button class="btn small" id="cross-validate" disabled={running() || state.value.project === null} onClick={() => validate(folds.value, parts.value)}>Cross-validate</button>
-        {own === null && <span class="q cut">Calibrates once for each part without it, and scores the part. The values stay.</span>}
+        <label title="Number of parts of the training data; each is held out once (kennfeld calibrate --cross-validate). Typical: 5">
+          <span class="q">Folds</span>{" "}
+          <span class="field small num" style={{ width: "44px" }}>
+            <input
+              aria-label="Folds"
+              value={folds.value}
+              onChange={(event) => {
+                const typed = parseNumber(event.currentTarget.value);
+                if (typed !== null && typed >= 2) folds.value = Math.round(typed);
+              }}
+            />
+          </span>
+        </label>
+        <label title="files: whole files; blocks: contiguous parts of each file; random: single points; auto: files if there are enough, blocks for data in time, else random (--parts)">
+          <span class="q">Parts</span>{" "}
+          <select
+            class="field small"
+            aria-label="Parts"
+            value={parts.value}
+            onChange={(event) => {
+              parts.value = event.currentTarget.value;
+            }}
+          >
+            {PARTS.map((each) => (
+              <option value={each}>{each}</option>
+            ))}
+          </select>
+        </label>
+        <button
+          class="btn small"
+          id="cross-validate"
+          disabled={running() || state.value.project === null}
+          onClick={() => validate(folds.value, parts.value)}
+        >
+          Cross-validate
+        </button>
+        {own === null && (
+          <span class="q cut">Calibrates once for each part without it, and scores the part. The values stay.</span>
+        )}
       </div>
-      {own && <div id="validation"><Cells rows={own.table} id="folds" />{own.summary.map((text) => <p class="pad ink">{text}</p>)}</div>}
+      {own && (
+        <div id="validation">
+          <Cells rows={own.table} id="folds" />
+          {own.summary.map((text) => (
+            <p class="pad ink">{text}</p>
+          ))}
+        </div>
+      )}
     </div>
   );
 }

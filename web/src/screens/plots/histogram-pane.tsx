@@ -1,17 +1,40 @@
 // The errors of a criterion as a histogram, now and at the start; a brushed interval lights up its samples.
 
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { area, canvasIn, line, type Area, type Pen } from "../../drawing/canvas";
+import { type Area, area, canvasIn, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { brush, criterion, criterionNumber, part, type SignalName } from "../../plots";
-import { both, scatter, type Scatter } from "../../plot-data";
 import { drawRectangle, rangeOf } from "../../instruments/scatter";
+import { both, scatter } from "../../plot-data";
+import { brush, criterion, criterionNumber, part } from "../../plots";
+import type { ScatterArrays, SignalName } from "../../replies";
 import { theme } from "../../store";
 
 export function HistogramPane() {
   return (
     <section class="pane hi" aria-label="Errors">
-      <div class="head"><h2>Errors</h2><span class="right"><span class="seg tight" role="group" aria-label="Histograms"><button aria-pressed={!both.value} onClick={() => { both.value = false; }}>now</button><button aria-pressed={both.value} onClick={() => { both.value = true; }}>start and now</button></span></span></div>
+      <div class="head">
+        <h2>Errors</h2>
+        <span class="right">
+          <span class="seg tight" role="group" aria-label="Histograms">
+            <button
+              aria-pressed={!both.value}
+              onClick={() => {
+                both.value = false;
+              }}
+            >
+              now
+            </button>
+            <button
+              aria-pressed={both.value}
+              onClick={() => {
+                both.value = true;
+              }}
+            >
+              start and now
+            </button>
+          </span>
+        </span>
+      </div>
       <Histogram />
     </section>
   );
@@ -24,7 +47,13 @@ function Histogram() {
   const redraw = useRef<() => void>(() => {});
   useLayoutEffect(() => {
     let plot: Area | null = null;
-    const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => { plot = scatter.value === null ? null : draw(pen, wide, high, scatter.value); });
+    const {
+      canvas,
+      redraw: again,
+      close,
+    } = canvasIn(host.current!, (pen, wide, high) => {
+      plot = scatter.value === null ? null : draw(pen, wide, high, scatter.value);
+    });
     redraw.current = again;
     listen(canvas, () => plot);
     return close;
@@ -48,12 +77,19 @@ function listen(canvas: HTMLCanvasElement, area: () => Area | null): void {
     brush.value = { ranges: [rangeOf(error(), from, at(event), plot.box.left, plot.box.right, plot.x)] };
     part.value = "point";
   };
-  canvas.onpointerup = () => { from = null; };
+  canvas.onpointerup = () => {
+    from = null;
+  };
 }
 
-function draw(pen: Pen, width: number, height: number, data: Scatter): Area {
+function draw(pen: Pen, width: number, height: number, data: ScatterArrays): Area {
   const box = { left: 44, right: width - 14, top: 8, bottom: height - 34 };
-  const shown = both.value ? ([[data.before, "before"], [data.after, "model"]] as const) : ([[data.after, "model"]] as const);
+  const shown = both.value
+    ? ([
+        [data.before, "before"],
+        [data.after, "model"],
+      ] as const)
+    : ([[data.after, "model"]] as const);
   const most = Math.max(1, ...shown.flatMap(([values]) => [...values]));
   const ends = [data.edges[0]!, data.edges[data.edges.length - 1]!] as const;
   const plot = area(pen, box, ends, [0, most * 1.06], { title: `error [${criterion.value?.unit ?? ""}]` });
@@ -61,7 +97,14 @@ function draw(pen: Pen, width: number, height: number, data: Scatter): Area {
     for (const [values, colour] of shown) {
       pen.fillStyle = token(colour);
       pen.globalAlpha = both.value ? 0.7 : 1;
-      values.forEach((value, k) => pen.fillRect(plot.x(data.edges[k]!) + 0.5, plot.y(value), plot.x(data.edges[k + 1]!) - plot.x(data.edges[k]!) - 1, plot.y(0) - plot.y(value)));
+      values.forEach((value, k) =>
+        pen.fillRect(
+          plot.x(data.edges[k]!) + 0.5,
+          plot.y(value),
+          plot.x(data.edges[k + 1]!) - plot.x(data.edges[k]!) - 1,
+          plot.y(0) - plot.y(value),
+        ),
+      );
       pen.globalAlpha = 1;
     }
     line(pen, [plot.x(0), plot.x(0)], [box.top, box.bottom], token("ink"), 0.75);
@@ -72,13 +115,19 @@ function draw(pen: Pen, width: number, height: number, data: Scatter): Area {
 }
 
 /** The outline of the brushed samples, scaled to two thirds of the height. */
-function drawBrushed(pen: Pen, plot: Area, data: Scatter, most: number): void {
+function drawBrushed(pen: Pen, plot: Area, data: ScatterArrays, most: number): void {
   const greatest = Math.max(0, ...data.brushed);
   if (greatest === 0) return;
   const scaled = greatest < most / 3;
   const factor = scaled ? (0.66 * most) / greatest : 1;
   const xs = [...data.brushed].flatMap((_, k) => [plot.x(data.edges[k]!), plot.x(data.edges[k + 1]!)]);
-  line(pen, xs, [...data.brushed].flatMap((value) => [plot.y(value * factor), plot.y(value * factor)]), token("lit"), 1.8);
+  line(
+    pen,
+    xs,
+    [...data.brushed].flatMap((value) => [plot.y(value * factor), plot.y(value * factor)]),
+    token("lit"),
+    1.8,
+  );
   pen.fillStyle = token("lit-text");
   pen.textAlign = "right";
   pen.textBaseline = "top";

@@ -1,16 +1,34 @@
 // Beside each strip: its signals with their values at the cursor, and statistics of what is brushed.
 
 import { useSignal } from "@preact/signals";
-import { MISSING, significant, signed } from "../../drawing/numbers";
+import { MISSING, signed, significant } from "../../drawing/numbers";
 import { valueAt } from "../../instruments/strips";
-import { hover, keyOf, cursor } from "../../plots";
 import { brushed, drawn, sample } from "../../plot-data";
-import { SIGNAL, active, addLine, moveStrip, removeLine, removeStrip, resizeStrip, rows, type Line, type Listed, type Row } from "../../strip-rows";
+import { cursor, hover, keyOf } from "../../plots";
+import type { SignalRow } from "../../replies";
+import {
+  active,
+  addLine,
+  type Line,
+  moveStrip,
+  type Row,
+  removeLine,
+  removeStrip,
+  resizeStrip,
+  rows,
+  SIGNAL,
+} from "../../strip-rows";
 
 const STRIP = "application/x-kennfeld-strip";
 
 export function Legends() {
-  return <div class="legends" aria-label="Strips">{rows.value.map((row, r) => <Legend key={r} row={row} r={r} />)}</div>;
+  return (
+    <div class="legends" aria-label="Strips">
+      {rows.value.map((row, r) => (
+        <Legend key={r} row={row} r={r} />
+      ))}
+    </div>
+  );
 }
 
 function Legend({ row, r }: { row: Row; r: number }) {
@@ -20,11 +38,16 @@ function Legend({ row, r }: { row: Row; r: number }) {
     over.value = false;
     const [strip, own] = [event.dataTransfer?.getData(STRIP), event.dataTransfer?.getData(SIGNAL)];
     if (strip) moveStrip(Number(strip), r);
-    else if (own) addLine(r, JSON.parse(own) as Listed);
+    else if (own) addLine(r, JSON.parse(own) as SignalRow);
   };
   const key = (event: KeyboardEvent) => {
     const moves: Record<string, () => void> = {
-      Delete: () => removeStrip(r), "+": () => resizeStrip(r, 0.2), "-": () => resizeStrip(r, -0.2), Enter: () => { active.value = r; },
+      Delete: () => removeStrip(r),
+      "+": () => resizeStrip(r, 0.2),
+      "-": () => resizeStrip(r, -0.2),
+      Enter: () => {
+        active.value = r;
+      },
       ...(event.altKey ? { ArrowUp: () => refocus(event, r, -1), ArrowDown: () => refocus(event, r, 1) } : {}),
     };
     const move = moves[event.key];
@@ -34,13 +57,55 @@ function Legend({ row, r }: { row: Row; r: number }) {
     event.stopPropagation();
   };
   return (
-    <div class={`leg ${active.value === r ? "on" : ""} ${over.value ? "over" : ""}`} style={{ flex: `${row.weight} 0 0` }} data-strip={r} tabIndex={0} role="group" draggable
-      aria-label={`Strip ${row.title}`} title={`${row.title}\nDrag to move, drop a signal to add it. Keys: Alt ↑ ↓ move, + − height, Del remove`}
-      onFocus={() => { active.value = r; }} onPointerDown={() => { active.value = r; }} onKeyDown={key}
-      onDragStart={(event) => event.dataTransfer?.setData(STRIP, String(r))} onDragLeave={() => { over.value = false; }} onDrop={drop}
-      onDragOver={(event) => { if (event.dataTransfer?.types.some((type) => type === STRIP || type === SIGNAL)) { event.preventDefault(); over.value = true; } }}>
-      <div class="nm"><b class="cut">{row.title}</b><span class="q">{row.unit}</span><button class="x" tabIndex={-1} aria-label={`Remove the strip ${row.title}`} title="Remove (Del)" onClick={() => removeStrip(r)}>×</button></div>
-      {row.lines.map((each) => <Value key={keyOf(each.signal)} own={each} single={row.lines.length === 1} remove={() => removeLine(r, each.signal)} />)}
+    <div
+      class={`leg ${active.value === r ? "on" : ""} ${over.value ? "over" : ""}`}
+      style={{ flex: `${row.weight} 0 0` }}
+      data-strip={r}
+      tabIndex={0}
+      role="group"
+      draggable
+      aria-label={`Strip ${row.title}`}
+      title={`${row.title}\nDrag to move, drop a signal to add it. Keys: Alt ↑ ↓ move, + − height, Del remove`}
+      onFocus={() => {
+        active.value = r;
+      }}
+      onPointerDown={() => {
+        active.value = r;
+      }}
+      onKeyDown={key}
+      onDragStart={(event) => event.dataTransfer?.setData(STRIP, String(r))}
+      onDragLeave={() => {
+        over.value = false;
+      }}
+      onDrop={drop}
+      onDragOver={(event) => {
+        if (event.dataTransfer?.types.some((type) => type === STRIP || type === SIGNAL)) {
+          event.preventDefault();
+          over.value = true;
+        }
+      }}
+    >
+      <div class="nm">
+        <b class="cut">{row.title}</b>
+        <span class="q">{row.unit}</span>
+        <button
+          class="x"
+          tabIndex={-1}
+          aria-label={`Remove the strip ${row.title}`}
+          title="Remove (Del)"
+          onClick={() => removeStrip(r)}
+        >
+          ×
+        </button>
+      </div>
+      {row.lines.map((each) => (
+        <Value
+          key={keyOf(each.signal)}
+          own={each}
+          single={row.lines.length === 1}
+          remove={() => removeLine(r, each.signal)}
+        />
+      ))}
       <Brushed row={row} />
       <Grip r={r} />
     </div>
@@ -62,9 +127,20 @@ function Value({ own, single, remove }: { own: Line; single: boolean; remove: ()
   const value = at === null ? exact : valueAt(drawn.value, key, at);
   return (
     <div class="v" title={missing}>
-      <i style={{ background: `var(--${own.colour})` }} /><span class="cut">{missing ? "not in this dataset" : own.label}</span>
+      <i style={{ background: `var(--${own.colour})` }} />
+      <span class="cut">{missing ? "not in this dataset" : own.label}</span>
       {missing ? <b /> : <b>{Number.isFinite(value) ? significant(value) : MISSING}</b>}
-      {!single && <button class="x" tabIndex={-1} aria-label={`Remove ${own.label}`} title={`Remove ${own.label}`} onClick={remove}>×</button>}
+      {!single && (
+        <button
+          class="x"
+          tabIndex={-1}
+          aria-label={`Remove ${own.label}`}
+          title={`Remove ${own.label}`}
+          onClick={remove}
+        >
+          ×
+        </button>
+      )}
     </div>
   );
 }
@@ -76,7 +152,23 @@ function Brushed({ row }: { row: Row }) {
   if (!own || own.samples === 0) return null;
   const number = (value: number | null) => significant(value ?? NaN);
   const error = first.signal.kind === "error" || first.signal.kind === "start error";
-  return <div class="s">{error ? <>RMSE {number(own.rms)}<br />mean {signed(own.mean ?? NaN)}</> : <>{number(own.least)} … {number(own.greatest)}<br />mean {number(own.mean)}</>}</div>;
+  return (
+    <div class="s">
+      {error ? (
+        <>
+          RMSE {number(own.rms)}
+          <br />
+          mean {signed(own.mean ?? NaN)}
+        </>
+      ) : (
+        <>
+          {number(own.least)} … {number(own.greatest)}
+          <br />
+          mean {number(own.mean)}
+        </>
+      )}
+    </div>
+  );
 }
 
 /** The lower edge of a strip, dragged to change its height. */
@@ -93,7 +185,20 @@ function Grip({ r }: { r: number }) {
       resizeStrip(r, (move.clientY - from) / unit);
       from = move.clientY;
     };
-    grip.onpointerup = () => { grip.onpointermove = grip.onpointerup = null; };
+    grip.onpointerup = () => {
+      grip.onpointermove = grip.onpointerup = null;
+    };
   };
-  return <div class="grip" aria-hidden="true" onPointerDown={drag} onDragStart={(event) => { event.preventDefault(); event.stopPropagation(); }} draggable />;
+  return (
+    <div
+      class="grip"
+      aria-hidden="true"
+      onPointerDown={drag}
+      onDragStart={(event) => {
+        event.preventDefault();
+        event.stopPropagation();
+      }}
+      draggable
+    />
+  );
 }

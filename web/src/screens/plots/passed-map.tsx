@@ -1,17 +1,21 @@
 // The grid points of a table with the weight of the brushed samples in each; a click lights up the samples of a point.
 
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { canvasIn, extent, type Box, type Pen } from "../../drawing/canvas";
+import { type Box, canvasIn, extent, type Pen } from "../../drawing/canvas";
 import { css, height as heightColour, token } from "../../drawing/colours";
 import { hatch } from "../../drawing/marks";
 import { significant, withUnit } from "../../drawing/numbers";
 import { brush } from "../../plots";
-import { selection, table, theme, type Table } from "../../store";
+import type { EditedTable } from "../../replies";
+import { selection, table, theme } from "../../store";
 
-interface Passed { weights: Float32Array | undefined }
+interface Passed {
+  weights: Float32Array | undefined;
+}
 
 export function PassedMap(props: Passed) {
-  if (table.value !== null && ![1, 2].includes(table.value.axes.length)) return <p class="pad q">Curves and maps are shown here; choose one above.</p>;
+  if (table.value !== null && ![1, 2].includes(table.value.axes.length))
+    return <p class="pad q">Curves and maps are shown here; choose one above.</p>;
   return <PassedPicture {...props} />;
 }
 
@@ -21,18 +25,33 @@ function PassedPicture({ weights }: Passed) {
   const latest = useRef(weights);
   latest.current = weights;
   useLayoutEffect(() => {
-    const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => { if (table.value !== null) draw(pen, wide, high, table.value, latest.current); });
+    const {
+      canvas,
+      redraw: again,
+      close,
+    } = canvasIn(host.current!, (pen, wide, high) => {
+      if (table.value !== null) draw(pen, wide, high, table.value, latest.current);
+    });
     redraw.current = again;
     canvas.style.cursor = "pointer";
     canvas.onclick = (event) => pick(canvas, event);
     return close;
   }, []);
   useEffect(() => redraw.current(), [weights, table.value, brush.value, theme.value]);
-  return <div class="body canvas" ref={host} aria-label="Grid points that brushed samples pass; click one to light up its samples" />;
+  return (
+    <div
+      class="body canvas"
+      ref={host}
+      aria-label="Grid points that brushed samples pass; click one to light up its samples"
+    />
+  );
 }
 
 const boxOf = (width: number, height: number): Box => ({ left: 44, right: width - 14, top: 8, bottom: height - 34 });
-const counts = (own: Table): [number, number] => [own.axes[0]?.points.length ?? 1, own.axes[1]?.points.length ?? 1];
+const counts = (own: EditedTable): [number, number] => [
+  own.axes[0]?.points.length ?? 1,
+  own.axes[1]?.points.length ?? 1,
+];
 
 function pick(canvas: HTMLCanvasElement, event: MouseEvent): void {
   const own = table.value;
@@ -46,13 +65,16 @@ function pick(canvas: HTMLCanvasElement, event: MouseEvent): void {
   selection.value = { x: [i, i], y: [j, j], active: [i, j] };
 }
 
-function draw(pen: Pen, width: number, height: number, own: Table, weights: Float32Array | undefined): void {
+function draw(pen: Pen, width: number, height: number, own: EditedTable, weights: Float32Array | undefined): void {
   const box = boxOf(width, height);
   const [nx, ny] = counts(own);
   const [w, h] = [(box.right - box.left) / nx, (box.bottom - box.top) / ny];
   const [low, high] = extent(own.values);
   const most = weights ? Math.max(...weights, 1e-9) : 1;
-  const chosen = brush.value !== null && "point" in brush.value && brush.value.point.parameter === own.name ? brush.value.point.value : -1;
+  const chosen =
+    brush.value !== null && "point" in brush.value && brush.value.point.parameter === own.name
+      ? brush.value.point.value
+      : -1;
   own.values.forEach((value, k) => {
     const [x, y] = [box.left + Math.floor(k / ny) * w, box.bottom - ((k % ny) + 1) * h];
     pen.fillStyle = css(heightColour(high > low ? (value - low) / (high - low) : 0.5), 0.4);
@@ -76,18 +98,25 @@ function draw(pen: Pen, width: number, height: number, own: Table, weights: Floa
   labels(pen, own, weights, box, w, h);
 }
 
-function labels(pen: Pen, own: Table, weights: Float32Array | undefined, box: Box, w: number, h: number): void {
+function labels(pen: Pen, own: EditedTable, weights: Float32Array | undefined, box: Box, w: number, h: number): void {
   const [xs, ys] = [own.axes[0]?.points ?? [], own.axes[1]?.points ?? []];
   pen.fillStyle = token("quiet");
   pen.textBaseline = "alphabetic";
   pen.textAlign = "right";
   pen.fillText(own.axes.map((axis) => withUnit(axis.input, axis.unit)).join(", "), box.right, box.bottom + 28);
   pen.textAlign = "left";
-  if (weights) pen.fillText(`${weights.filter((weight) => weight > 0).length} of ${weights.length}`, box.left, box.bottom + 28);
+  if (weights)
+    pen.fillText(`${weights.filter((weight) => weight > 0).length} of ${weights.length}`, box.left, box.bottom + 28);
   pen.textAlign = "right";
   pen.textBaseline = "middle";
-  ys.forEach((value, j) => { if (j % Math.ceil(ys.length / 6) === 0) pen.fillText(significant(value, 3), box.left - 5, box.bottom - (j + 0.5) * h); });
+  ys.forEach((value, j) => {
+    if (j % Math.ceil(ys.length / 6) === 0)
+      pen.fillText(significant(value, 3), box.left - 5, box.bottom - (j + 0.5) * h);
+  });
   pen.textBaseline = "top";
   pen.textAlign = "center";
-  xs.forEach((value, i) => { if (i % Math.ceil(xs.length / 5) === 0) pen.fillText(significant(value, 4), box.left + (i + 0.5) * w, box.bottom + 4); });
+  xs.forEach((value, i) => {
+    if (i % Math.ceil(xs.length / 5) === 0)
+      pen.fillText(significant(value, 4), box.left + (i + 0.5) * w, box.bottom + 4);
+  });
 }

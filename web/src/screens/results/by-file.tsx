@@ -2,18 +2,17 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
+import type { ErrorsByFile } from "../../replies";
 import { request, screen, settled } from "../../store";
 import { Cells } from "../optimization/outcome";
 
-interface ByFile { run: number | null; rows: string[][]; more: number; several: boolean }
-
-const answer = signal<ByFile>({ run: null, rows: [], more: 0, several: false });
+const answer = signal<ErrorsByFile>({ run: null, rows: [], more: 0, several: false });
 const asked = signal<boolean | null>(null); // what the user chose, else it depends on the files
 const unfolded = computed(() => asked.value ?? answer.value.several);
 
 const load = newest(async (_: string) => {
   const reply = await request("by-file");
-  if (reply !== null) answer.value = reply.head as unknown as ByFile;
+  if (reply !== null) answer.value = reply.head;
 });
 
 effect(() => {
@@ -26,8 +25,27 @@ export function ByFilePane() {
   if (run === null || rows.length < 2) return null;
   return (
     <section class={`pane bf ${unfolded.value ? "" : "folded"}`} id="by-file">
-      <div class="head"><h2>By file</h2><span class="sub">run {run}, worst first</span><span class="right"><button class="btn small" aria-expanded={unfolded.value} onClick={() => { asked.value = !unfolded.value; }}>{unfolded.value ? "Hide" : "Show"}</button></span></div>
-      {unfolded.value && <div class="items"><Cells rows={rows} id="files-table" />{more > 0 && <p class="pad q">{more} further files with smaller errors; result.json has all of them.</p>}</div>}
+      <div class="head">
+        <h2>By file</h2>
+        <span class="sub">run {run}, worst first</span>
+        <span class="right">
+          <button
+            class="btn small"
+            aria-expanded={unfolded.value}
+            onClick={() => {
+              asked.value = !unfolded.value;
+            }}
+          >
+            {unfolded.value ? "Hide" : "Show"}
+          </button>
+        </span>
+      </div>
+      {unfolded.value && (
+        <div class="items">
+          <Cells rows={rows} id="files-table" />
+          {more > 0 && <p class="pad q">{more} further files with smaller errors; result.json has all of them.</p>}
+        </div>
+      )}
     </section>
   );
 }

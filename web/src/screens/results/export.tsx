@@ -1,31 +1,41 @@
 // Export of the present values: calibration files, report, simulation, script, all files of a run, and the folder.
 
 import { effect, signal } from "@preact/signals";
-import { RoundedTable, type Rounded } from "../../instruments/rounded";
+import { RoundedTable } from "../../instruments/rounded";
+import type { ExportedFiles, ExportFormats } from "../../replies";
 import { request, screen, settled, state } from "../../store";
 import { address } from "../../uploads";
 import { Further } from "../optimization/settings";
 
-interface Formats { formats: string[]; own: string[]; folder: string; stored: boolean }
-interface Exported { files: string[]; findings: string[]; rounded: Rounded[] }
-
-const formats = signal<Formats>({ formats: [], own: [], folder: "", stored: false });
+const formats = signal<ExportFormats>({ formats: [], own: [], folder: "", stored: false });
 const picked = signal<Set<string> | null>(null);
 const extras = signal({ report: true, stored: false, script: false, whole: false });
 const simulation = signal("");
 const existing = signal(""); // name of the script that would be replaced
-const exported = signal<Exported>({ files: [], findings: [], rounded: [] });
+const exported = signal<ExportedFiles>({ files: [], findings: [], rounded: [] });
 
-effect(() => { // what was exported may be the results of a run
+effect(() => {
+  // what was exported may be the results of a run
   void [settled.value.textRevision, exported.value];
-  if (screen.value === "results" && settled.value.project !== null) void request("formats").then((reply) => { if (reply !== null) formats.value = reply.head as unknown as Formats; });
+  if (screen.value === "results" && settled.value.project !== null)
+    void request("formats").then((reply) => {
+      if (reply !== null) formats.value = reply.head;
+    });
 });
 
 const EXTRAS = [
   ["report", "report.html", "The report on the last run, or on the present values if there was none: one HTML file"],
-  ["stored", "report on the results folder", "The report on the run whose files are in the results folder, as kennfeld report writes it"],
+  [
+    "stored",
+    "report on the results folder",
+    "The report on the run whose files are in the results folder, as kennfeld report writes it",
+  ],
   ["script", "Python script that repeats the run", "calibrate.py beside the project file"],
-  ["whole", "all files of a run", "What kennfeld calibrate writes: values, trace.csv, trust.csv, simulation.parquet and result.json, for the present values"],
+  [
+    "whole",
+    "all files of a run",
+    "What kennfeld calibrate writes: values, trace.csv, trust.csv, simulation.parquet and result.json, for the present values",
+  ],
 ] as const;
 const SIMULATIONS = ["parquet", "csv", "mf4", "mat"] as const;
 
@@ -38,27 +48,115 @@ export function ExportPane() {
     picked.value = next;
   };
   const run = async (force: boolean) => {
-    const reply = await request("export", { formats: [...chosen], ...extras.value, simulation: simulation.value, force });
-    existing.value = String(reply?.head.exists ?? "");
-    if (reply !== null && !existing.value) exported.value = reply.head as unknown as Exported;
+    const reply = await request("export", {
+      formats: [...chosen],
+      ...extras.value,
+      simulation: simulation.value,
+      force,
+    });
+    existing.value = reply !== null && "exists" in reply.head ? reply.head.exists : "";
+    if (reply !== null && !("exists" in reply.head)) exported.value = reply.head;
   };
   const total = chosen.size + Object.values(extras.value).filter(Boolean).length + Number(Boolean(simulation.value));
   return (
     <div id="export-pane">
-      <div class="head mid"><h2>Export</h2><span class="sub">present values</span></div>
+      <div class="head mid">
+        <h2>Export</h2>
+        <span class="sub">present values</span>
+      </div>
       <div class="pad">
-        <div class="chips">{all.map((ending) => <button class="chip" data-format={ending.slice(1)} aria-pressed={chosen.has(ending)} title={`parameters${ending}`} onClick={() => flip(ending)}>{ending.slice(1).toUpperCase()}</button>)}</div>
+        <div class="chips">
+          {all.map((ending) => (
+            <button
+              class="chip"
+              data-format={ending.slice(1)}
+              aria-pressed={chosen.has(ending)}
+              title={`parameters${ending}`}
+              onClick={() => flip(ending)}
+            >
+              {ending.slice(1).toUpperCase()}
+            </button>
+          ))}
+        </div>
         <div class="opt2">
-          {EXTRAS.map(([key, text, help]) => <label title={help}><input type="checkbox" checked={extras.value[key]} disabled={(key === "whole" && !state.value.runs.length) || (key === "stored" && !formats.value.stored)} onChange={(event) => { extras.value = { ...extras.value, ...(event.currentTarget.checked && key === "report" ? { stored: false } : event.currentTarget.checked && key === "stored" ? { report: false } : {}), [key]: event.currentTarget.checked }; }} /> {text}</label>)}
-          <label title="All nodes and targets over all datasets at the present values, as kennfeld simulate writes them; mf4 (MDA, CANape) and mat hold each recording with its time stamps, errors and inputs">simulation <select class="field small" aria-label="Simulation" value={simulation.value} onChange={(event) => { simulation.value = event.currentTarget.value; }}><option value="">no</option>{SIMULATIONS.map((ending) => <option value={`.${ending}`}>simulation.{ending}</option>)}</select></label>
+          {EXTRAS.map(([key, text, help]) => (
+            <label title={help}>
+              <input
+                type="checkbox"
+                checked={extras.value[key]}
+                disabled={(key === "whole" && !state.value.runs.length) || (key === "stored" && !formats.value.stored)}
+                onChange={(event) => {
+                  extras.value = {
+                    ...extras.value,
+                    ...(event.currentTarget.checked && key === "report"
+                      ? { stored: false }
+                      : event.currentTarget.checked && key === "stored"
+                        ? { report: false }
+                        : {}),
+                    [key]: event.currentTarget.checked,
+                  };
+                }}
+              />{" "}
+              {text}
+            </label>
+          ))}
+          <label title="All nodes and targets over all datasets at the present values, as kennfeld simulate writes them; mf4 (MDA, CANape) and mat hold each recording with its time stamps, errors and inputs">
+            simulation{" "}
+            <select
+              class="field small"
+              aria-label="Simulation"
+              value={simulation.value}
+              onChange={(event) => {
+                simulation.value = event.currentTarget.value;
+              }}
+            >
+              <option value="">no</option>
+              {SIMULATIONS.map((ending) => (
+                <option value={`.${ending}`}>simulation.{ending}</option>
+              ))}
+            </select>
+          </label>
         </div>
         <Further section="report" skip={[]} label="title, author and comment of the report" />
-        <p class="q cut" title={folder}>into {folder.split(/[\\/]/).slice(-2).join("/")}</p>
-        <div class="go"><button class="btn primary" id="export-files" disabled={!total} onClick={() => run(false)}>{total === 1 ? "Export 1 file" : "Export"}</button>{existing.value && <button class="btn" id="replace-script" onClick={() => run(true)}>Replace it</button>}<a class="btn" id="export-folder" href="/project.zip" download title="The folder of the project as it is on disk; unsaved changes are not in it">Folder as ZIP</a></div>
+        <p class="q cut" title={folder}>
+          into {folder.split(/[\\/]/).slice(-2).join("/")}
+        </p>
+        <div class="go">
+          <button class="btn primary" id="export-files" disabled={!total} onClick={() => run(false)}>
+            {total === 1 ? "Export 1 file" : "Export"}
+          </button>
+          {existing.value && (
+            <button class="btn" id="replace-script" onClick={() => run(true)}>
+              Replace it
+            </button>
+          )}
+          <a
+            class="btn"
+            id="export-folder"
+            href="/project.zip"
+            download
+            title="The folder of the project as it is on disk; unsaved changes are not in it"
+          >
+            Folder as ZIP
+          </a>
+        </div>
         {existing.value && <p class="note warn">{existing.value} exists already, with another content.</p>}
         {state.value.unsaved.length > 0 && <p class="q">The ZIP holds what is saved.</p>}
-        {exported.value.files.length > 0 && <div class="done" id="exported"><p class="good">Written:</p>{exported.value.files.map((path) => <p class="cut"><a href={address(path)} download title={path}>{path.split("/").at(-1)}</a></p>)}</div>}
-        {exported.value.findings.map((text) => <p class="note warn">{text}</p>)}
+        {exported.value.files.length > 0 && (
+          <div class="done" id="exported">
+            <p class="good">Written:</p>
+            {exported.value.files.map((path) => (
+              <p class="cut">
+                <a href={address(path)} download title={path}>
+                  {path.split("/").at(-1)}
+                </a>
+              </p>
+            ))}
+          </div>
+        )}
+        {exported.value.findings.map((text) => (
+          <p class="note warn">{text}</p>
+        ))}
       </div>
       <RoundedTable rows={exported.value.rounded} />
     </div>

@@ -1,21 +1,28 @@
 // What a pin would do to the uncertainty of every table, before it is applied.
 
 import { computed, effect, signal } from "@preact/signals";
-import { trust, tried, type PinnedRow, type Remedy } from "../../comparison";
+import { tried, trust } from "../../comparison";
 import { newest } from "../../connection";
 import { MISSING, significant } from "../../drawing/numbers";
+import type { PinnedRow, RemedyRow } from "../../replies";
 import { request, screen } from "../../store";
 
 const rows = signal<PinnedRow[]>([]);
 
-const pins = computed(() => [...trust.value.remedies, ...trust.value.directions.flatMap((each) => each.remedies)].filter((each) => each.kind === "pin" && !each.applied));
-const shown = computed<Remedy | undefined>(() => pins.value.find((each) => each.title === tried.value) ?? pins.value[0]);
+const pins = computed(() =>
+  [...trust.value.remedies, ...trust.value.directions.flatMap((each) => each.remedies)].filter(
+    (each) => each.kind === "pin" && !each.applied,
+  ),
+);
+const shown = computed<RemedyRow | undefined>(
+  () => pins.value.find((each) => each.title === tried.value) ?? pins.value[0],
+);
 
-const load = newest(async (own: Remedy) => {
+const load = newest(async (own: RemedyRow) => {
   const [path, list] = own.changes.at(-1)!;
   const pin = (list as { at: number[] }[]).at(-1)!;
-  const reply = await request("pinned", { parameter: path[1], at: pin.at });
-  rows.value = reply === null ? [] : (reply.head.rows as PinnedRow[]);
+  const reply = await request("pinned", { parameter: String(path[1]), at: pin.at });
+  rows.value = reply === null ? [] : reply.head.rows;
 });
 
 effect(() => {
@@ -28,10 +35,25 @@ export function IfPinned() {
   const number = (value: number | null) => (value === null ? MISSING : significant(value, 3));
   return (
     <div id="if-pinned">
-      <div class="head"><h2>If pinned</h2><span class="sub" title={shown.value.title}>{shown.value.title.replace(/^Pin /, "")}</span></div>
+      <div class="head">
+        <h2>If pinned</h2>
+        <span class="sub" title={shown.value.title}>
+          {shown.value.title.replace(/^Pin /, "")}
+        </span>
+      </div>
       <div class="pad">
         <p class="q">Standard deviation, median over the table</p>
-        <table class="pinned">{rows.value.map((row) => <tr><td class="cut">{row.name}</td><td class="num">{number(row.before)} →</td><td class="num"><b>{number(row.after)}</b> <span class="q">{row.unit}</span></td></tr>)}</table>
+        <table class="pinned">
+          {rows.value.map((row) => (
+            <tr>
+              <td class="cut">{row.name}</td>
+              <td class="num">{number(row.before)} →</td>
+              <td class="num">
+                <b>{number(row.after)}</b> <span class="q">{row.unit}</span>
+              </td>
+            </tr>
+          ))}
+        </table>
       </div>
     </div>
   );

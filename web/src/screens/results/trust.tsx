@@ -1,8 +1,9 @@
 // What the data of the last run cannot determine: each row with its remedies, which change the project file.
 
-import { tried, trust, type Direction, type Remedy } from "../../comparison";
+import { tried, trust } from "../../comparison";
 import { significant } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import type { RemedyRow, UndeterminedDirection } from "../../replies";
 import { describePath, setKeys } from "../../settings";
 import { state } from "../../store";
 
@@ -12,39 +13,122 @@ export function TrustPane() {
   const open = directions.length + Number(Boolean(sentence));
   return (
     <section class="pane dr" id="trust">
-      <div class="head"><h2>What the data cannot determine</h2><span class="sub">{directions.length ? `${directions.length} direction${directions.length > 1 ? "s" : ""}, least known first` : ""}</span>
-        {freedom !== null && freedom !== undefined && <span class="right q" title="Degrees of freedom that the fit used: the effective number of values that the data determine">the data determine {significant(freedom, 3)} of {values} values</span>}
+      <div class="head">
+        <h2>What the data cannot determine</h2>
+        <span class="sub">
+          {directions.length
+            ? `${directions.length} direction${directions.length > 1 ? "s" : ""}, least known first`
+            : ""}
+        </span>
+        {freedom !== null && freedom !== undefined && (
+          <span
+            class="right q"
+            title="Degrees of freedom that the fit used: the effective number of values that the data determine"
+          >
+            the data determine {significant(freedom, 3)} of {values} values
+          </span>
+        )}
       </div>
-      {!ran && <p class="pad q">After a run this lists changes of the values that the data hardly notice, each with a remedy.</p>}
+      {!ran && (
+        <p class="pad q">
+          After a run this lists changes of the values that the data hardly notice, each with a remedy.
+        </p>
+      )}
       {ran && open === 0 && <p class="pad q">{remark || "The data determine all values."}</p>}
       {open > 0 && remark && <p class="note warn">{remark}</p>}
-      {sentence && <div class={`di ${remedies.length ? "on" : ""}`}><b class="bad">{remedies.length ? "open" : "–"}</b><div class="grow"><p>{sentence}</p><p class="q">{advice}</p><Remedies own={remedies} first /></div></div>}
-      {directions.map((each) => <Row own={each} />)}
-      {coupled.map((text) => <div class="di"><b class="good">coupled</b><div class="grow"><p>{text}</p></div></div>)}
-      {holdings.map((text) => <div class="di"><b class="q">limit</b><div class="grow"><p>{text}</p></div></div>)}
-      {noise.length > 0 && <p class="pad q">Noise: {noise.map((each) => `${each.criterion} ${each.value === null ? "unknown" : significant(each.value, 4)}`).join(", ")}</p>}
+      {sentence && (
+        <div class={`di ${remedies.length ? "on" : ""}`}>
+          <b class="bad">{remedies.length ? "open" : "–"}</b>
+          <div class="grow">
+            <p>{sentence}</p>
+            <p class="q">{advice}</p>
+            <Remedies own={remedies} first />
+          </div>
+        </div>
+      )}
+      {directions.map((each) => (
+        <Row own={each} />
+      ))}
+      {coupled.map((text) => (
+        <div class="di">
+          <b class="good">coupled</b>
+          <div class="grow">
+            <p>{text}</p>
+          </div>
+        </div>
+      ))}
+      {holdings.map((text) => (
+        <div class="di">
+          <b class="q">limit</b>
+          <div class="grow">
+            <p>{text}</p>
+          </div>
+        </div>
+      ))}
+      {noise.length > 0 && (
+        <p class="pad q">
+          Noise:{" "}
+          {noise
+            .map((each) => `${each.criterion} ${each.value === null ? "unknown" : significant(each.value, 4)}`)
+            .join(", ")}
+        </p>
+      )}
     </section>
   );
 }
 
-function Row({ own }: { own: Direction }) {
+function Row({ own }: { own: UndeterminedDirection }) {
   const size = own.deviation;
   return (
-    <div class={`di ${own.remedies.some((each) => each.title === tried.value) ? "on" : ""}`} onClick={() => { tried.value = own.remedies.find((each) => each.kind === "pin")?.title ?? ""; }}>
-      <b class={size === null || size > 20 ? "bad" : size > 5 ? "warn" : "good"} title="Standard deviation, as a multiple of the change that the sentence describes">{size === null ? "open" : `± ${significant(size, 2)}`}</b>
-      <div class="grow"><p>{own.sentence}</p><p class="q">{own.remedy}</p><Remedies own={own.remedies} /></div>
+    <div
+      class={`di ${own.remedies.some((each) => each.title === tried.value) ? "on" : ""}`}
+      onClick={() => {
+        tried.value = own.remedies.find((each) => each.kind === "pin")?.title ?? "";
+      }}
+    >
+      <b
+        class={size === null || size > 20 ? "bad" : size > 5 ? "warn" : "good"}
+        title="Standard deviation, as a multiple of the change that the sentence describes"
+      >
+        {size === null ? "open" : `± ${significant(size, 2)}`}
+      </b>
+      <div class="grow">
+        <p>{own.sentence}</p>
+        <p class="q">{own.remedy}</p>
+        <Remedies own={own.remedies} />
+      </div>
     </div>
   );
 }
 
 /** A button for each remedy; one that the project file has already says so. */
-function Remedies({ own, first = false }: { own: Remedy[]; first?: boolean }) {
+function Remedies({ own, first = false }: { own: RemedyRow[]; first?: boolean }) {
   if (own.length === 0) return null;
   return (
     <p class="remedies">
-      {own.map((each, k) => each.applied
-        ? <span class="good" data-remedy={each.kind}><Icon name="done" /> applied: {each.title}</span>
-        : <button class="btn small" data-remedy={each.kind} id={first && k === 0 ? "pin" : undefined} title={each.changes.map(([path, value]) => `${describePath(path)} = ${JSON.stringify(value)}`).join("\n")} onFocus={() => { tried.value = each.title; }} onMouseEnter={() => { if (each.kind === "pin") tried.value = each.title; }} onClick={() => setKeys(each.changes, each.title)}>{each.title}</button>)}
+      {own.map((each, k) =>
+        each.applied ? (
+          <span class="good" data-remedy={each.kind}>
+            <Icon name="done" /> applied: {each.title}
+          </span>
+        ) : (
+          <button
+            class="btn small"
+            data-remedy={each.kind}
+            id={first && k === 0 ? "pin" : undefined}
+            title={each.changes.map(([path, value]) => `${describePath(path)} = ${JSON.stringify(value)}`).join("\n")}
+            onFocus={() => {
+              tried.value = each.title;
+            }}
+            onMouseEnter={() => {
+              if (each.kind === "pin") tried.value = each.title;
+            }}
+            onClick={() => setKeys(each.changes, each.title)}
+          >
+            {each.title}
+          </button>
+        ),
+      )}
     </p>
   );
 }

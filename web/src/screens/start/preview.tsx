@@ -1,20 +1,30 @@
 // The picture of a project: measured and calculated over time, or calculated over measured.
 
-import { area, extent, line, widened, type Pen } from "../../drawing/canvas";
+import { area, extent, line, type Pen, widened } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { Picture } from "../../instruments/picture";
-import type { Picture as Data } from "../../projects";
+import type { PictureLines } from "../../replies";
 
 const numbers = (values: (number | null)[]): number[] => values.map((value) => value ?? NaN);
 
-export function Preview({ own, title }: { own: Data; title: string }) {
-  const [x, measured, now, start] = [own.x, own.measured, own.now, own.start].map(numbers) as [number[], number[], number[], number[]];
+export function Preview({ own, title }: { own: PictureLines; title: string }) {
+  const [x, measured, now, start] = [own.x, own.measured, own.now, own.start].map(numbers) as [
+    number[],
+    number[],
+    number[],
+    number[],
+  ];
   const draw = (pen: Pen, width: number, height: number) => {
     const box = { left: 52, right: width - 14, top: 10, bottom: height - 34 };
     if (own.timed) {
       const plot = area(pen, box, extent(x), widened(extent(measured, now, start), 0.04), { title: "time [s]" });
       plot.clip(() => {
-        for (const [values, colour, size] of [[start, "before", 1.2], [measured, "ink", 1.6], [now, "model", 1.2]] as const) line(pen, x.map(plot.x), values.map(plot.y), token(colour), size);
+        for (const [values, colour, size] of [
+          [start, "before", 1.2],
+          [measured, "ink", 1.6],
+          [now, "model", 1.2],
+        ] as const)
+          line(pen, x.map(plot.x), values.map(plot.y), token(colour), size);
       });
     } else {
       const range = widened(extent(measured, now), 0.04);
