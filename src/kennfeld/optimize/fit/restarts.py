@@ -69,6 +69,7 @@ class Restarts:
                 break
             end = ends[-1]
         else:
+            # the last restart may have ended at a point that is not stuck
             if end.status == "converged" and (off := departure(self.setup.exact, end.values, self.limits)) is not None:
                 message = (
                     f"The derivatives with respect to {' and '.join(off.stuck)} vanish again after each restart. "
@@ -92,6 +93,7 @@ class Restarts:
             if np.array_equal(values, end.values):
                 break
             values = self.start if remembers else values
+            # single values at their start may break a linear row that the others of it have moved along
             if self.limits.violation(values) > max(self.limits.violation(end.values), FEASIBLE):
                 continue
             ends.append(descend(self.setup, values, self.limits, remembers_scale=remembers))
@@ -106,6 +108,8 @@ class Restarts:
             return end
         for away in run_away(self.setup.exact, self.setup.objective, self.start, end.values)[:MAX_DEPARTURES]:
             lower, upper = (np.where(away, self.start, side) for side in (self.limits.lower, self.limits.upper))
+            # first with the value fixed, by equal bounds, so that the others find their optimum; then all are free
+            # again
             ends.append(self._descend(self.start, replace(self.limits, lower=lower, upper=upper)))
             ends.append(self._descend(ends[-1].values))
             if is_lower(ends[-1], end):
@@ -152,6 +156,7 @@ class Restarts:
         ends, fixed = [], np.zeros(self.start.size, dtype=bool)
         small = self.setup.objective.uses_qr and not self.setup.is_global
         while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
+            # once others have moved, further values may lie at a kink
             more = values_at_kinks(self.setup.objective, end.values, self.start, self.limits) & ~fixed
             if not more.any():
                 break

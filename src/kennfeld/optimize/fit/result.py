@@ -140,6 +140,7 @@ class Result(NotebookDisplay):
         """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
         moved = {}
         for key, free in free_axes(self.start).items():
+            # all tables on a group axis have the same breakpoints
             table, which = free.places[0]
             before, after = free.axis.breakpoints, self.parameters[table].axes[which].breakpoints
             if not np.array_equal(before, after):
