@@ -48,6 +48,7 @@ def convert_builtins(node: n.Node, depth: int = 0) -> n.Node:
     if isinstance(node, n.MatCells):
         return replace(node, cells=[convert_builtins(cell, depth + 1) for cell in node.cells])
     if isinstance(node, n.MatStructArray):
+        # strings become texts, so that an array of them is a cell array
         converted = [convert_builtins(element, depth + 1) for element in node.elements]
         structs = [element for element in converted if isinstance(element, n.MatStruct)]
         return replace(node, elements=structs) if len(structs) == len(converted) else n.MatCells(converted, node.shape)
@@ -75,6 +76,7 @@ def _convert_string(node: n.MatStruct) -> n.Node | None:
         return None
     lengths = words[begin : begin + count].tolist()
     letters = words[begin + count :].tobytes()
+    # the length of a missing string has all bits set
     if any(length == 2**64 - 1 for length in lengths):  # missing strings
         lengths = [0 if length == 2**64 - 1 else length for length in lengths]
     if 2 * sum(lengths) > len(letters):
@@ -88,6 +90,7 @@ def _convert_string(node: n.MatStruct) -> n.Node | None:
 
 def _convert_times(node: n.MatStruct) -> n.Node | None:
     stored = node.fields.get("data", node.fields.get("millis"))
+    # MATLAB saves the two doubles as real and imaginary part
     if isinstance(stored, n.MatUnreadable) and stored.parts is not None:
         high, low = stored.parts
     elif isinstance(stored, n.MatNumbers):
@@ -141,6 +144,7 @@ def _row_times(node: n.Node | None, rows: int) -> MatTimes | None:
     origin, step = node.fields.get("origin"), _step(node)
     if not isinstance(origin, MatTimes) or origin.high.size != 1 or step is None:
         return None
+    # rounded once for each row; multiples of a rounded step 1000/rate would drift
     elapsed = np.arange(rows) * step[0] / step[1]
     return MatTimes({}, origin.kind, np.full(rows, origin.high[0]), elapsed + origin.low[0])
 
@@ -154,6 +158,7 @@ def _step(node: n.MatStruct) -> tuple[float, float] | None:
     if isinstance(step, MatTimes):
         return (float(step.high[0] + step.low[0]), 1.0) if step.high.size == 1 else None
     parts = step.fields.get("components") if isinstance(step, n.MatStruct) else None
+    # a calendarDuration: months have no fixed length
     if not isinstance(parts, n.MatStruct) or _number(parts.fields.get("months")) != 0:
         return None
     days, milliseconds = _number(parts.fields.get("days")), _number(parts.fields.get("millis"))
