@@ -115,6 +115,7 @@ def _bound(own: Parameter, side: str, other: Parameter) -> Float | None:
     bound: Float = getattr(own, side)
     if bound.shape == other.values.shape:
         return bound
+    # a bound that is the same everywhere fits tables of any shape
     return bound.ravel()[0] if bound.size and np.all(bound == bound.ravel()[0]) else None
 
 
