@@ -219,6 +219,7 @@ def _rate(rate: float | None) -> str:
     """
     if rate is None:
         return ""
+    # 1 Hz in spite of rounded time stamps
     return f"{rate:.4g} Hz" if rate >= 0.999 else f"every {1 / rate:.4g} s"
 
 

@@ -105,6 +105,7 @@ def _print(stream: TextIO, lines: Iterable[str]) -> None:
         stream.write(text.encode(encoding, errors="replace").decode(encoding))
         stream.flush()
     except OSError as error:
+        # EPIPE: the reader of a pipe has ended; EIO: the terminal has closed
         if error.errno not in (EPIPE, EIO):
             raise
         # what is still buffered would complain once more at exit
@@ -132,6 +133,7 @@ def align(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
 
 
 def _escaped(row: Sequence[str]) -> list[str]:
+    # a line break in a cell would break the row of a table
     return [visible(cell).replace("\n", "\\u000a") for cell in row]
 
 
@@ -150,6 +152,7 @@ def separate(blocks: Iterable[Sequence[str]]) -> list[str]:
 
 def _is_number(cell: str) -> bool:
     try:
+        # an empty cell does not make a column one of texts
         float(cell.rstrip("%") or 0)
     except ValueError:
         return False
