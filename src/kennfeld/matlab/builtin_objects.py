@@ -26,7 +26,7 @@ class MatTimes(n.MatStruct):
     low: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def seconds(self, origin: "tuple[float, float]" = (0.0, 0.0)) -> NDArray[np.float64]:
-        """Return the times in s since a first one, Float[any], as a vector."""
+        """Return the times in s since `origin`, its high and low part in ms; Float[times]."""
         elapsed: NDArray[np.float64] = ((self.high - origin[0]) + (self.low - origin[1])) / 1e3
         return elapsed
 
@@ -104,9 +104,9 @@ def _convert_times(node: n.MatStruct) -> n.Node | None:
 
 def _convert_table(node: n.MatStruct) -> n.Node | None:
     props = node.fields.get("props")
-    told = props.fields if isinstance(props, n.MatStruct) else {}
+    fields = props.fields if isinstance(props, n.MatStruct) else {}
     names = texts_of(node.fields.get("varnames"))
-    notes = (told.get("VariableUnits"), told.get("VariableDescriptions"), told.get("VariableContinuity"))
+    notes = (fields.get("VariableUnits"), fields.get("VariableDescriptions"), fields.get("VariableContinuity"))
     return _table("table", names, node.fields.get("data"), notes, None)
 
 
@@ -114,14 +114,14 @@ def _convert_timetable(node: n.MatStruct) -> n.Node | None:
     saved = node.fields.get("any")
     if not isinstance(saved, n.MatStruct):
         return None
-    told = saved.fields
-    rows = told.get("numRows")
+    fields = saved.fields
+    rows = fields.get("numRows")
     count = int(rows.values.ravel()[0]) if isinstance(rows, n.MatNumbers) and rows.values.size else 0
-    times = _row_times(told.get("rowTimes"), count)
+    times = _row_times(fields.get("rowTimes"), count)
     if times is None:
         return n.MatUnreadable("timetable", why="its row times have an unknown form")
-    notes = (told.get("varUnits"), told.get("varDescriptions"), told.get("varContinuity"))
-    return _table("timetable", texts_of(told.get("varNames")), told.get("data"), notes, times)
+    notes = (fields.get("varUnits"), fields.get("varDescriptions"), fields.get("varContinuity"))
+    return _table("timetable", texts_of(fields.get("varNames")), fields.get("data"), notes, times)
 
 
 def _table(

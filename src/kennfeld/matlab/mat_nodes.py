@@ -112,7 +112,7 @@ class MatFileContent:
 
 
 def split_text_rows(letters: str, rows: int) -> MatText:
-    """Return the character array of letters in column-major order.
+    """Split letters in column-major order into the rows of a character array.
 
     >>> split_text_rows("ab cd ", 2).rows
     ('a d', 'bc')

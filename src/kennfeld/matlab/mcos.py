@@ -123,7 +123,7 @@ class Objects:
 
     def __init__(self, cells: n.MatCells | None, why: str = "") -> None:
         self.why = why
-        self.left = _MAX_OBJECTS
+        self.remaining = _MAX_OBJECTS
         self.within: list[int] = []  # the objects being resolved, outermost first
         self.cells = cells.cells if cells is not None else []
         if cells is not None:
@@ -158,8 +158,8 @@ class Objects:
 
     def resolve(self, node: n.Node, depth: int = 0) -> n.Node:
         """Replace the references in a node by structs of properties; unresolved ones stay unreadable."""
-        self.left -= 1
-        if depth > _MAX_DEPTH or self.left < 0:
+        self.remaining -= 1
+        if depth > _MAX_DEPTH or self.remaining < 0:
             raise n.MatFileError("its objects are nested too deeply")
         if isinstance(node, n.MatUnreadable):
             return node if node.reference is None else self._resolve_reference(node, node.reference, depth)
@@ -184,7 +184,7 @@ class Objects:
         sizes = numbers[2 : 2 + numbers[1]]
         # the last number is the class
         objects = numbers[2 + len(sizes) : -1]
-        if len(objects) != int(np.prod(sizes, dtype=float)) or len(objects) > self.left:
+        if len(objects) != int(np.prod(sizes, dtype=float)) or len(objects) > self.remaining:
             raise n.MatFileError("the object references are inconsistent")
         resolved = [self._object(number, numbers[-1], depth) for number in objects]
         if len(resolved) == 1:

@@ -75,7 +75,7 @@ class Model:
 
 
 def merge_start_values(own: ParameterSet, other: ParameterSet, *, continued: bool = True) -> ParameterSet:
-    """Return the parameters of a model, replaced by others of the same name, mostly from calibration files.
+    """Replace the parameters of a model by others of the same name, mostly from calibration files.
 
     Args:
         own: parameters of the model.

@@ -95,7 +95,7 @@ class ModelFunction:
 
 
 def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
-    """Return a function as a model of its own: its inputs are channels, its outputs nodes.
+    """Write a function as a model of its own: its inputs are channels, its outputs nodes.
 
     Args:
         function: the function.

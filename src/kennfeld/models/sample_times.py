@@ -18,7 +18,7 @@ class SampleTime(NamedTuple):
 
 
 def common_step(periods: Iterable[float]) -> float | None:
-    """Return the longest step in s that hits all sample times, None if there are none.
+    """Compute the longest step that hits all sample times, in s; None if there are none.
 
     >>> common_step([0.02, 0.005, 0.01])
     0.005
@@ -34,7 +34,7 @@ def common_step(periods: Iterable[float]) -> float | None:
 
 
 def sample_hit(builder: GraphBuilder, rate: SampleTime, step: float | None) -> int | None:
-    """Return the node that is 1 at a sample hit, None if every step is one; `step` is in s, None if it is not fixed."""
+    """Write the node that is 1 at a sample hit; None if every step is one. `step` is in s, None if it is not fixed."""
     if step is not None and rate.offset == 0 and rate.period <= step * (1 + _TIME_TOLERANCE):
         return None
     # hits up to a time: n(t) = floor((t - offset)/period + tolerance); a step is a hit if n has grown since the step

@@ -109,7 +109,7 @@ def calibrate(
 
 
 def simulate(model: Model | str, data: Data, parameters: Start, channels: Mapping[str, str] | None = None) -> Dataset:
-    """Return the named nodes of the model at the samples of the data.
+    """Evaluate the named nodes of the model at the samples of the data.
 
     Args:
         model: a model, or formula text.

@@ -179,10 +179,9 @@ def _locations(names: NameTable, source: Source) -> dict[str, Location]:
 
 
 def extend(model: Model, nodes: Mapping[str, str], location: Location) -> Model:
-    """Return the model with additional nodes, each an expression over its nodes, parameters, inputs and the other new
-    nodes.
+    """Extend a model by nodes, each an expression over its nodes, parameters, inputs and the other new nodes.
 
-    Names unknown to the model become inputs.
+    Names unknown to the model become inputs. The model that is passed stays as it is.
 
     Args:
         model: the model to extend.

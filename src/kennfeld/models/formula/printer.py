@@ -75,7 +75,7 @@ def to_lines(
 
 
 def merge_equal_states(graph: Graph) -> Graph:
-    """Return the graph with states of equal initial and next nodes merged.
+    """Merge the states of a graph with equal initial and next nodes.
 
     >>> b = GraphBuilder()
     >>> u, zero = b.input("u"), b.const(0.0)

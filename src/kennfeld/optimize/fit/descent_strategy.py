@@ -160,7 +160,7 @@ def _cross_kinks(
 
     Goes on while that pays, for at most about as many steps as the search has taken until then.
     """
-    plan, best, spent = setup.plan, end, 0
+    plan, best, iterations = setup.plan, end, 0
     for number, schedule in enumerate(plan.again):
         near, _ = continuation.descend(schedule, best.values, limits, plan.early(settings), setup.report)
         if near.status == "stopped":
@@ -171,13 +171,13 @@ def _cross_kinks(
             last = levenberg_marquardt(setup.objective, near.values, limits, settings, final)
             effort = [near, last]
         before = best.cost
-        spent += sum(each.iterations for each in effort)
+        iterations += sum(each.iterations for each in effort)
         best = (last if last.cost < before else best).with_effort_of([best, *effort])
         if last.status == "stopped":
             return replace(best, status=last.status, message=last.message)
         gained = best.cost < (1 - plan.gain) * before
         # the second schedule is tried even if the first has gained nothing
-        if last.status != "converged" or spent >= end.iterations or (number > 0 and not gained):
+        if last.status != "converged" or iterations >= end.iterations or (number > 0 and not gained):
             break
     return best
 

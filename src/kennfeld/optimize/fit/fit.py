@@ -64,7 +64,7 @@ Search = Callable[[Float, LinearLimits], SolverResult]
 
 
 def default_tolerance(compiled: CompiledProblem, objective: LeastSquaresObjective) -> float:
-    """Return the relative change of the cost at which a descent ends, as the data can distinguish it.
+    """Derive the relative change of the cost at which a descent ends, as the data can distinguish it.
 
     Noise in n residuals raises the cost of p fitted values by p/n, relatively, on average. A step that changes it by
     1/20 of that moves the values by less than a quarter of their standard deviations. Small problems, whose digits are
@@ -123,7 +123,7 @@ class FitRun:
         return other
 
     def result(self, search: Search | None = None, begin: Float | None = None) -> Result:
-        """Run `minimise` and assess its end."""
+        """Run `minimise` with the same arguments, and assess its end."""
         with blas_threads(self.exact.values.free):
             return self.while_connected(lambda: self._result(search, begin))
 
@@ -139,7 +139,7 @@ class FitRun:
     def _result_without_data(self, cost: float, values: Float, message: str) -> Result:
         """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""
         movable = int(linear_limits(self.problem, self.exact.values).movable.sum())
-        spent = time.perf_counter() - self.began
+        elapsed = time.perf_counter() - self.began
         return Result(
             status="stopped",
             message=message,
@@ -153,7 +153,7 @@ class FitRun:
             cost_after=cost,
             free_values=movable,
             fixed_values=self.exact.start.size - movable,
-            seconds=Seconds(self.read + spent, self.read, self.compile, spent - self.compile),
+            seconds=Seconds(self.read + elapsed, self.read, self.compile, elapsed - self.compile),
         )
 
     def _result(self, search: Search | None, begin: Float | None) -> Result:
@@ -204,7 +204,7 @@ class FitRun:
 
         Args:
             search: in place of the usual strategy.
-            begin: values within the limits at which a single descent begins, in place of the start.
+            begin: values within the limits at which a single descent begins, in place of the start, Float[values].
 
         Returns:
             The end, and a remark on the start.
@@ -251,7 +251,7 @@ class FitRun:
         return OutputLimits(self.problem) if self.problem.limits else None
 
     def parameters(self, values: Float) -> ParameterSet:
-        """Return the parameter set with these free values."""
+        """Return the parameter set with these free values, Float[values]."""
         return self.exact.parameters(values)
 
     def record(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None:

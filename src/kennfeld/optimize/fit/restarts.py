@@ -22,7 +22,7 @@ MAX_DEPARTURES = 3  # searches that may start again from a point at which values
 
 
 def descend(setup: DescentSetup, start: Float, limits: LinearLimits, *, remembers_scale: bool = False) -> SolverResult:
-    """Descend from other values on the model as it is; see `SolverSettings.remembers_scale`."""
+    """Descend from values, Float[values], on the model as it is; see `SolverSettings.remembers_scale`."""
     settings = replace(setup.options.settings, remembers_scale=remembers_scale)
     return levenberg_marquardt(setup.objective, start, limits, settings, partial(setup.report, "plain"))
 
@@ -47,7 +47,7 @@ class Restarts:
     limits: LinearLimits
 
     def search(self, values: Float) -> SolverResult:
-        """Search for the lowest cost from some values, also beyond points at which a descent is stuck."""
+        """Search for the lowest cost from values, Float[values], also beyond points at which a descent is stuck."""
         end = self._leave_saddles(minimise(self.setup, values, self.limits))
         end = self._return_from_infinity(self._leave_saturation(end))
         return self._leave_kinks(self._leave_ridges(end))

@@ -35,7 +35,7 @@ class TraceLine:
     """One accepted step.
 
     `stage` is `plain`, or `smooth WIDTH` and `exact` of a descent on smoothed lookups; in a sequence with the name of
-    the step before it: `step 1: plain`.
+    the step before it: `step 1: plain`. `seconds` counts from the begin of the compilation.
     """
 
     iteration: int

@@ -30,7 +30,7 @@ class SeparatePart:
     values: Bool  # Bool[values]: those of them, and of the breakpoints of their axes
 
     def compiled(self, whole: CompiledProblem) -> CompiledProblem:
-        """Return the problem with the criteria of this part and the smoothness of its parameters."""
+        """Restrict a problem to the criteria of this part and the smoothness of its parameters."""
         problem = whole.problem
         part = whole.over_selection(_select_criteria, self.criteria)
         factors = {name: problem.factors(name) for name in problem.free_names if name in self.names}
@@ -40,7 +40,7 @@ class SeparatePart:
         return part
 
     def limits(self, limits: LinearLimits, values: Float) -> LinearLimits:
-        """Return the limits with all other values fixed."""
+        """Fix all values but those of this part at `values`, Float[values]."""
         lower, upper = (np.where(self.values, side, values) for side in (limits.lower, limits.upper))
         return LinearLimits(lower, upper, limits.rows, limits.tables)
 
