@@ -147,6 +147,7 @@ def _kept() -> list[str]:
         if path is None or not is_own(path.stat()):
             return []
         digests = json.loads(path.read_text(encoding="utf-8"))
+    # RecursionError: JSON that is nested too deeply
     except (OSError, ValueError, RecursionError):
         return []
     return [each for each in digests if isinstance(each, str)] if isinstance(digests, list) else []

@@ -121,6 +121,7 @@ def _bound(own: Parameter, side: str, other: Parameter) -> Float | None:
 
 def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
     """Turn inputs of the model that are scalar parameters of the set into lookups."""
+    # formula text that was read without known parameters takes a bare name for an input
     names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
     if not names:
         return model

@@ -181,6 +181,7 @@ def _find_assumed(path: Path, text: str | None, known: Collection[str]) -> list[
         source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace") if text is None else text)
     except OSError:
         return []
+    # a scope without known names takes every name that is called for a table
     names = NameTable(parse(source), NameScope(), source)
     tables = [name for name in names.axes if name not in known]
     scalars = [name for name in names.uses if name not in (*names.inputs, *known, *tables)]

@@ -452,6 +452,7 @@ class SectionsFile:
         section, *inner = keys
         form = form_of(keys_of(type(self))[str(section)])
         heading = f"[[{section}]]" if isinstance(form, EntriesForm) else f"[{section}]"
+        # the heading of an entry has its name: [parameters.MapTorque]
         if isinstance(form, NamedEntriesForm) and inner:
             heading = f"[{section}.{inner.pop(0)}]"
         location = KeyLocation(self.path.name, lines=self.lines)

@@ -66,6 +66,7 @@ def print_findings(*problems: Finding | str) -> None:
     findings = [each if isinstance(each, Finding) else Finding(Location(), each) for each in problems]
     findings = [each for each in findings if not (is_quiet() and each.severity == "remark")]
     if len(findings) > MAX_FINDINGS:
+        # sorting is stable: findings of one severity stay in the order of the file
         findings.sort(key=lambda each: SEVERITIES.index(each.severity))
     for finding in findings[:MAX_FINDINGS]:
         print_always(finding)

@@ -279,6 +279,7 @@ def _calibrate(
         with Interrupt() as interrupt:
             with display("compiling", project.file.optimizer.starts) as shown:
                 result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
+            # inputs shifted as in the fit, which has estimated by how much
             extrapolations = find_extrapolation(apply_shifts(project.problem(), result.shifts), result.parameters)
             text = document_safely(project, result, findings, extrapolations)
             further = {"surrogates": [row.as_json() for row in extrapolations]} if extrapolations else None

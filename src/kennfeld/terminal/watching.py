@@ -53,6 +53,7 @@ def run_watched(arguments: Sequence[str], limit: float) -> int:
     try:
         return _WatchedCommand(arguments, folder, environment, processes, job).run(limit)
     finally:
+        # first the processes, which write into the folder
         processes.end()
         job.close()
         remove_noted(folder)

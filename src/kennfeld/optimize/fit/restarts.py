@@ -121,6 +121,7 @@ class Restarts:
         """Search again from lower values along combinations that change nothing to first order."""
         ends = [end]
         for _ in range(MAX_DEPARTURES):
+            # ridges are the null space of the Jacobian, which only small problems have at hand
             small = self.setup.objective.uses_qr and not self.setup.is_global
             if end.status != "converged" or not small or not end.cost > 0:
                 break
@@ -154,6 +155,7 @@ class Restarts:
     def _descend_beside_kinks(self, end: SolverResult) -> tuple[SolverResult, list[SolverResult]]:
         """Return the end of descents that hold the values at a kink, while they lower the cost, and all of them."""
         ends, fixed = [], np.zeros(self.start.size, dtype=bool)
+        # kinks are looked for in the rows of the Jacobian, which only small problems have at hand
         small = self.setup.objective.uses_qr and not self.setup.is_global
         while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
             # once others have moved, further values may lie at a kink
