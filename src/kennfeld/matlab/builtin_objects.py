@@ -26,7 +26,7 @@ class MatTimes(n.MatStruct):
     low: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def seconds(self, origin: "tuple[float, float]" = (0.0, 0.0)) -> NDArray[np.float64]:
-        """Return the times in s since a first one, Float[any], as a vector."""
+        """Return the times in s since `origin`, its high and low part in ms; Float[times]."""
         elapsed: NDArray[np.float64] = ((self.high - origin[0]) + (self.low - origin[1])) / 1e3
         return elapsed
 
@@ -48,6 +48,7 @@ def convert_builtins(node: n.Node, depth: int = 0) -> n.Node:
     if isinstance(node, n.MatCells):
         return replace(node, cells=[convert_builtins(cell, depth + 1) for cell in node.cells])
     if isinstance(node, n.MatStructArray):
+        # strings become texts, so that an array of them is a cell array
         converted = [convert_builtins(element, depth + 1) for element in node.elements]
         structs = [element for element in converted if isinstance(element, n.MatStruct)]
         return replace(node, elements=structs) if len(structs) == len(converted) else n.MatCells(converted, node.shape)
@@ -75,6 +76,7 @@ def _convert_string(node: n.MatStruct) -> n.Node | None:
         return None
     lengths = words[begin : begin + count].tolist()
     letters = words[begin + count :].tobytes()
+    # the length of a missing string has all bits set
     if any(length == 2**64 - 1 for length in lengths):  # missing strings
         lengths = [0 if length == 2**64 - 1 else length for length in lengths]
     if 2 * sum(lengths) > len(letters):
@@ -88,6 +90,7 @@ def _convert_string(node: n.MatStruct) -> n.Node | None:
 
 def _convert_times(node: n.MatStruct) -> n.Node | None:
     stored = node.fields.get("data", node.fields.get("millis"))
+    # MATLAB saves the two doubles as real and imaginary part
     if isinstance(stored, n.MatUnreadable) and stored.parts is not None:
         high, low = stored.parts
     elif isinstance(stored, n.MatNumbers):
@@ -101,9 +104,9 @@ def _convert_times(node: n.MatStruct) -> n.Node | None:
 
 def _convert_table(node: n.MatStruct) -> n.Node | None:
     props = node.fields.get("props")
-    told = props.fields if isinstance(props, n.MatStruct) else {}
+    fields = props.fields if isinstance(props, n.MatStruct) else {}
     names = texts_of(node.fields.get("varnames"))
-    notes = (told.get("VariableUnits"), told.get("VariableDescriptions"), told.get("VariableContinuity"))
+    notes = (fields.get("VariableUnits"), fields.get("VariableDescriptions"), fields.get("VariableContinuity"))
     return _table("table", names, node.fields.get("data"), notes, None)
 
 
@@ -111,14 +114,14 @@ def _convert_timetable(node: n.MatStruct) -> n.Node | None:
     saved = node.fields.get("any")
     if not isinstance(saved, n.MatStruct):
         return None
-    told = saved.fields
-    rows = told.get("numRows")
+    fields = saved.fields
+    rows = fields.get("numRows")
     count = int(rows.values.ravel()[0]) if isinstance(rows, n.MatNumbers) and rows.values.size else 0
-    times = _row_times(told.get("rowTimes"), count)
+    times = _row_times(fields.get("rowTimes"), count)
     if times is None:
         return n.MatUnreadable("timetable", why="its row times have an unknown form")
-    notes = (told.get("varUnits"), told.get("varDescriptions"), told.get("varContinuity"))
-    return _table("timetable", texts_of(told.get("varNames")), told.get("data"), notes, times)
+    notes = (fields.get("varUnits"), fields.get("varDescriptions"), fields.get("varContinuity"))
+    return _table("timetable", texts_of(fields.get("varNames")), fields.get("data"), notes, times)
 
 
 def _table(
@@ -141,6 +144,7 @@ def _row_times(node: n.Node | None, rows: int) -> MatTimes | None:
     origin, step = node.fields.get("origin"), _step(node)
     if not isinstance(origin, MatTimes) or origin.high.size != 1 or step is None:
         return None
+    # rounded once for each row; multiples of a rounded step 1000/rate would drift
     elapsed = np.arange(rows) * step[0] / step[1]
     return MatTimes({}, origin.kind, np.full(rows, origin.high[0]), elapsed + origin.low[0])
 
@@ -154,6 +158,7 @@ def _step(node: n.MatStruct) -> tuple[float, float] | None:
     if isinstance(step, MatTimes):
         return (float(step.high[0] + step.low[0]), 1.0) if step.high.size == 1 else None
     parts = step.fields.get("components") if isinstance(step, n.MatStruct) else None
+    # a calendarDuration: months have no fixed length
     if not isinstance(parts, n.MatStruct) or _number(parts.fields.get("months")) != 0:
         return None
     days, milliseconds = _number(parts.fields.get("days")), _number(parts.fields.get("millis"))

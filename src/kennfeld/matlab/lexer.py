@@ -12,6 +12,7 @@ KEYWORDS = frozenset(
     {"if", "elseif", "else", "end", "for", "parfor", "while", "switch", "case", "otherwise", "try", "catch"}
     | {"break", "continue", "return", "function", "global", "persistent", "classdef", "spmd"}
 )
+# the point in `2.*x` belongs to the operator, that in `1...` to the continuation of the line
 _WORD = re.compile(
     r"""(?P<number>0[xX][0-9a-fA-F]+(?:[us](?:8|16|32|64))?|0[bB][01]+(?:[us](?:8|16|32|64))?
         |(?:[0-9]+(?:\.(?![*/\\^']|\.\.)[0-9]*)?|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?[ij]?)(?![A-Za-z0-9_])
@@ -21,6 +22,7 @@ _WORD = re.compile(
     re.VERBOSE,
 )
 _QUOTED = re.compile(r"'(?:[^'\n]|'')*'")
+# `hold on` and `clear -all` are commands; `a - b`, `a (1)` and `a = 1` are not
 _COMMAND = re.compile(
     r"""([A-Za-z][A-Za-z0-9_]*)[ \t]+(?!\.\.\.)
     (?=[A-Za-z0-9_]|'[^'\n]*'[ \t]*(?:[;,%\n]|\Z)|"|-[A-Za-z]|[./~\\][^\s=*/'\\^])""",
@@ -67,6 +69,7 @@ def _without_block_comments(text: str) -> str:
         return text
     depth, lines = 0, []
     for line in text.split("\n"):
+        # only marks alone on their line count: `%{ text` is an ordinary comment
         begins, ends = _BLOCK_BEGIN.fullmatch(line), _BLOCK_END.fullmatch(line)
         depth += bool(begins)
         lines.append(" " * len(line) if depth else line)
@@ -94,6 +97,7 @@ class _Lexer:
                 self.last = None if token.kind == TokenKind.STOP else token
                 yield token
             blank = False
+        # the outermost bracket has swallowed the others
         for bracket, at, _ in self.open[:1]:
             yield MatlabToken(TokenKind.BAD, f"{bracket} is never closed", at, at + 1)
         yield MatlabToken(TokenKind.STOP, "\n", self.at, self.at)
@@ -170,9 +174,11 @@ class _Lexer:
 
     def _is_transpose(self, blank: bool) -> bool:
         last = self.last
+        # in square and curly brackets, a quote behind a blank begins a text: [a 'b']
         if last is None or last.words or (blank and bool(self.open) and self.open[-1][0] != "("):
             return False
         if last.kind == TokenKind.KEYWORD:
+            # the last element in an index, x(end'), not the end of a block
             return last.text == "end" and bool(self.open)
         return (
             last.kind in (TokenKind.NUMBER, TokenKind.NAME, TokenKind.STRING)
@@ -185,6 +191,7 @@ class _Lexer:
         if match is None:
             return self._reject_unknown()
         kind, text = str(match.lastgroup), match[0]
+        # a field may have the name of a keyword: s.end
         if kind == TokenKind.NAME and text in KEYWORDS and not (self.last and self.last.text == "." and not blank):
             kind = TokenKind.KEYWORD
         words: tuple[str, ...] = ()

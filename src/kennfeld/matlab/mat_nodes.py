@@ -11,6 +11,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 
 MAX_BYTES = 4_000_000_000  # of all arrays
 MAX_NODES = 100_000
+# zlib states 1032:1; a larger claim is damage, and its size would be allocated
 MAX_COMPRESSION = 1100  # maximum ratio of deflate
 
 MAX_DENSE = 4_000_000  # values of all sparse matrices of a file, including zeros
@@ -111,13 +112,14 @@ class MatFileContent:
 
 
 def split_text_rows(letters: str, rows: int) -> MatText:
-    """Return the character array of letters in column-major order.
+    """Split letters in column-major order into the rows of a character array.
 
     >>> split_text_rows("ab cd ", 2).rows
     ('a d', 'bc')
     """
     if not 1 < rows <= len(letters):
         return MatText(letters)
+    # column-major: the letters of a row are `rows` apart; MATLAB pads rows of different lengths with blanks
     lines = tuple(letters[row::rows].rstrip() for row in range(rows))
     return MatText("\n".join(lines), lines)
 
@@ -163,5 +165,6 @@ def to_dense(
     if used > min(rows.size, values.size) or np.any((rows[:used] < 0) | (rows[:used] >= shape[0])):
         raise MatFileError("the rows of a sparse matrix are inconsistent")
     full = np.zeros(shape)
+    # column j has the entries starts[j] to starts[j + 1] - 1
     full[rows[:used], np.repeat(np.arange(shape[1]), np.diff(starts))] = values[:used]
     return full

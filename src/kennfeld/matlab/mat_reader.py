@@ -73,8 +73,10 @@ def load_nodes(
     """
     if not content:
         return mat_nodes.MatFileContent(damage="it is empty", lost="it is empty")
+    # version 7.3: MATLAB writes a header like that of version 5 into the user block before the HDF5 part
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
         return resolve_objects(mat_v73.load_guarded(content, max_bytes, max_nodes), max_bytes)
+    # version 4 has neither text nor byte order at the beginning of the file
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
         return mat_v4.load_all(memoryview(content))
     return resolve_objects(mat_v5.load_all(memoryview(content), max_bytes, max_nodes), max_bytes)
@@ -104,6 +106,7 @@ def to_value(node: mat_nodes.Node, depth: int = 0) -> v.Value:
 
 def _array(node: mat_nodes.MatNumbers) -> v.Array:
     """Return numbers in their class, which may be larger than the stored type."""
+    # arrays have at least two dimensions in MATLAB, and a vector is a column unless stated otherwise
     values = node.values if node.values.ndim > 1 else node.values.reshape(-1, 1)
     if node.kind == "logical" or values.dtype == np.bool_:
         return np.asarray(values != 0)
@@ -123,6 +126,7 @@ def _characters(node: mat_nodes.MatText) -> v.Array:
 def _structs(node: mat_nodes.MatStructArray, depth: int) -> v.Value:
     names = tuple(node.elements[0].fields) if node.elements else ()
     kind = node.elements[0].kind if node.elements else ""
+    # all elements of a struct array have the same fields; damage may have cost some of them
     missing = dict.fromkeys(names, v.OpaqueValue("nothing"))
     complete = [
         {**missing, **{name: to_value(part, depth + 1) for name, part in element.fields.items() if name in missing}}

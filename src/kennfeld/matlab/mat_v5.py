@@ -41,6 +41,7 @@ def load(content: memoryview) -> dict[str, n.Node]:
 
 def load_all(content: memoryview, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:
     """Read all arrays, damaged ones included."""
+    # the writer stores the characters MI as a 16-bit number
     order = "<" if bytes(content[126:128]) == b"IM" else ">"
     return read_elements(content, 128, order, max_bytes, max_nodes)
 
@@ -65,6 +66,7 @@ def _store(loaded: n.MatFileContent, name: str, node: n.Node) -> None:
     if name:
         loaded.variables[name] = node
         return
+    # an array without a name is the subsystem, with the properties of objects
     loaded.further.append(node)
     if isinstance(node, n.MatUnreadable) and node.why:
         loaded.lose(node.why)
@@ -77,6 +79,7 @@ def _iterate_elements(content: memoryview, order: str, at: int) -> Iterator[tupl
         if at + 8 + length > len(content):
             raise n.MatFileError(f"the element at byte {at} claims {length} bytes")
         yield kind, at, content[at + 8 : at + 8 + length]
+        # elements end at a multiple of 8 bytes, except for compressed ones
         at += 8 + length + (-length % 8 if kind != _COMPRESSED else 0)
     if any(content[at:]):
         raise n.MatFileError(f"the last {len(content) - at} bytes belong to no array")
@@ -99,6 +102,7 @@ def _unpack(
 def _inflate(packed: memoryview, at: int, order: str, max_bytes: int) -> tuple[int, memoryview]:
     unpacker = zlib.decompressobj()
     try:
+        # only the tag is unpacked first: the size that it claims may be that of a bomb
         head = unpacker.decompress(packed, 8)
         kind, claimed = struct.unpack(f"{order}II", head)
         if claimed > min(n.MAX_COMPRESSION * (len(packed) + 8), max_bytes):
@@ -129,10 +133,12 @@ class _ArrayReader:
         try:
             if depth > _MAX_DEPTH:
                 raise n.MatFileError(f"arrays are nested more than {_MAX_DEPTH} deep")
+            # an empty array in a cell may be an element of 0 bytes
             if not content:
                 return "", n.MatNumbers(np.empty((0, 0)))
             parts = self._elements(content)
             flags = self._flags(parts)
+            # an object has flags but no dimensions, and its name is one of its texts
             if flags & 0xFF == _OPAQUE:
                 return self._opaque(list(parts), depth)
             shape = self._shape(parts)
@@ -156,6 +162,7 @@ class _ArrayReader:
     def _shape(self, parts: Iterator[tuple[int, memoryview]]) -> tuple[int, ...]:
         _, sizes = self._next(parts, "dimensions")
         shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
+        # a dimension of 0 would hide others, which numpy refuses if their product overflows
         if min(shape, default=0) < 0 or math.prod(filter(None, shape)) > _MAX_CLAIMED:
             raise n.MatFileError(f"an array claims {size_text(shape)} values")
         if not 2 <= len(shape) <= _MAX_DIMENSIONS:
@@ -212,6 +219,7 @@ class _ArrayReader:
         _, names = self._next(parts, "names")
         each = max(int.from_bytes(bytes(width[:4]), "little" if self.order == "<" else "big"), 1)
         fields = [_text(1, names[k : k + each]) for k in range(0, len(names), each)]
+        # the limit holds for the values of all fields together, before any of them is read
         count = self._check_count((*shape, max(len(fields), 1))) // max(len(fields), 1)
         self._count_arrays(count)
         elements = [n.MatStruct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
@@ -240,6 +248,8 @@ class _ArrayReader:
         while at + 8 <= len(content):
             kind, size = struct.unpack_from(f"{self.order}II", content, at)
             small = kind >> 16
+            # small element: sizes of 1 to 4 bytes are stored in the upper half of the type, and the content in place of
+            # the size
             if small:
                 yield kind & 0xFFFF, content[at + 4 : at + 4 + min(small, 4)]
                 at += 8
@@ -247,6 +257,7 @@ class _ArrayReader:
             if at + 8 + size > len(content):
                 raise n.MatFileError(f"an element of {size} bytes exceeds its array of {len(content)} bytes")
             yield kind, content[at + 8 : at + 8 + size]
+            # padding to 8 bytes
             at += 8 + size + -size % 8
 
     def _next(self, parts: Iterator[tuple[int, memoryview]], message: str) -> tuple[int, memoryview]:
@@ -272,6 +283,7 @@ def _text(kind: int, content: memoryview) -> str:
 def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> n.MatText:
     """Decode a character array, stored in column-major order."""
     if kind in _ENCODED:
+        # without a suffix, Python decodes in the byte order of the machine
         ending = {"<": "-le", ">": "-be"}[order] if kind > 16 else ""
         letters = bytes(content).decode(_ENCODED[kind] + ending, errors="replace")
     elif kind in _CODES:

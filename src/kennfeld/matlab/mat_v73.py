@@ -155,6 +155,7 @@ class _Loader:
             return []
         try:
             targets = self._targets(wrapper)
+            # a null reference is false
             cells = [self.variable(file[target]) if target else n.MatUnreadable("nothing") for target in targets]
         except Exception as error:  # of many kinds: the library does not validate its input
             return [n.MatUnreadable("damaged value", why=_describe(error))]
@@ -195,6 +196,7 @@ class _Loader:
         parts = {name: item for name, item in _members(group) if isinstance(item, h5py.Dataset)}
         if "jc" not in parts:
             return n.MatUnreadable("sparse matrix")
+        # the attribute is the number of rows; jc has the offset of each column and the end
         shape = int(group.attrs["MATLAB_sparse"]), parts["jc"].size - 1
         if any(part.dtype.kind not in "buif" for part in parts.values()):
             return n.MatUnreadable(
@@ -216,6 +218,7 @@ class _Loader:
 
         members = _members(group)
         arrays = [m for _, m in members if isinstance(m, h5py.Dataset) and _holds_references(m) and not _class(m)]
+        # a single struct may have cells as fields: those have a class, the columns of an array of structs none
         if not arrays or len(arrays) < len(members):
             return n.MatStruct({name: self._node(member, depth + 1) for name, member in members})
         count = min(member.size for member in arrays)
@@ -250,6 +253,7 @@ class _Loader:
         self._check(dataset)
         values = np.asarray(dataset[()]).T
         if kind == "char":
+            # characters are stored as UTF-16 code units, uint16
             letters = "".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist()))
             return n.split_text_rows(letters, values.shape[0] if values.ndim > 1 else 1)
         return n.MatNumbers(values, kind not in ("double", "single", ""), kind)
@@ -270,6 +274,7 @@ class _Loader:
             return n.MatStruct() if math.prod(shape) == 1 else n.MatStructArray([], shape)
         if kind == "cell":
             return n.MatCells([], shape)
+        # numpy refuses empty arrays as well if the product of the other dimensions overflows
         known = min(shape) == 0 and math.prod(filter(None, shape)) < _MAX_CLAIMED
         name = kind if kind in _NUMBERS else ""
         return n.MatNumbers(np.empty(shape if known else (0, 0)), name not in ("double", "single", ""), name)

@@ -58,6 +58,7 @@ def _arrays(content: bytes, max_bytes: int) -> n.MatFileContent:
 
 
 def _variables_of(node: n.Node) -> dict[str, n.Node]:
+    # one variable in the form of Name and Value is a struct of these two fields, not one with two variables
     if isinstance(node, n.MatStruct) and not (_is_pair(node) and len(node.fields) == 2):
         return dict(node.fields)
     if isinstance(node, n.MatNumbers) and not node.values.size:
@@ -100,6 +101,7 @@ def _subsystem(node: n.Node, max_bytes: int) -> n.Node | None:
     if not isinstance(node, n.MatNumbers):
         return node
     raw = _bytes(node)
+    # a header of 8 bytes: version, byte order, and four more
     loaded = read_elements(memoryview(raw), 8, "<" if raw[2:4] == b"IM" else ">", max_bytes, _MAX_OBJECTS)
     first = next(iter(loaded.further), None)
     if loaded.damage and not isinstance(first, n.MatStruct):
@@ -121,7 +123,7 @@ class Objects:
 
     def __init__(self, cells: n.MatCells | None, why: str = "") -> None:
         self.why = why
-        self.left = _MAX_OBJECTS
+        self.remaining = _MAX_OBJECTS
         self.within: list[int] = []  # the objects being resolved, outermost first
         self.cells = cells.cells if cells is not None else []
         if cells is not None:
@@ -130,6 +132,8 @@ class Objects:
     def _read(self) -> None:
         if len(self.cells) < 3 or not isinstance(table := self.cells[0], n.MatNumbers):
             raise n.MatFileError("the object table is missing")
+        # 32-bit words, little-endian: version, number of names, 8 offsets in bytes; then the names, each
+        # ended by a zero byte, up to the first offset
         raw = _bytes(table)
         self.words = np.frombuffer(raw[: len(raw) // 4 * 4], dtype="<u4").astype(np.int64)
         if self.words.size < 2 + _OFFSETS or int(self.words[0]) not in _VERSIONS:
@@ -138,8 +142,10 @@ class Objects:
         if any(start > len(raw) for start in starts):
             raise n.MatFileError("the object table is truncated")
         self.names = [name.decode("utf-8", "replace") for name in raw[8 + 4 * _OFFSETS : starts[0]].split(b"\0")]
+        # a row each: numbers of the names of package and class, and two others
         self.classes = self._rows(starts[0], starts[1], 4)
         self.stored = self._blocks(starts[1], starts[2])
+        # a row each: class, two others, block in `stored`, block in `plain`, another; row 0 stands for none
         self.objects = self._rows(starts[2], starts[3], 6)
         self.plain = self._blocks(starts[3], starts[4])
 
@@ -152,8 +158,8 @@ class Objects:
 
     def resolve(self, node: n.Node, depth: int = 0) -> n.Node:
         """Replace the references in a node by structs of properties; unresolved ones stay unreadable."""
-        self.left -= 1
-        if depth > _MAX_DEPTH or self.left < 0:
+        self.remaining -= 1
+        if depth > _MAX_DEPTH or self.remaining < 0:
             raise n.MatFileError("its objects are nested too deeply")
         if isinstance(node, n.MatUnreadable):
             return node if node.reference is None else self._resolve_reference(node, node.reference, depth)
@@ -176,8 +182,9 @@ class Objects:
             return replace(node, why="it is an enumeration or an object without references")
         numbers = [int(n) for n in reference.values.ravel(order="F")]
         sizes = numbers[2 : 2 + numbers[1]]
+        # the last number is the class
         objects = numbers[2 + len(sizes) : -1]
-        if len(objects) != int(np.prod(sizes, dtype=float)) or len(objects) > self.left:
+        if len(objects) != int(np.prod(sizes, dtype=float)) or len(objects) > self.remaining:
             raise n.MatFileError("the object references are inconsistent")
         resolved = [self._object(number, numbers[-1], depth) for number in objects]
         if len(resolved) == 1:
@@ -188,6 +195,7 @@ class Objects:
     def _object(self, number: int, of: int, depth: int) -> n.Node:
         if not 0 < number < len(self.objects):
             raise n.MatFileError(f"object {number} not found")
+        # an object may refer to itself through others, as a child to its parent
         if number in self.within:
             raise n.MatFileError("its objects are nested too deeply")
         class_, _, _, stored, plain, _ = self.objects[number]
@@ -220,6 +228,7 @@ class Objects:
     def _cell(self, at: int) -> n.Node:
         if not 0 <= at < len(self.cells) - 2:
             raise n.MatFileError("a property of an object has no value")
+        # the first two cells are the object table and an unused one
         return self.cells[at + 2]
 
     def _defaults(self, kind: int) -> Mapping[str, n.Node]:

@@ -83,6 +83,7 @@ class _ScriptParser(ExpressionParser):
         significant: list[MatlabToken] = []
         for token in tokens:
             if token.kind == TokenKind.COMMENT:
+                # by the number of the token that follows
                 self.comments[len(significant)] = token
             else:
                 significant.append(token)
@@ -113,6 +114,7 @@ class _ScriptParser(ExpressionParser):
             if token.kind == TokenKind.END or (token.kind == TokenKind.KEYWORD and token.text in ends):
                 return tuple(statements)
             if len(self.findings) >= _MAX_FINDINGS:
+                # the rest is skipped: it would give more of the same findings
                 self.at = len(self.tokens) - 1
                 return tuple(statements)
             self._parse_guarded(lambda: statements.append(self._statement()))
@@ -216,6 +218,7 @@ class _ScriptParser(ExpressionParser):
         return m.While(self._head(), self.body(_END), place=place)
 
     def _for(self, place: m.TextPosition) -> m.For:
+        # for (k = 1:3) and parfor (k = 1:3, 4)
         enclosed = self.accept("(")
         target = self._indexed()
         self._check(target)
@@ -240,6 +243,7 @@ class _ScriptParser(ExpressionParser):
         if not self._is_keyword("catch"):
             return m.Try(body, place=place)
         name = ""
+        # `catch err` names the error; anything longer is the first statement of the handler
         if self.token.kind == TokenKind.NAME and self.tokens[self.at + 1].kind == TokenKind.STOP:
             name = self.take().text
         return m.Try(body, name, self.body(_END), place=place)
@@ -289,6 +293,7 @@ class _ScriptParser(ExpressionParser):
     def _targets(self) -> tuple[m.Expression | None, ...]:
         self.at += 1
         targets: list[m.Expression | None] = []
+        # blanks separate targets, as they separate elements: [a b] = f(x)
         self.spaced = True
         while not self.is_at("]"):
             if self.accept("~", "!"):
@@ -307,6 +312,7 @@ class _ScriptParser(ExpressionParser):
     def _end_comment(self) -> str:
         """Return the comment at the end of the line, unless another statement follows on the line."""
         at = self.at
+        # a semicolon precedes the comment
         while self.tokens[at].kind == TokenKind.STOP and self.tokens[at].text != "\n":
             at += 1
         comment = self.comments.get(at)
@@ -325,6 +331,8 @@ class _ScriptParser(ExpressionParser):
         parameters = self.parameters() if self.is_at("(") else ()
         self._expect_end()
         body = self.body(frozenset({"function", "end"}))
+        # `function` follows: either the functions of this file have no `end`, or that one is nested, which an `end`
+        # left over shows
         if not self._is_keyword("end") and self.token.kind == TokenKind.KEYWORD:
             self.unclosed.append((name, self.token))
         return m.FunctionDefinition(name, parameters, results, body, place=place)

@@ -60,8 +60,10 @@ def format_expression(node: m.Expression) -> str:
 
 def _number(node: m.Number) -> str:
     if node.suffix in ("", "i"):
+        # infinity as a literal that overflows, because Inf would be read as a name
         text = repr(node.value).removesuffix(".0")
         return ("1e999" if text == "inf" else text) + node.suffix
+    # only hexadecimal and binary literals have a suffix of their class
     return f"0x{int(node.value):X}{node.suffix}"
 
 

@@ -145,12 +145,14 @@ class _ScriptRunner(NumericEvaluator):
         tree, findings = parse_leniently(content, self.name)
         for finding in findings:
             is_open = finding.message.endswith(_UNCLOSED)
+            # an invalid statement costs its own variables only
             reported = finding if is_open else replace(finding, severity="warning")
             self.shared.findings.setdefault((str(finding.location), finding.message), reported)
         self.local |= {function.name: function for function in tree.functions}
         try:
             if not tree.statements and tree.functions:
                 first = tree.functions[0]  # of a file of functions
+                # as MATLAB runs a file of functions; one with parameters can only be called
                 self.body(() if first.parameters else first.body)
             self.body(tree.statements)
         except _JumpError:
@@ -164,6 +166,7 @@ class _ScriptRunner(NumericEvaluator):
             try:
                 self._run_statement(statement)
             except (MatlabError, v.MatlabValueError) as error:
+                # within `try` the handler deals with the failure
                 if self.trying:
                     raise
                 self._report_failure(statement, error)
@@ -203,6 +206,7 @@ class _ScriptRunner(NumericEvaluator):
                 self._evaluate(statement)
             case m.Command():
                 self._command(statement.name, [word.strip("'\"") for word in statement.words], statement.place)
+            # branches are tried one by one: conditions behind the one that holds are not evaluated
             case m.If():
                 chosen = (branch.body for branch in statement.branches if self.is_true(branch.condition))
                 self.body(next(chosen, statement.otherwise))
@@ -236,6 +240,7 @@ class _ScriptRunner(NumericEvaluator):
             name = assign(self, target, value)
         except v.MatlabValueError as error:
             raise MatlabError.at(self.name, target.place, str(error)) from None
+        # `s.a = s` in a loop makes structs deep, `s.a = s; s.b = s` doubles them at each turn
         count, depth = v.measure_nesting(self.variables[name])
         if count > _MAX_NESTED or depth > _MAX_DEPTH:
             self.variables.pop(name)
@@ -245,6 +250,7 @@ class _ScriptRunner(NumericEvaluator):
         if name in self.globals:
             self.shared.globals[name] = self.variables[name]
         self.lines.setdefault(name, statement.place.line)
+        # comments on fields of the value before
         if isinstance(target, m.Name):
             self.comments = {key: comment for key, comment in self.comments.items() if key.partition(".")[0] != name}
         if isinstance(target, m.Name | m.Field) and isinstance(statement, m.Assign) and statement.comment:
@@ -252,10 +258,12 @@ class _ScriptRunner(NumericEvaluator):
 
     def _evaluate(self, statement: m.Evaluate) -> None:
         base, steps = access_chain(statement.expression)
+        # a variable hides a function of its name, also an undefined one: reading it reports the reason
         if isinstance(base, m.Name) and base.name not in self.variables and base.name not in self.undefined:
             call = steps[0] if steps else None
             if base.name in _SKIPPED_SILENTLY:
                 return
+            # a project may have a function of its own by the name of a plot or message
             if base.name in _SKIPPED and not self._is_user_function(base.name):
                 self._skip(base.name, statement.place)
                 return
@@ -300,6 +308,7 @@ class _ScriptRunner(NumericEvaluator):
     def _for(self, statement: m.For) -> None:
         values = self.value(statement.values)
         data = v.elements_of(values)
+        # MATLAB loops over columns; further dimensions count as more of them
         columns = data.reshape(data.shape[0], -1, order="F") if data.size else data.reshape(0, 0)
         for at in range(columns.shape[1]):
             self.budget.step()
@@ -323,6 +332,7 @@ class _ScriptRunner(NumericEvaluator):
         try:
             self.body(statement.body)
             return
+        # an exhausted budget (LimitError) is not caught: `try` in a loop must not go on for ever
         except (MatlabError, v.MatlabValueError, _StopError) as error:
             message = v.characters(str(error))
         finally:
@@ -335,6 +345,7 @@ class _ScriptRunner(NumericEvaluator):
         for name in statement.names:
             if statement.kind == "global":
                 self.globals.add(name)
+                # a local variable of the name gives a new global one its value
                 self.variables[name] = self.shared.globals.setdefault(name, self.variables.get(name, np.zeros((0, 0))))
             else:
                 self.variables.setdefault(name, np.zeros((0, 0)))
@@ -349,6 +360,7 @@ class _ScriptRunner(NumericEvaluator):
             function, local, file = self.local[name], self.local, self.name
         elif name == "load":
             return [v.MatlabStruct.of(self.shared.files.load(arguments))]
+        # a file cannot replace a built-in function, a function of the same script can
         elif not super().knows(name) and (functions := self.shared.files.functions(name)):
             function, local, file = functions[0], {function.name: function for function in functions}, f"{name}.m"
         else:
@@ -369,6 +381,7 @@ class _ScriptRunner(NumericEvaluator):
                 values += list(rest.values.ravel(order="F"))
             elif name in self.variables:
                 values.append(self.variables[name])
+            # called as a statement, a function need not assign its output; a failed assignment is reported all the same
             elif len(values) < max(outputs, 1) and (outputs or name in self.undefined):
                 why = self.undefined.get(name, "no assignment was reached")
                 raise v.MatlabValueError(f"{function.name} does not assign its output {name}: {why}")
@@ -379,6 +392,7 @@ class _ScriptRunner(NumericEvaluator):
     def inner(self, variables: dict[str, v.Value]) -> "_ScriptRunner":
         runner = _ScriptRunner(variables, self.functions, self.shared, self.name)
         runner.local = self.local
+        # a failure in a function reaches the `try` of its caller
         runner.trying = self.trying
         return runner
 
@@ -396,6 +410,7 @@ class _ScriptRunner(NumericEvaluator):
             raise v.MatlabValueError(f"{name} calls itself")
         before, local, place = self.name, self.local, self.place
         self.shared.scripts.append(name)
+        # the functions of a script file are visible in it only
         self.name, self.local = name, {}
         try:
             with self.nested_call():

@@ -118,6 +118,7 @@ def default_properties(kind: str) -> dict[str, v.Value]:
         return {"Breakpoints": v.MatlabStruct.of(default_properties(_POINTS), _POINTS)}
     if name in ("Parameter", "Signal"):
         fields = {key: value for key, value in _PLAIN.items() if key != "Value" or name == "Parameter"}
+        # -1: inherited
         store = {"InitialValue": _NO_TEXT, "Dimensions": v.scalar(-1.0)} if name == "Signal" else {}
         return {**fields, **store, "DocUnits": _NO_TEXT, "CoderInfo": _CODER, "StorageClass": v.characters("Auto")}
     return {}
@@ -130,6 +131,7 @@ def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:
     fields = value.fields
     if isinstance(fields.get("Table"), v.MatlabStruct):
         return _table(fields)
+    # a Simulink.Breakpoint has breakpoints, but no table
     points = fields.get("Breakpoints")
     if isinstance(points, v.MatlabStruct) and points.elements.size == 1:
         return _breakpoint(points.fields)
@@ -157,12 +159,14 @@ def _properties(fields: Mapping[str, v.Value]) -> tuple[Float, float | None, flo
     value = fields.get("Value")
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fbiu":
         return None
+    # older releases store the unit as DocUnits
     unit = _word(fields, "Unit") or _word(fields, "DocUnits")
     limits = [_limit(fields.get(name)) for name in ("Min", "Max")]
     return v.numbers(value), limits[0], limits[1], unit, _word(fields, "Description")
 
 
 def _limit(value: v.Value | None) -> float | None:
+    # a limit that is not set is [] or infinite
     if not isinstance(value, np.ndarray) or value.size != 1 or value.dtype.kind not in "fbiu":
         return None
     limit = float(v.array_value(value).flat[0])

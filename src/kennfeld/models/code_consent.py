@@ -84,6 +84,7 @@ def code_request(path: Path, location: Location = _NOWHERE) -> ConsentRequest | 
 
 def address_request(kind: Kind, name: str, location: Location = _NOWHERE) -> ConsentRequest:
     """Return the request to use an address."""
+    # the kind is part of it: consent to read from an address is not consent to join it as a scheduler
     digest = blake2b(f"{kind} {name}".encode("utf-8", "surrogateescape"), digest_size=32).hexdigest()
     return ConsentRequest(kind, name, digest, location)
 
@@ -113,6 +114,7 @@ def allow(digest: str) -> None:
         return
     with suppress(OSError):
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # moved to the end, as the first ones are forgotten
         others = [each for each in _kept() if each != digest]
         write_whole(path, json.dumps([*others, digest][-MAX_DIGESTS:]).encode())
 
@@ -145,6 +147,7 @@ def _kept() -> list[str]:
         if path is None or not is_own(path.stat()):
             return []
         digests = json.loads(path.read_text(encoding="utf-8"))
+    # RecursionError: JSON that is nested too deeply
     except (OSError, ValueError, RecursionError):
         return []
     return [each for each in digests if isinstance(each, str)] if isinstance(digests, list) else []

@@ -28,6 +28,7 @@ def split_reference(reference: str) -> tuple[str, str]:
     chosen = function.replace("_", "-")
     if importer is not None and chosen.replace("-", "").isidentifier() and importer.choices:
         return file, chosen
+    # behind the colon of a drive, C:/nets/knock.onnx, a path follows
     return (file, function) if function.isidentifier() and "." in Path(file).name else (reference, "")
 
 

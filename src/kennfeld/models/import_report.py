@@ -142,6 +142,7 @@ def describe_import(outline: FileInfo, inspect: Callable[[], ImportReport], *, c
     return FileInfo(
         outline.summary,
         [*tables, parameter_table(report.parameters), *report.tables],
+        # the report and the outline may have the same sentence
         list(dict.fromkeys([*report.sentences, *outline.notes])),
         {**outline.as_json, "import": plain(report.as_dict())},
     )

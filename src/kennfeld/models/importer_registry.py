@@ -45,6 +45,7 @@ def _each() -> Iterator[Importer]:
 @cache
 def _own() -> tuple[Importer, ...]:
     """Return the importers of this package: `IMPORTER` of the module `importer` in each folder of `importers`."""
+    # an installation may lack the folder
     guests = find_spec("kennfeld.importers")
     places = [] if guests is None else guests.submodule_search_locations or []
     modules = (f"kennfeld.importers.{each.name}.importer" for each in iter_modules(places) if each.ispkg)

@@ -75,7 +75,7 @@ class Model:
 
 
 def merge_start_values(own: ParameterSet, other: ParameterSet, *, continued: bool = True) -> ParameterSet:
-    """Return the parameters of a model, replaced by others of the same name, mostly from calibration files.
+    """Replace the parameters of a model by others of the same name, mostly from calibration files.
 
     Args:
         own: parameters of the model.
@@ -115,11 +115,13 @@ def _bound(own: Parameter, side: str, other: Parameter) -> Float | None:
     bound: Float = getattr(own, side)
     if bound.shape == other.values.shape:
         return bound
+    # a bound that is the same everywhere fits tables of any shape
     return bound.ravel()[0] if bound.size and np.all(bound == bound.ravel()[0]) else None
 
 
 def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
     """Turn inputs of the model that are scalar parameters of the set into lookups."""
+    # formula text that was read without known parameters takes a bare name for an input
     names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
     if not names:
         return model

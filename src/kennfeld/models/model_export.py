@@ -18,6 +18,7 @@ def formula_lines(importer: Importer, model: Model) -> list[FormulaLine]:
     if importer.export:
         lines: list[FormulaLine] = call(importer.export, model)
         return lines
+    # the text has the continuous equations, to which its `solver` line is applied again when it is read
     printed = to_lines(model.equations or model.graph, model.step, solver=model.solver)
     return [FormulaLine(line.text, line.node) for line in printed]
 

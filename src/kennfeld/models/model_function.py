@@ -95,7 +95,7 @@ class ModelFunction:
 
 
 def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
-    """Return a function as a model of its own: its inputs are channels, its outputs nodes.
+    """Write a function as a model of its own: its inputs are channels, its outputs nodes.
 
     Args:
         function: the function.
@@ -151,6 +151,7 @@ def as_function(model: Model, name: str) -> ModelFunction:
 def _write_graph(graph: Graph, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
     known = dict(zip(graph.inputs, arguments, strict=True))
     numbers: list[int] = []
+    # nodes are in the order of their dependencies
     for node in graph.nodes:
         if node.op == "input" and node.payload in known:
             numbers.append(known[node.payload])
@@ -161,10 +162,12 @@ def _write_graph(graph: Graph, builder: GraphBuilder, arguments: Sequence[int]) 
 
 def share_calls(write: Write) -> Write:
     """Return a function that adds the nodes of equal calls once to a builder, so that they share their states."""
+    # weak keys: a builder is gone once its graph is finished
     written: WeakKeyDictionary[GraphBuilder, dict[tuple[Any, ...], Sequence[int]]] = WeakKeyDictionary()
 
     def share(builder: GraphBuilder, arguments: Sequence[int | Deferred]) -> Sequence[int]:
         calls = written.setdefault(builder, {})
+        # an argument that is evaluated later has a key, equal for equal expressions
         key = tuple(getattr(argument, "key", argument) for argument in arguments)
         if key not in calls:
             calls[key] = write(builder, arguments)

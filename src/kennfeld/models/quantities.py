@@ -75,7 +75,8 @@ def _placeholder(shape: tuple[int, ...]) -> str:
 
 
 def calibratable(parameter: Parameter, source: str = "") -> CalibratableParameter:
-    """Return the summary of a parameter whose values are from `source`."""
+    """Summarise a parameter whose values are from `source`, with its range and limits in the unit of its values."""
+    # the range in which every value of a table may lie
     lower, upper = float(np.max(parameter.lower)), float(np.min(parameter.upper))
     return CalibratableParameter(
         parameter.name, parameter.kind, parameter.values.shape,

@@ -18,23 +18,27 @@ class SampleTime(NamedTuple):
 
 
 def common_step(periods: Iterable[float]) -> float | None:
-    """Return the longest step in s that hits all sample times, None if there are none.
+    """Compute the longest step that hits all sample times, in s; None if there are none.
 
     >>> common_step([0.02, 0.005, 0.01])
     0.005
     """
+    # decimal periods are not exact in binary: 0.1 is meant, not the fraction that it is stored as
     parts = [Fraction(period).limit_denominator(10**9) for period in periods if 0 < period < math.inf]
     parts = [part for part in parts if part > 0]
     if not parts:
         return None
+    # gcd of fractions: that of the numerators over a common denominator
     bottom = math.lcm(*(part.denominator for part in parts))
     return float(Fraction(math.gcd(*(int(part * bottom) for part in parts)), bottom))
 
 
 def sample_hit(builder: GraphBuilder, rate: SampleTime, step: float | None) -> int | None:
-    """Return the node that is 1 at a sample hit, None if every step is one; `step` is in s, None if it is not fixed."""
+    """Write the node that is 1 at a sample hit; None if every step is one. `step` is in s, None if it is not fixed."""
     if step is not None and rate.offset == 0 and rate.period <= step * (1 + _TIME_TOLERANCE):
         return None
+    # hits up to a time: n(t) = floor((t - offset)/period + tolerance); a step is a hit if n has grown since the step
+    # before
     near = builder.const(_TIME_TOLERANCE - rate.offset / rate.period)
     now, before = builder.time(), builder.call("sub", builder.time(), builder.step())
     period = builder.const(rate.period)
@@ -44,4 +48,5 @@ def sample_hit(builder: GraphBuilder, rate: SampleTime, step: float | None) -> i
     hit = builder.call("gt", *count)
     if rate.offset == 0:
         return hit
+    # before the offset, n is negative and grows as well
     return builder.call("and", builder.call("ge", count[0], builder.const(0.0)), hit)

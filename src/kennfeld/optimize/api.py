@@ -109,7 +109,7 @@ def calibrate(
 
 
 def simulate(model: Model | str, data: Data, parameters: Start, channels: Mapping[str, str] | None = None) -> Dataset:
-    """Return the named nodes of the model at the samples of the data.
+    """Evaluate the named nodes of the model at the samples of the data.
 
     Args:
         model: a model, or formula text.
@@ -135,6 +135,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     findings = Findings(check_inputs(graph, [dataset], values, channels))
     findings.add(*step_findings(function, [dataset], function.step, dataset_location), *delay_findings(function, 0))
     findings.finish()
+    # samples that a fit would not score are simulated as well
     finer = on_model_step(function, [replace(dataset, scored=None, warmup=0.0)], inputs)[0]
     bound = bind_inputs(finer, graph, channels, function.step)
     nodes = NodeSimulator(graph, values).dataset(bound, values)
@@ -142,4 +143,5 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     if skipped is not None:
         nodes = replace(nodes, findings=(skipped.finding(dataset_location(dataset)),))
         warn(nodes.findings)
+    # on a finer step of the model, `scored` marks the samples that were recorded
     return nodes if finer.scored is None else recorded_samples(nodes, bound.scored)

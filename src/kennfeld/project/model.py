@@ -167,6 +167,7 @@ def _read_formula(
         assumed = _find_assumed(
             path, text, [*known, *(s.name for s in surrogates), *(call for f in functions for call in f.calls)]
         )
+        # `f.x` of a function f without an output x is a mistake, not the name of a parameter
         named = tuple(f"{function.name}." for function in functions)
         assumed = [name for name in assumed if not f"{name}.".startswith(named)]
         if not assumed:
@@ -180,9 +181,11 @@ def _find_assumed(path: Path, text: str | None, known: Collection[str]) -> list[
         source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace") if text is None else text)
     except OSError:
         return []
+    # a scope without known names takes every name that is called for a table
     names = NameTable(parse(source), NameScope(), source)
     tables = [name for name in names.axes if name not in known]
     scalars = [name for name in names.uses if name not in (*names.inputs, *known, *tables)]
+    # without declarations, an unknown bare name is an input
     return [*tables, *scalars] if names.inputs else tables
 
 
@@ -227,6 +230,7 @@ def _extend_model(model: Model, file: ProjectFile, findings: Findings) -> Model:
 def _with_node(model: Model, text: str, location: Location, findings: Findings) -> Model:
     if not text or text in model.graph.names:
         return model
+    # formula text would read the path of a block, A/B, as a division
     if siblings := _siblings(model.graph, text):
         subsystem = text.partition("/")[0]
         remedy = ("/" in text and nearest(text, siblings)) or f"{subsystem} has {', '.join(siblings[:8])}."
@@ -280,6 +284,7 @@ def find_undefined(function: ProjectModel, known: Collection[str], channels: Col
             )
             yield Finding(function.place(name), message, remedy, declaration)
             continue
+        # a name with coordinates may be a misspelt function, one without them a misspelt node
         others = FUNCTIONS if count else (*function.graph.inputs, *function.graph.names)
         guess = nearest(name, [*known, *others])
         remedy = f"{guess} {'Or define' if guess else 'Define'} it: {define}.".strip()
@@ -298,6 +303,7 @@ def _snippet(name: str, count: int, function: ProjectModel) -> list[str]:
     graph = function.graph
     lines = [f"[parameters.{quoted(name)}]"]
     for direction, quantity in zip(DIRECTIONS, coordinates_of(graph, name)[:count], strict=False):
+        # the data show the range of an input, but not that of a node
         spread = "count = 8" if quantity in graph.inputs else "begin = 0.0, end = 1.0, count = 8"
         named = f"input = {toml_text(quantity)}, " if quantity else ""
         lines.append(f"{direction} = {{ {named}{spread} }}")
@@ -324,6 +330,7 @@ def coordinates_of(graph: Graph, parameter: str) -> Sequence[str]:
     >>> coordinates_of(formula("y = M(Speed, a + b)").graph, "M")
     ['Speed', '']
     """
+    # of several names of a node, the first one counts
     names: Mapping[int, str] = {at: name for name, at in reversed(list(graph.names.items()))}
     for node in graph.nodes:
         if node.op == "lookup" and node.payload == parameter:

@@ -135,6 +135,7 @@ class ModelEntry:
             return
         importer = importer_of(split_reference(self.file)[0])
         taken = () if importer is None else importer.keys
+        # one finding for all keys of the same importers
         keys: dict[tuple[str, ...], list[str]] = {}
         for name in used:
             if name not in taken:
@@ -451,6 +452,7 @@ class SectionsFile:
         section, *inner = keys
         form = form_of(keys_of(type(self))[str(section)])
         heading = f"[[{section}]]" if isinstance(form, EntriesForm) else f"[{section}]"
+        # the heading of an entry has its name: [parameters.MapTorque]
         if isinstance(form, NamedEntriesForm) and inner:
             heading = f"[{section}.{inner.pop(0)}]"
         location = KeyLocation(self.path.name, lines=self.lines)
@@ -543,6 +545,7 @@ class ProjectFile(SectionsFile):
             entry.task,
         )
         values = {name: None if section.axes else section.initial for name, section in self.parameters.items()}
+        # a name with a colon is a field of a block, `Path:Field`, which is a parameter because the project names it
         fixed = ((name, _as_tuples(value)) for name, value in values.items() if value is not None or ":" in name)
         return ImportRequest(self.folder / file, options, choice, tuple(fixed), initial)
 
@@ -580,6 +583,7 @@ def read_project(path: Path, unsaved: Mapping[str, str] | None = None) -> Projec
         message = "this is a training file, not a project"
         raise InputError.of(root.location, message, "Run `kennfeld surrogate train`.")
     file: ProjectFile = read_entry(ProjectFile, root, path=path, lines=root.location.lines, unsaved=unsaved)
+    # before `finish`, which raises its findings together with the others
     more = _calculated_channels(root, file.calculated)
     root.findings.finish()
     return replace(file, calculated={**more, **file.calculated})

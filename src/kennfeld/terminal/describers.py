@@ -132,6 +132,7 @@ def describe_formula_file(file: DescribedFile) -> FileInfo:
     from kennfeld.models import formula as formulas
 
     path, surrogates = file.path, formulas.surrogates_beside(file.path)
+    # formula text with another ending is recognised by its content, which `read` refuses
     if path.suffix.lower() == ".kf":
         return _describe_formula(path, formulas.read(path, surrogates=surrogates))
     return _describe_formula(path, formulas.formula(formulas.text_of(path), path.name, surrogates=surrogates))
@@ -145,6 +146,7 @@ def _describe_formula(path: Path, model: Model) -> FileInfo:
     kinds = {
         name: PARAMETER_KINDS[axes] if axes < len(PARAMETER_KINDS) else "rbf" for name, axes in graph.parameters.items()
     }
+    # in a graph, surrogates and layers are lookups of parameters as well
     kinds |= {surrogate.name: "surrogate" for surrogate in model.surrogates} | dict.fromkeys(graph.layers, "layer")
     jumps = events(graph, tuple(graph.parameters))
     notes = _surrogate_notes(model)
@@ -219,6 +221,7 @@ def _rate(rate: float | None) -> str:
     """
     if rate is None:
         return ""
+    # 1 Hz in spite of rounded time stamps
     return f"{rate:.4g} Hz" if rate >= 0.999 else f"every {1 / rate:.4g} s"
 
 

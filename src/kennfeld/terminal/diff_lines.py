@@ -32,6 +32,7 @@ def difference_lines(comparison: Comparison, left: str, right: str, coloured: bo
     for difference in comparison.differences:
         by_function.setdefault(difference.function, []).append(difference)
     lines: list[str] = []
+    # differences without a function last; sorting keeps the order of the others
     for function, differences in sorted(by_function.items(), key=lambda item: item[0] == ""):
         if any(by_function):
             names = count_noun(len({difference.name for difference in differences}), "name")
@@ -43,6 +44,7 @@ def difference_lines(comparison: Comparison, left: str, right: str, coloured: bo
 def _table(differences: Sequence[Difference], left: str, right: str, coloured: bool) -> list[str]:
     rows: list[tuple[str, ...]] = [("name", "what", left, right, "largest difference", "differ", "at")]
     rows += [_row(difference, left, right) for difference in differences]
+    # differences in texts leave the last three columns empty
     used = [i for i in range(len(rows[0])) if i < 4 or any(row[i] for row in rows[1:])]
     colours = [_colour(difference) if coloured else "" for difference in differences]
     return _paint_rows(align([[row[i] for i in used] for row in rows]), colours)
@@ -88,6 +90,7 @@ def _shows_colours() -> bool:
 
 def _paint_rows(lines: list[str], colours: list[str]) -> list[str]:
     """Colour each row of a table; a row is a block of lines if the table exceeds the width of the terminal."""
+    # a line for the heading and for each row: the table fits the terminal
     if len(lines) == len(colours) + 1:
         return [lines[0], *(_paint(line, colour) for line, colour in zip(lines[1:], colours, strict=True))]
     blocks = iter(colours)

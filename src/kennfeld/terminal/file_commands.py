@@ -94,6 +94,7 @@ def convert(
     file, choice = split_reference(str(source))
     known = identify(file).format
     importer, is_formula = importer_of_format(known), target.suffix.lower() == ".kf"
+    # a class or an FMU has values of its own, and becomes text only if the ending .kf asks for it
     has_values = known.calibration is not None or (importer is not None and importer.reads)
     becomes_text = importer is not None and (is_formula or not has_values)
     require_new(force, target, *([target.with_suffix(".json")] if becomes_text and is_formula else []))
@@ -101,6 +102,7 @@ def convert(
         paths = write_formula(importer, ImportRequest(Path(file), part, choice), target)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
+    # start values of a function; a file of several needs the name of one
     if importer is not None and importer.reads and (choice or not importer.named):
         parameters = importer.model(ImportRequest(Path(file), part, choice)).carried
     else:

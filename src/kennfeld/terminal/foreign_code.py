@@ -83,6 +83,7 @@ def _refusal(requests: Sequence[ConsentRequest], remedy: str = "") -> InputError
 
 
 def _is_terminal() -> bool:
+    # the question is printed on stderr, so that stdout may be a file
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 

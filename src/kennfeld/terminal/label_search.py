@@ -19,7 +19,7 @@ _MAX_SUGGESTIONS = 3
 
 
 def find_entries(info: FileInfo, text: str) -> FileInfo:
-    """Return the entries whose name or description contains `text`, ignoring case.
+    """Select the entries whose name or description contains `text`, ignoring case.
 
     If the text contains `*` or `?`, it is a pattern of the whole name. Raises `InputError` with the most similar names
     if nothing matches.
@@ -47,6 +47,7 @@ def _matcher(text: str) -> Callable[[str], bool]:
 
 def _filter_rows(table: Table, matches: Callable[[str], bool]) -> Table:
     heading, *rows = table
+    # names are in the first column
     searched = [i for i, word in enumerate(heading) if i == 0 or word in _DESCRIPTIONS]
     return [heading, *(row for row in rows if any(matches(row[i]) for i in searched))]
 

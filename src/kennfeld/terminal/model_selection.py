@@ -76,6 +76,7 @@ def model_options(command: Callable[..., int]) -> Callable[..., int]:
         return command(*arguments, part=part, **others)
 
     decorated: Callable[..., int] = select
+    # the decorator that is applied last is the first in the help
     for add_option in reversed(_OPTIONS):
         decorated = add_option(decorated)
     return decorated

@@ -66,6 +66,7 @@ def print_findings(*problems: Finding | str) -> None:
     findings = [each if isinstance(each, Finding) else Finding(Location(), each) for each in problems]
     findings = [each for each in findings if not (is_quiet() and each.severity == "remark")]
     if len(findings) > MAX_FINDINGS:
+        # sorting is stable: findings of one severity stay in the order of the file
         findings.sort(key=lambda each: SEVERITIES.index(each.severity))
     for finding in findings[:MAX_FINDINGS]:
         print_always(finding)
@@ -105,6 +106,7 @@ def _print(stream: TextIO, lines: Iterable[str]) -> None:
         stream.write(text.encode(encoding, errors="replace").decode(encoding))
         stream.flush()
     except OSError as error:
+        # EPIPE: the reader of a pipe has ended; EIO: the terminal has closed
         if error.errno not in (EPIPE, EIO):
             raise
         # what is still buffered would complain once more at exit
@@ -132,6 +134,7 @@ def align(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
 
 
 def _escaped(row: Sequence[str]) -> list[str]:
+    # a line break in a cell would break the row of a table
     return [visible(cell).replace("\n", "\\u000a") for cell in row]
 
 
@@ -150,6 +153,7 @@ def separate(blocks: Iterable[Sequence[str]]) -> list[str]:
 
 def _is_number(cell: str) -> bool:
     try:
+        # an empty cell does not make a column one of texts
         float(cell.rstrip("%") or 0)
     except ValueError:
         return False

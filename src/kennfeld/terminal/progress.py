@@ -51,6 +51,7 @@ class _Lines:
     def __call__(self, line: TraceLine) -> None:
         now = time.monotonic()
         before = self._stages.get(line.start)
+        # several starts alternate, so that nearly every line would be a new stage
         new = before is None or (before != line.stage and not self._several)
         if new or now - self._shown >= LINE_INTERVAL:
             self._shown = now
@@ -97,6 +98,7 @@ class Interrupt:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
+        # Python sets handlers in the main thread only
         if threading.current_thread() is threading.main_thread():
             self._before = {number: signal.signal(number, self._press) for number in requests()}
         return self

@@ -60,6 +60,7 @@ def _other_kind(path: Path, expected: str) -> InputError:
     message = f"is {_CONTENTS.get(content, f'a file with the content {content}')}, not {expected}"
     if not content:
         message = f"is not {expected}"
+    # a recording or formula text of a project is named in place of the project
     beside = path.with_name(NAME)
     guess = f"Did you mean {beside}? " if beside.is_file() and expected == PROJECT else ""
     return InputError.of(Location(str(path)), message, f"{guess}`kennfeld info {path}` shows what it contains.")

@@ -116,6 +116,7 @@ def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
         return _check_training(path, as_json)
     with _open(path, trust=trust, run=not no_run, connect=False) as project:
         findings = project.check() if not no_run else [*project.check(), *_unchecked(project)]
+        # without errors, stdout gets all findings as JSON, and stderr none
         verdict = _print_warnings([] if as_json and not _has_errors(findings) else findings)
         problem = project.problem()
     if as_json:
@@ -263,6 +264,7 @@ def _calibrate(
     from kennfeld.terminal.progress import Interrupt, display
     from kennfeld.terminal.result_lines import resume_lines
 
+    # before the search, whose result would be lost in a folder that cannot be written
     require_room(folder)
     findings = project.check()
     _print_warnings(findings)
@@ -273,9 +275,11 @@ def _calibrate(
             print_progress(line)
     write_findings = Findings()
     try:
+        # the report and the files are written within it, so that the first Ctrl-C does not leave half of them
         with Interrupt() as interrupt:
             with display("compiling", project.file.optimizer.starts) as shown:
                 result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
+            # inputs shifted as in the fit, which has estimated by how much
             extrapolations = find_extrapolation(apply_shifts(project.problem(), result.shifts), result.parameters)
             text = document_safely(project, result, findings, extrapolations)
             further = {"surrogates": [row.as_json() for row in extrapolations]} if extrapolations else None
@@ -310,10 +314,11 @@ def _print_result(
     if len(result.starts) > 1:
         print_lines(*align(result.starts_table()), "")
     print_lines(f"{result.status}: {result.message}")
+    # the line above is not printed if quiet
     if is_quiet() and not result.converged:
         print_findings(Finding(Location(), f"{result.status}: {result.message}", severity="warning"))
-    told = {finding.message for finding in known}
-    print_findings(*(each for each in result.warnings if each.message not in told))
+    reported = {finding.message for finding in known}
+    print_findings(*(each for each in result.warnings if each.message not in reported))
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     print_lines(*undetermined_lines(result.trust, MORE), *extrapolation_lines(extrapolations))
@@ -345,6 +350,7 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     findings = Findings()
     written = [*write_validation_somewhere(validation.as_json(), folder, findings)]
     if not findings.has_errors and (folder / RESULT).is_file():
+        # the report shows the validation as well
         written.append(write_text(from_folder(project, folder), folder / "report.html"))
     print_findings(*findings)
     if written:
@@ -392,6 +398,7 @@ def simulate(
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts, deviation=deviation)
         remarks = Findings()
+        # a link that the user has named stays one; any other is replaced by the file
         written = write_simulation(simulation, target, follow=output is not None, findings=remarks)
         print_findings(*remarks, *map(_unknown_deviation, simulation.without_deviation))
         locations = {entry.name: entry.location for entry in project.file.datasets}

@@ -60,6 +60,7 @@ def register_powershell() -> None:
         source_template = _POWERSHELL
 
         def get_completion_args(self) -> tuple[list[str], str]:
+            # the first word is the program
             return os.environ.get("COMP_WORDS", "").split("\n")[1:], os.environ.get("COMP_INCOMPLETE", "")
 
         def format_completion(self, item: CompletionItem[Any]) -> str:

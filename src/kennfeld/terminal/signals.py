@@ -61,6 +61,7 @@ def obey_forwarded() -> None:
     _watched.append(True)
     for number in respected((signal.SIGINT, *REQUESTS)):
         signal.signal(number, _leave_to_watcher)
+    # handlers first: requests that were held back since the start arrive as soon as they are let through
     signal.signal(FORWARDED, _take_forwarded)
     _let_through()
 
@@ -101,6 +102,7 @@ def leave_terminal() -> None:
 
 def _gone(number: int) -> bool:
     try:
+        # writes nothing, but fails if the terminal has gone
         os.write(number, b"")
     except OSError:
         return True

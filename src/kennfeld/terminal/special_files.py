@@ -21,6 +21,7 @@ def refuse_special_files() -> None:
 
 
 def _check(event: str, arguments: tuple[Any, ...]) -> None:
+    # a number is a stream that is open already
     if event != "open" or isinstance(arguments[0], int):
         return
     path = os.fsdecode(arguments[0])

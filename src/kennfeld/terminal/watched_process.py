@@ -41,6 +41,8 @@ def watched_process() -> Iterator[list[int]]:
 def _end_with(watcher: int, folder: Path) -> None:
     while os.getppid() == watcher:
         time.sleep(_INTERVAL)
+    # what the process that has gone would have done
     remove_noted(folder)
     shutil.rmtree(folder, ignore_errors=True)
+    # ends the process from this thread, also within a call of foreign code that never returns
     os._exit(1)

@@ -35,6 +35,7 @@ INTERVAL = 0.5  # s between looks at the records of calls
 PATIENCE = 10.0  # s from the second request to end until the process is killed, or after its work is done
 _MOST_IN_JOB = 512  # processes on Windows, workers included
 _MEMORY_SHARE = 0.9  # of the memory of the machine
+# `-c` puts the present folder first on the search path, which may hold modules of any name
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.cli import main; main()"
 _CLEAR = "\r\x1b[2K\x1b[?25h"  # removes the line of progress and shows the cursor
 
@@ -52,6 +53,7 @@ def run_watched(arguments: Sequence[str], limit: float) -> int:
     try:
         return _WatchedCommand(arguments, folder, environment, processes, job).run(limit)
     finally:
+        # first the processes, which write into the folder
         processes.end()
         job.close()
         remove_noted(folder)
@@ -81,6 +83,7 @@ class _WatchedCommand:
         self._done = threading.Event()
         environment |= {FOLDER: str(folder), WATCHER: str(os.getpid())}
         command = [sys.executable, "-c", _COMMAND.format(path=sys.path), *arguments]
+        # a request in between would end this process without reaching the other one
         with held_back():
             self._process = subprocess.Popen(command, env=environment)
             job.add(self._process.pid)
@@ -92,6 +95,7 @@ class _WatchedCommand:
         """Wait for the end, report what went wrong, and return the exit status."""
         hanging = self._watch(limit)
         status = self._process.returncode
+        # work that is done counts, however the process ended after it
         ended = self._folder / ENDED
         if ended.is_file():
             return self._finish(ended.read_text("ascii"), status)
@@ -102,6 +106,7 @@ class _WatchedCommand:
         elif self._requests:
             return INTERRUPTED
         else:
+            # calls of its workers do not explain why the process itself ended
             own = [call for call in read_calls(self._folder) if str(call.process) == self._number()]
             _report(crash_finding(own, recorded_files(self._folder), status))
         return WRONG_INPUT
@@ -119,6 +124,7 @@ class _WatchedCommand:
                 or given_up
                 or monitor.lasts("ending", PATIENCE, (self._folder / ENDED).is_file())
             ):
+                # the call may hang in a worker
                 for process in {call.process for call in hanging}:
                     with suppress(OSError):
                         os.kill(process, getattr(signal, "SIGKILL", signal.SIGTERM))
@@ -139,6 +145,7 @@ class _WatchedCommand:
 
     def _finish(self, text: str, status: int) -> int:
         """Return the exit status of a process that has done its work."""
+        # empty if an exception ended the command
         if not text or int(text) == status:
             return status
         _report(unloading_finding(recorded_files(self._folder), status))
@@ -175,6 +182,7 @@ class _CallMonitor:
     def overdue(self, calls: Sequence[ForeignCall]) -> list[ForeignCall]:
         """Return the calls of running processes that have lasted for longer than the limit."""
         now = time.monotonic()
+        # a longer gap means that the computer was asleep
         self._passed, self._looked = min(now - self._looked, 2 * INTERVAL), now
         self._ended.update(number for number in {call.process for call in calls} if not is_running(number))
         running = [call for call in calls if call.process not in self._ended]
@@ -183,7 +191,9 @@ class _CallMonitor:
     def lasts(self, name: Hashable, limit: float, condition: bool, number: int = 0) -> bool:
         """Return if a condition has lasted longer than a limit since `number` changed."""
         entry = (name, number)
+        # another number is another call, whose time begins anew
         self._seconds = {key: value for key, value in self._seconds.items() if key == entry or key[0] != name}
+        # the first look counts 0 s, as the condition may just have come true
         self._seconds[entry] = self._seconds.get(entry, -self._passed) + self._passed if condition else 0.0
         return self._seconds[entry] > limit
 

@@ -122,6 +122,7 @@ def _model(
     step = _single(StepDeclaration, "step", statements, source)
     solver = _single(SolverDeclaration, "solver", statements, source)
     builder = GraphBuilder()
+    # also with findings: it reports loops and wrong arguments, and all are raised together
     nodes = build(names, builder, {})
     visible = {n: at for n, at in nodes.items() if not names.definitions[n].auxiliary}
     if not names.definitions and not source.findings:
@@ -129,6 +130,8 @@ def _model(
     source.raise_findings()
     equations = merge_equal_states(builder.finish(visible, {}, tuple(names.outputs)))
     equations = replace(equations, units=_units(names, equations))
+    # a declared solver counts; without one, continuous states, as functions from files have, are advanced by the
+    # default
     used = DEFAULT_SOLVER if solver is None and is_continuous(equations) else "" if solver is None else solver.solver
     marked = has_marks(equations)
     graph = merge_equal_states(apply_solver(equations, used or DEFAULT_SOLVER)) if marked else equations
@@ -176,10 +179,9 @@ def _locations(names: NameTable, source: Source) -> dict[str, Location]:
 
 
 def extend(model: Model, nodes: Mapping[str, str], location: Location) -> Model:
-    """Return the model with additional nodes, each an expression over its nodes, parameters, inputs and the other new
-    nodes.
+    """Extend a model by nodes, each an expression over its nodes, parameters, inputs and the other new nodes.
 
-    Names unknown to the model become inputs.
+    Names unknown to the model become inputs. The model that is passed stays as it is.
 
     Args:
         model: the model to extend.
@@ -198,6 +200,7 @@ def extend(model: Model, nodes: Mapping[str, str], location: Location) -> Model:
     around = NameScope(graph.names, axes.keys(), axes, inputs=graph.inputs, owner=f"model {model.name}")
     builder = GraphBuilder.of(graph)
     result = _expressions(nodes, location, around, builder, graph.names)
+    # states of the new nodes may equal those of the model, and are merged with them
     grown = builder.finish({**graph.names, **result}, graph.units, (*graph.outputs, *nodes))
     locations = {**model.locations, **dict.fromkeys(nodes, location)}
     return replace(model, graph=merge_equal_states(grown), locations=MappingProxyType(locations))
@@ -236,10 +239,12 @@ def _expressions(
         lines += own
         numbered = [Location(str(location), number) for number in range(1, len(own) + 1)]
         locations += [location] if len(own) == 1 else numbered
+    # one text of all expressions, so that each can use the nodes of the others
     source = Source(whole, lines, locations)
     keys: Keys = {}
     statements = []
     for name, span in spans.items():
+        # a name may be any text; column 0, as it is not part of the expression
         quoted = Token("quoted", f"%{name.replace('%', '%%')}%", span[0], 0)
         statements.append(Definition(quoted, "", parse_expression(source, span, keys)))
     nodes = build(NameTable(statements, around, source), builder, known)
@@ -282,12 +287,14 @@ def _names_called(path: Path) -> Collection[str]:
 
 def _file(path: Path, name: str) -> Path | None:
     """Return the surrogate file of that name; None if there is none, or if it is a calibration file."""
+    # a name such as %../other% must not lead to another folder
     file = path.with_name(f"{name}.json") if Path(name).name == name else path
     note_opened(file)
     if file == path or not file.is_file():
         return None
     try:
         with file.open("rb") as stream:
+            # calibration files are JSON as well
             head = stream.read(200).decode("utf-8", errors="replace")
     except OSError:
         return None

@@ -80,6 +80,7 @@ class BuiltinFunction(NamedTuple):
 
     def argument(self, index: int) -> FunctionArgument:
         """Return the argument at a position of a call."""
+        # further arguments of min and max are like the last one
         return self.arguments[min(index, len(self.arguments) - 1)]
 
 
@@ -117,6 +118,7 @@ def _prev(builder: GraphBuilder, x: Deferred, init: int) -> int:
 
 
 def _delay(builder: GraphBuilder, x: Deferred, n: int, init: int) -> int:
+    # the length of the memory is fixed when the graph is built
     steps = builder.value(n)
     if steps is None or not steps >= 1 or not steps.is_integer():
         value = "an expression that is not constant" if steps is None else f"{steps:g}"
@@ -128,6 +130,7 @@ def _integrator(
     builder: GraphBuilder, x: Deferred, init: int, lower: Deferred, upper: Deferred, start: Deferred | None
 ) -> int:
     def then(read: int) -> int:
+        # y(k+1) = min(max(y(k) + (t(k+1) - t(k)) x(k), lower), upper), where `start` may take the place of y(k)
         begun = read if start is None else start()
         moved = builder.call("add", begun, builder.call("mul", builder.next_step(), x()))
         return builder.within(moved, lower(), upper())
@@ -139,6 +142,7 @@ def _continuous_integrator(
     builder: GraphBuilder, x: Deferred, init: int, lower: Deferred, upper: Deferred, start: Deferred | None
 ) -> int:
     def then(read: int) -> int:
+        # `graph.integration` replaces it by the stages of the declared solver
         return builder.node("advance", (read if start is None else start(), x(), lower(), upper()))
 
     return builder.remember_within(init, then, lambda: (lower(), upper()))
@@ -149,6 +153,7 @@ def _held(builder: GraphBuilder, x: int) -> int:
 
 
 def _derivative(builder: GraphBuilder, x: int) -> int:
+    # y(k) = (x(k) - x(k-1)) / dt; x(-1) = x(0), so that it begins at 0
     change = builder.call("sub", x, builder.remember(x, lambda read: x))
     return builder.call("div", change, builder.step())
 
@@ -157,6 +162,7 @@ def _pt1(
     builder: GraphBuilder, x: int, T: int, init: int, share: Callable[[GraphBuilder, int], int] | None = None
 ) -> int:
     before = builder.state()
+    # y(k) = y(k-1) + gain (x(k) - y(k-1)), y(-1) = init
     gain = _valid_share(builder, T, (share or _implicit_share)(builder, T))
     moved = builder.call("mul", gain, builder.call("sub", x, before))
     y = builder.call("add", before, moved)
@@ -187,6 +193,7 @@ def _exact_share(builder: GraphBuilder, T: int) -> int:
 def _valid_share(builder: GraphBuilder, T: int, share: int) -> int:
     """Return the gain of a PT1; NaN for T < 0."""
     invalid, constant = builder.const(math.nan), builder.value(T)
+    # a constant T is checked once, not at every sample
     if constant is None:
         return builder.call("select", builder.call("lt", T, builder.const(0.0)), invalid, share)
     return invalid if constant < 0 else share
@@ -199,6 +206,7 @@ def _lowpass(builder: GraphBuilder, x: int, f: int) -> int:
 
 def _ratelimit(builder: GraphBuilder, x: int, up: int, down: int) -> int:
     before, dt = builder.state(), builder.step()
+    # y(k) = y(k-1) + clip(x(k) - y(k-1), down dt, up dt), y(-1) = x(0)
     lowest, highest = builder.call("mul", down, dt), builder.call("mul", up, dt)
     y = builder.call("add", before, _clip(builder, builder.call("sub", x, before), lowest, highest))
     builder.close(before, x, y)
@@ -207,6 +215,7 @@ def _ratelimit(builder: GraphBuilder, x: int, up: int, down: int) -> int:
 
 def _hysteresis(builder: GraphBuilder, x: int, on: int, off: int) -> int:
     before, zero = builder.state(), builder.const(0.0)
+    # 1 from `on` upwards, 0 from `off` downwards, between them the value before; 0 at first
     kept = builder.call("select", builder.call("le", x, off), zero, before)
     y = builder.call("select", builder.call("ge", x, on), builder.const(1.0), kept)
     builder.close(before, zero, y)
@@ -315,6 +324,8 @@ def _called(name: str, arguments: list[FunctionArgument], rule: Callable[..., in
 
 
 def _recursion(surrogate: "DynamicSurrogate", builder: GraphBuilder, *arguments: Any) -> int:
+    # y(k) = f(y(k - l), u(k - l)) in the order of the trained coordinates: the output by its lags, then each input by
+    # its own
     *inputs, init = arguments
     result: list[int] = []
     point = [builder.remember(init, lambda read: result[0], lag) for lag in surrogate.output_lags]
@@ -337,6 +348,7 @@ def _filter_inputs(surrogate: "FilteredSurrogate", builder: GraphBuilder, *input
     from kennfeld.surrogate.input_filters import filter_share
 
     starts = surrogate.start_inputs
+    # coordinates in the trained order: all inputs, then all of them filtered with each time constant
     direct = [_at_lag(builder, x, surrogate.delay, start) for x, start in zip(inputs, starts, strict=True)]
     shares = [filter_share(surrogate.step, T) for T in surrogate.time_constants]
     point = [*direct, *(_low_passed(builder, x, share) for share in shares for x in direct)]
@@ -345,12 +357,14 @@ def _filter_inputs(surrogate: "FilteredSurrogate", builder: GraphBuilder, *input
 
 def _low_passed(builder: GraphBuilder, x: int, share: float) -> int:
     before = builder.state()
+    # y(k) = y(k-1) + share (x(k) - y(k-1)), settled at first: y(-1) = x(0)
     y = builder.call("add", before, builder.call("mul", builder.const(share), builder.call("sub", x, before)))
     builder.close(before, x, y)
     return y
 
 
 def _at_lag(builder: GraphBuilder, x: int | Deferred, lag: int, start: float) -> int:
+    # an input without lag 0, whose node may depend on the output
     if callable(x):
         return builder.remember_input(x, start, lag)
     return builder.prev(x, x, lag) if lag else x

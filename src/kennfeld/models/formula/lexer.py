@@ -48,6 +48,8 @@ FOREIGN = {
 }
 
 _NAME = r"[^\W\d]\w*(?:\.\w+)*"
+# the first alternative that matches counts: `foreign` before `op`, whose signs it begins with; a number does not end
+# before a letter or a point, so that `2x` and `1.2.3` are one bad token each
 _TOKEN = re.compile(
     rf"""\s*(?:
     (?P<name>{_NAME})
@@ -106,6 +108,7 @@ def statements(lines: Iterable[str]) -> Iterator[list[Token]]:
             yield [*current, _end(current)]
             current, depth = [], 0
         current += result
+        # a closing bracket too many counts for its own line only
         depth = max(0, depth + sum((token.text == "(") - (token.text == ")") for token in result))
         if current and not depth:
             yield [*current, _end(current)]
@@ -120,6 +123,7 @@ def _end(line_tokens: Sequence[Token]) -> Token:
 
 
 def _begins_statement(line_tokens: Sequence[Token]) -> bool:
+    # a line number
     if line_tokens and line_tokens[0].kind == "number":
         line_tokens = line_tokens[1:]
     if len(line_tokens) < 2 or line_tokens[0].kind not in ("name", "quoted"):
@@ -192,6 +196,7 @@ class Source:
         line = self.lines[at.line - 1]
         start = max(0, at.column - 1 - _WIDEST // 2) if len(line) > _WIDEST else 0
         shown = line[start : start + _WIDEST]
+        # tabs are repeated, so that the mark stands below its token at any width of tabs
         before = "".join("\t" if c == "\t" else " " for c in line[start : at.column - 1])
         width = max(1, min(len(at.text), _WIDEST - len(before)))
         return f"{shown.rstrip()}\n{before}{'^' * width}"

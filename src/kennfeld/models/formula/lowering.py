@@ -21,6 +21,7 @@ from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
 from kennfeld.models.formula.name_resolution import NameTable, children
 from kennfeld.models.formula.syntax import Call, Chain, Definition, Expr, FunctionDefinition, Name, Number, Prefix
 
+# n functions, each of which calls the next twice with different arguments, expand to 2^n calls
 _MAX_EXPANSIONS = 100_000
 
 
@@ -39,6 +40,7 @@ def build_order(names: NameTable) -> list[str]:
     }
     order, loops = topological_order({name: [use.name for use in used] for name, used in uses.items()})
     for loop in loops:
+        # a loop through an initial value has another remedy, as `prev` would not break it
         starts = {(name, use.name) for name in loop for use in uses[name] if use.at_start}
         _report_loop(names, loop, names.definitions, bool(starts & set(pairwise(loop))))
     return order
@@ -53,6 +55,7 @@ def topological_order(uses: Mapping[str, Iterable[str]]) -> tuple[list[str], lis
     >>> topological_order({"a": ["b"], "b": ["a"]})[1]
     [['a', 'b', 'a']]
     """
+    # depth-first, with a stack in place of recursion; False while a name is on the path, True behind it
     done: dict[str, bool] = {}
     order: list[str] = []
     loops: list[list[str]] = []
@@ -71,6 +74,8 @@ def topological_order(uses: Mapping[str, Iterable[str]]) -> tuple[list[str], lis
                 done[used] = False
                 path.append(used)
                 pending.append(iter(uses[used]))
+            # a use of a name on the path closes a loop; within a loop that is reported, further ones would only repeat
+            # it
             elif not done.get(used, True) and not (used in in_loop and path[-1] in in_loop):
                 loops.append([*path[path.index(used) :], used])
                 in_loop.update(loops[-1])
@@ -81,6 +86,7 @@ def _report_loop(
     names: NameTable, loop: list[str], statements: Mapping[str, Definition | FunctionDefinition], initial: bool = False
 ) -> None:
     members = loop[:-1]
+    # a loop is shown from the name that is defined first in the text
     first = min(range(len(members)), key=lambda i: statements[members[i]].at[2:])
     turned = [*members[first:], *members[:first]]
     shown = " -> ".join([*turned, turned[0]])
@@ -105,6 +111,7 @@ class _Needs(NamedTuple):
 
 def _function_needs(names: NameTable) -> Mapping[str, _Needs]:
     bodies = {name: function.value for name, function in names.functions.items() if function.value is not None}
+    # callees before callers, whose needs include theirs
     order, loops = topological_order({name: list(_calls(body, names.functions)) for name, body in bodies.items()})
     for loop in loops:
         _report_loop(names, loop, names.functions)
@@ -112,6 +119,7 @@ def _function_needs(names: NameTable) -> Mapping[str, _Needs]:
     for name in order:
         arguments = [argument.name for argument in names.functions[name].arguments]
         used = dict.fromkeys(_uses(bodies[name], names, needs, arguments))
+        # of two uses of an argument, that in the same sample outweighs that for an initial value: it comes last
         now = {use.name: use for use in sorted(used, key=lambda use: not use.at_start)}
         others = tuple(use for use in used if use.name not in arguments)
         needs[name] = _Needs(tuple(now.get(argument) for argument in arguments), others)
@@ -141,6 +149,7 @@ def _uses(
             bound = [(function.argument(i), arg) for i, arg in enumerate(at.args)]
             stack.extend((arg, start or spec.name == "init") for spec, arg in bound if not spec.later)
         elif isinstance(at, Call) and not at.at.quoted and at.name in names.functions:
+            # none for a function that calls itself or has no valid body, which is reported
             needed = needs.get(at.name, _Needs((), ()))
             yield from (_NameUse(use.name, start or use.at_start) for use in needed.names)
             same_sample = zip(at.args, needed.arguments, strict=False)
@@ -203,11 +212,13 @@ class GraphLowering:
         """Report calls with constants in the wrong order, such as crossed limits; all nodes must exist."""
         for function, expr, args in self._ordered:
             places = [function.position(name) for name in function.ordered]
+            # limits that later samples use are evaluated now that all nodes exist
             nodes = [args[at]() if function.arguments[at].later else args[at] for at in places]
             low, high = (self.builder.value(node) for node in nodes)
             if low is not None and high is not None and low > high:
                 (first, _), (second, _) = named = list(zip(function.ordered, (low, high), strict=True))
                 values = " and ".join(f"{name} = {value:g}" for name, value in named)
+                # the other one may be a default, which the text does not show
                 at = max(place for place in places if place < len(expr.args))
                 message = f"{function.name} requires {first} <= {second}, got {values}"
                 self.names.source.report(expr.args[at].at, message, "Exchange them.")
@@ -290,6 +301,7 @@ class GraphLowering:
         function = self.names.functions[expr.name]
         if expr.name in self.names.broken or function.value is None:
             return self.builder.input(expr.name)
+        # equal calls share a scope, and with it their nodes and states
         key = (expr.name, *((arg.key, scope.key) for arg in expr.args))
         if len(self._scopes) >= _MAX_EXPANSIONS:
             message = f"the functions of this text expand to more than {_MAX_EXPANSIONS} calls"
@@ -309,6 +321,7 @@ class GraphLowering:
         for index, argument_value in enumerate(expr.args):
             if function.argument(index).later:
                 args.append(_LaterArgument(self, argument_value, scope))
+                # its node does not exist yet: equal syntax in one scope stands for it
                 key.append((argument_value.key, scope.key))
             else:
                 args.append((yield argument_value, scope))
@@ -341,6 +354,7 @@ class GraphLowering:
             return function.rule(self.builder, *args)
         except InvalidArgumentError as unusable:
             index = function.position(unusable.argument)
+            # a number of steps that is not constant may be the placeholder of a wrong line, which is reported there
             if self.builder.value(args[index]) is not None or not self.names.broken:
                 self.names.source.report(expr.args[index].at, unusable.message)
             return self.builder.input(expr.name)

@@ -155,6 +155,7 @@ class NameTable:
         for index, (kind, known) in enumerate(everything):
             for name, statement in known.items():
                 others = [other for other, names in everything[:index] if name in names]
+                # a declaration of a known parameter only confirms it
                 if known is not self.declared and name in (self.around.parameters or ()):
                     others.append(f"a parameter of {self.around.owner}")
                 if others:
@@ -222,6 +223,7 @@ class NameTable:
         if self.around.channels is not None:
             if name not in self.around.channels:
                 self._report(owner, at, f"unknown channel {name}", nearest(name, self.around.channels))
+        # a text that declares inputs declares all of them, so that misspelt names are found
         elif self.inputs and name not in self.inputs:
             candidates = {**self.inputs, **self.definitions, **self.declared}
             remedy = nearest(name, [*candidates, *(self.around.parameters or ())]) or f"Declare it: input {at.text}."
@@ -229,6 +231,7 @@ class NameTable:
 
     def _check_call(self, owner: str, call: Call, arguments: Collection[str]) -> None:
         name, count = call.name, len(call.args)
+        # arguments hide all other names
         if not call.at.quoted and name in arguments:
             self._report(owner, call.at, f"{name} is an argument, not a table", "Write * to multiply.")
         elif (function := self.built_in(call)) is not None:
@@ -295,6 +298,7 @@ class NameTable:
         elif kind in _AXES and count not in _AXES[kind]:
             message = f"{name} is declared as a {kind} but has {_coordinates(count)} here"
             self._report(owner, at, message, f"Write {_example(name, _AXES[kind][0])}.")
+        # without a declaration or a table, the first use decides
         elif self.axes.setdefault(name, count) != count:
             first = self.axes[name]
             where = f" in {self._location(before)}" if before is not at else f" of {self.around.owner}"

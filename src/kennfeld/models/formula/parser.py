@@ -82,6 +82,7 @@ class _StatementParser(OperatorParser[Token, Expr]):
         if number.kind == "number" and number.text.isdigit() and others[0].kind in ("name", "quoted"):
             self.at = 1  # a line number
         first, second = self.token, self.ahead(1)
+        # `step = 3` and `map[Nm] = 3` define nodes
         declares = first.kind == "name" and first.text in DECLARATIONS
         if not declares or second.text == "=" or second.kind == "unit":
             return self._definition()
@@ -148,6 +149,7 @@ class _StatementParser(OperatorParser[Token, Expr]):
         name = self._attempt(lambda: self._name("def requires the name of the function"))
         if name is None:
             return None
+        # filled while parsing, so that calls can be checked even if the rest of the line is wrong
         arguments: list[Token] = []
         equals = self._attempt(lambda: self._arguments(arguments))
         return FunctionDefinition(name, tuple(arguments), self.whole() if equals else None)
@@ -206,6 +208,7 @@ class _StatementParser(OperatorParser[Token, Expr]):
             operator = self.take()
             if rest and level == _COMPARISON:
                 raise self._chained(left, start)
+            # a ^ b ^ c is a ^ (b ^ c), all others bind to the left
             rest.append((operator.text, self._nested(_POWER) if level == _POWER else self.operations(level + 1)))
         key = self._key("chain", left.key, *(part for op, operand in rest for part in (op, operand.key)))
         return Chain(left, tuple(rest), at, key)
@@ -268,6 +271,7 @@ class _StatementParser(OperatorParser[Token, Expr]):
         if token.text == "not" and level > _NOT:
             message = "`not` has lower precedence than the operator before it"
             raise SyntaxFault(token, message, "Put it in parentheses: (not a).")
+        # -a ^ b is -(a ^ b)
         operand = self._nested(_NOT if token.text == "not" else _POWER)
         if token.text == "+":
             return operand
@@ -292,6 +296,7 @@ class _StatementParser(OperatorParser[Token, Expr]):
         return SyntaxFault(self.token, f"missing {text}", "Write def f(a, b) = expression.")
 
     def _key(self, *parts: Any) -> int:
+        # equal syntax has equal numbers, by which the lowering shares nodes and states
         return self.keys.setdefault(parts, len(self.keys))
 
     def _no_operand(self, token: Token) -> SyntaxFault:

@@ -75,7 +75,7 @@ def to_lines(
 
 
 def merge_equal_states(graph: Graph) -> Graph:
-    """Return the graph with states of equal initial and next nodes merged.
+    """Merge the states of a graph with equal initial and next nodes.
 
     >>> b = GraphBuilder()
     >>> u, zero = b.input("u"), b.const(0.0)
@@ -195,6 +195,7 @@ class _Printer:
                 above = heading
                 self.output += [PrintedLine(text) for text in (["", f"# {heading}"] if heading else [""])]
             self._written = name
+            # a node with two names is written under the first; the second one refers to it
             if self._named.get(at, name) == name:
                 self._write(at)
                 text = self._done[at].text
@@ -237,6 +238,7 @@ class _Printer:
                 self._finish(at, root)
             elif at not in self._begun:
                 self._begun.add(at)
+                # named before its parts are written, as feedback may lead from them back to it
                 if at in self._shared:
                     self._auxiliary[at] = self._free_name()
                 parts = [part for part in self._parts(at) if part not in self._named]
@@ -290,6 +292,7 @@ def _infix(op: str, left: _Text, right: _Text) -> _Text:
     level = LEVELS[sign]
     # a comparison has none beside it, a power binds to the right, all others bind to the left
     left = left.within(_ATOM if level == _POWER else level + (level == _COMPARISON))
+    # a negative right operand is put in brackets: a - (-2)
     right = right.within(_ATOM if right.text.startswith("-") else level + (level != _POWER))
     depth = max(left.depth, right.depth + (level == _POWER))
     return _Text(f"{left.text} {sign} {right.text}", level, depth)

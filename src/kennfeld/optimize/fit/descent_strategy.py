@@ -117,8 +117,10 @@ def enforce_output_limits(setup: DescentSetup, end: SolverResult, start: Float, 
     for values in (end.values, start):
         search = AugmentedLagrangian(outputs, setup.objective, limits, setup.options.settings, setup.report)
         ends.append(search.descend(values))
+        # the start is tried only if the limits cannot be reached from the end of the search
         if ends[-1].status != "infeasible":
             return ends[-1].with_effort_of(ends)
+    # of two infeasible ends, the one that began at the end of the search
     return ends[1].with_effort_of(ends)
 
 
@@ -145,6 +147,7 @@ def _compare_descents(
     if plan.long is not None and _costs_differ(ends, plan.kink_difference):
         ends.append(continuation.descend(plan.long, start, limits, early, setup.report, costs)[0])
     end = _continue_on_all_samples(setup, ends, start, limits, settings)
+    # at a smooth minimum the undamped step promises nothing; at a kink, the slopes of one side still promise a decrease
     smooth = end.certificate is not None and end.certificate.predicted_decrease <= settings.tolerance
     done = smooth or end.cost == 0 or end.status != "converged"
     return end if done else _cross_kinks(setup, continuation, end, limits, settings)
@@ -157,22 +160,24 @@ def _cross_kinks(
 
     Goes on while that pays, for at most about as many steps as the search has taken until then.
     """
-    plan, best, spent = setup.plan, end, 0
+    plan, best, iterations = setup.plan, end, 0
     for number, schedule in enumerate(plan.again):
         near, _ = continuation.descend(schedule, best.values, limits, plan.early(settings), setup.report)
         if near.status == "stopped":
+            # its cost may be that of a smoothed model, which does not compare with the best one
             last, effort = near.moved(near.values, setup.objective.cost(near.values)), [near]
         else:
             final = partial(setup.report, "final")
             last = levenberg_marquardt(setup.objective, near.values, limits, settings, final)
             effort = [near, last]
         before = best.cost
-        spent += sum(each.iterations for each in effort)
+        iterations += sum(each.iterations for each in effort)
         best = (last if last.cost < before else best).with_effort_of([best, *effort])
         if last.status == "stopped":
             return replace(best, status=last.status, message=last.message)
         gained = best.cost < (1 - plan.gain) * before
-        if last.status != "converged" or spent >= end.iterations or (number > 0 and not gained):
+        # the second schedule is tried even if the first has gained nothing
+        if last.status != "converged" or iterations >= end.iterations or (number > 0 and not gained):
             break
     return best
 
@@ -190,6 +195,7 @@ def _continue_on_all_samples(
 
 def _best_on_all_samples(setup: DescentSetup, ends: Sequence[SolverResult], start: Float) -> SolverResult:
     """Return the last end with the values of the best one, or with the start if no end has a lower cost."""
+    # costs of the ends are those of smoothed lookups or of a part of the samples; on the whole, the start may be lower
     first = setup.objective.cost(start)
     for end in sorted(ends, key=_finite_cost):
         cost = setup.objective.cost(end.values)
@@ -222,6 +228,7 @@ def _best_of(ends: Sequence[SolverResult]) -> SolverResult:
     if ends[-1].status == "stopped":
         best = replace(best, status=ends[-1].status, message=ends[-1].message)
     elif best.status == "failed":
+        # the lowest cost counts, however its search ended: it takes the status of another search that did not fail
         other = next((end for end in ends if end.status != "failed"), best)
         best = replace(best, status=other.status, message=other.message)
     return best.with_effort_of(ends)

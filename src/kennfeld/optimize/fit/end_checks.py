@@ -44,6 +44,7 @@ def check_underflow(problem: Problem, end: SolverResult, before: float, quality:
     """Mark the end as failed if errors remain whose squares underflow, so that the search did not see them."""
     targeted = targeted_nodes(problem)
     training = [row for row in quality if row.use == "training" and row.criterion in targeted]
+    # a cost that has fallen far below that of the start is an exact fit, however small its squares are
     hidden = REACHED * before <= end.cost < UNDERFLOW and any(row.max_abs_after > 0 for row in training)
     if end.status != "converged" or not hidden:
         return end
@@ -55,6 +56,7 @@ def with_offsets(compiled: CompiledProblem, end: SolverResult) -> SolverResult:
     if end.status != "max_iterations" or compiled.problem.partitions is not None:
         return end
     rows, parts = compiled.kernel.layout.inputs, compiled.samples.inputs.parts
+    # the kernel has rows for weight channels as well
     inputs = {name: parts[row] for name, row in rows.items() if name in compiled.problem.model.graph.inputs}
     return replace(end, message=f"{end.message} {describe_offsets(inputs)}".rstrip())
 
@@ -106,6 +108,7 @@ def within_limits(
     if values is None:
         return replace(end, status="failed", message=f"{end.message} Violated limits: {violated}.")
     projected = end.moved(values, objective.cost(values))
+    # a projection by rounding costs no more than the change that ends a descent
     if end.status != "converged" or projected.cost <= end.cost + tolerance * abs(end.cost):
         return projected
     message = (

@@ -36,10 +36,13 @@ class FaintValues:
             return end
         values = self._reset_within_outputs(faint, end)
         cost = self.setup.objective.cost(values)
+        # of an exact fit the cost is rounding itself, which any reset would exceed relatively
         rounding = UNCHANGED * end.cost + ROUNDING * self.setup.objective.cost(self.start)
+        # the end may miss a limit by rounding; the reset must not make that worse
         allowed = max(self.limits.violation(end.values), FEASIBLE)
         if cost <= end.cost + rounding and self.limits.violation(values) <= allowed:
             effective = self.setup.objective.with_effect(end.values, self.start)
+            # values that have an effect at their start were led away from it; others had none in the first place
             lost = faint & ~self.setup.objective.faint(values) & (effective == self.start)
             return self._with_lost_values(end.moved(values, cost), lost)
         sloped = self.setup.objective.sloped(end.values)  # smoothness may determine the others
@@ -55,6 +58,7 @@ class FaintValues:
         if outputs is None or outputs.is_satisfied(values) or not outputs.is_satisfied(end.values):
             return values
         values = end.values
+        # all resets together violate a limit, which some of them alone may keep
         for name in self.setup.exact.problem.free_names:
             own = np.zeros_like(faint)
             self._columns(own, name)[:] = True

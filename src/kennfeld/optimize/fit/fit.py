@@ -64,7 +64,7 @@ Search = Callable[[Float, LinearLimits], SolverResult]
 
 
 def default_tolerance(compiled: CompiledProblem, objective: LeastSquaresObjective) -> float:
-    """Return the relative change of the cost at which a descent ends, as the data can distinguish it.
+    """Derive the relative change of the cost at which a descent ends, as the data can distinguish it.
 
     Noise in n residuals raises the cost of p fitted values by p/n, relatively, on average. A step that changes it by
     1/20 of that moves the values by less than a quarter of their standard deviations. Small problems, whose digits are
@@ -123,7 +123,7 @@ class FitRun:
         return other
 
     def result(self, search: Search | None = None, begin: Float | None = None) -> Result:
-        """Run `minimise` and assess its end."""
+        """Run `minimise` with the same arguments, and assess its end."""
         with blas_threads(self.exact.values.free):
             return self.while_connected(lambda: self._result(search, begin))
 
@@ -139,7 +139,7 @@ class FitRun:
     def _result_without_data(self, cost: float, values: Float, message: str) -> Result:
         """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""
         movable = int(linear_limits(self.problem, self.exact.values).movable.sum())
-        spent = time.perf_counter() - self.began
+        elapsed = time.perf_counter() - self.began
         return Result(
             status="stopped",
             message=message,
@@ -153,7 +153,7 @@ class FitRun:
             cost_after=cost,
             free_values=movable,
             fixed_values=self.exact.start.size - movable,
-            seconds=Seconds(self.read + spent, self.read, self.compile, spent - self.compile),
+            seconds=Seconds(self.read + elapsed, self.read, self.compile, elapsed - self.compile),
         )
 
     def _result(self, search: Search | None, begin: Float | None) -> Result:
@@ -204,7 +204,7 @@ class FitRun:
 
         Args:
             search: in place of the usual strategy.
-            begin: values within the limits at which a single descent begins, in place of the start.
+            begin: values within the limits at which a single descent begins, in place of the start, Float[values].
 
         Returns:
             The end, and a remark on the start.
@@ -228,6 +228,7 @@ class FitRun:
             cost = self.objective.cost(projected)
             if not end.cost < cost:  # the departure from a saddle did not pay
                 end, remark = end.moved(projected, cost), other_remark
+        # checks come last, as restored faint values or the projected start may have taken the place of the end
         end = with_derivative_fault(setup, check_derivatives(setup, end, limits))
         end = within_limits(with_rejections(setup, end), limits, self.objective, tolerance)
         return self._confirm(end, limits), remark
@@ -237,6 +238,7 @@ class FitRun:
         start, remark = project(self.objective.start, limits)
         if start is None or self.options.method == "global" or self.objective.cost(start) == 0:
             return start, remark
+        # a global search does not begin at the start, and a cost of 0 cannot be lowered
         off = departure(self.exact, start, limits)
         return (start, remark) if off is None else (off.values, " ".join(filter(None, (remark, str(off)))))
 
@@ -249,7 +251,7 @@ class FitRun:
         return OutputLimits(self.problem) if self.problem.limits else None
 
     def parameters(self, values: Float) -> ParameterSet:
-        """Return the parameter set with these free values."""
+        """Return the parameter set with these free values, Float[values]."""
         return self.exact.parameters(values)
 
     def record(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None:
@@ -257,12 +259,15 @@ class FitRun:
         if self._whole is not None:
             self._whole.record("part", replace(line, cost=self._whole.objective.cost(values)), values)
             return
+        # the RMSE is that of the errors alone: the cost without the penalty on roughness, over the sum of the weights
         cost = line.cost - (compiled or self.exact).roughness.cost(values)
         rmse = float(np.sqrt(max(cost, 0.0) / self.weights))
         seconds = time.perf_counter() - self.began
         entry = TraceLine(stage=stage, start=1, rmse=rmse, seconds=seconds, **vars(line))
         self.trace.append(entry)
         if compiled in (None, self.exact):
+            # costs of smoothed or thinned stages do not compare: as infinite ones, they give way to any of the whole
+            # problem
             own = line.cost if self._is_whole(stage) else np.inf
             # costs with different smoothness factors do not compare
             if self.best is None or own <= self.best[0] or stage.startswith(CHOICE):
@@ -275,6 +280,8 @@ class FitRun:
     def _is_whole(self, stage: str) -> bool:
         """Return if the cost of a stage is that of the exact model over all samples."""
         thinned = self.thinned is not self.exact if self.continuation is None else self.continuation.thinned
+        # stages that are compared with each other run over a part of the samples; `final` continues the best of them
+        # over all
         compared = thinned and stage in ("exact", "plain")
         return not (compared or (stage.startswith("smooth") and not stage.startswith(CHOICE)))
 
@@ -300,10 +307,12 @@ class FitRun:
         ends, rest = [end], limits.movable
         for part in separate_parts(self.problem, self.exact.values, limits):
             run, values = self._over_part(part), ends[-1].values
+            # values of other parts stay where the search has led them
             rest, begin = rest & ~part.values, np.where(part.values, start, values)
             if not run._is_finished(values, begin, own := part.limits(limits, values)):
                 again = Restarts(run._setup, begin, own).search(values)
                 ends.append(again.moved(again.values, self.objective.cost(again.values)))
+        # a failure may lie in the values that belong to no part
         if len(ends) == 1 or (end.status == "failed" and rest.any()):
             return end
         last = next((each for each in ends[1:] if each.status != "converged"), ends[-1])
@@ -341,6 +350,7 @@ class FitRun:
 
     def _confirm(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """Go on from values that were moved after the descent that led there."""
+        # `SolverResult.moved` drops the certificate, so that values without one were moved
         certified = end.certificate is not None or self.outputs is not None or self.options.method == "global"
         if end.status != "converged" or certified or end.cost == 0:
             return end
@@ -356,6 +366,7 @@ class FitRun:
         if certificate is not None and self.options.method != "global":
             for part in separate_parts(self.problem, self.exact.values, limits):
                 objective = LeastSquaresObjective(part.compiled(self.exact))
+                # the decrease that a small part promises is invisible beside the cost of the whole
                 certificate = certificate.together(
                     certificate_at(objective, end.values, part.limits(limits, end.values))
                 )

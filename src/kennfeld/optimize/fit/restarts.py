@@ -22,7 +22,7 @@ MAX_DEPARTURES = 3  # searches that may start again from a point at which values
 
 
 def descend(setup: DescentSetup, start: Float, limits: LinearLimits, *, remembers_scale: bool = False) -> SolverResult:
-    """Descend from other values on the model as it is; see `SolverSettings.remembers_scale`."""
+    """Descend from values, Float[values], on the model as it is; see `SolverSettings.remembers_scale`."""
     settings = replace(setup.options.settings, remembers_scale=remembers_scale)
     return levenberg_marquardt(setup.objective, start, limits, settings, partial(setup.report, "plain"))
 
@@ -47,7 +47,7 @@ class Restarts:
     limits: LinearLimits
 
     def search(self, values: Float) -> SolverResult:
-        """Search for the lowest cost from some values, also beyond points at which a descent is stuck."""
+        """Search for the lowest cost from values, Float[values], also beyond points at which a descent is stuck."""
         end = self._leave_saddles(minimise(self.setup, values, self.limits))
         end = self._return_from_infinity(self._leave_saturation(end))
         return self._leave_kinks(self._leave_ridges(end))
@@ -69,6 +69,7 @@ class Restarts:
                 break
             end = ends[-1]
         else:
+            # the last restart may have ended at a point that is not stuck
             if end.status == "converged" and (off := departure(self.setup.exact, end.values, self.limits)) is not None:
                 message = (
                     f"The derivatives with respect to {' and '.join(off.stuck)} vanish again after each restart. "
@@ -92,6 +93,7 @@ class Restarts:
             if np.array_equal(values, end.values):
                 break
             values = self.start if remembers else values
+            # single values at their start may break a linear row that the others of it have moved along
             if self.limits.violation(values) > max(self.limits.violation(end.values), FEASIBLE):
                 continue
             ends.append(descend(self.setup, values, self.limits, remembers_scale=remembers))
@@ -106,6 +108,8 @@ class Restarts:
             return end
         for away in run_away(self.setup.exact, self.setup.objective, self.start, end.values)[:MAX_DEPARTURES]:
             lower, upper = (np.where(away, self.start, side) for side in (self.limits.lower, self.limits.upper))
+            # first with the value fixed, by equal bounds, so that the others find their optimum; then all are free
+            # again
             ends.append(self._descend(self.start, replace(self.limits, lower=lower, upper=upper)))
             ends.append(self._descend(ends[-1].values))
             if is_lower(ends[-1], end):
@@ -117,6 +121,7 @@ class Restarts:
         """Search again from lower values along combinations that change nothing to first order."""
         ends = [end]
         for _ in range(MAX_DEPARTURES):
+            # ridges are the null space of the Jacobian, which only small problems have at hand
             small = self.setup.objective.uses_qr and not self.setup.is_global
             if end.status != "converged" or not small or not end.cost > 0:
                 break
@@ -150,8 +155,10 @@ class Restarts:
     def _descend_beside_kinks(self, end: SolverResult) -> tuple[SolverResult, list[SolverResult]]:
         """Return the end of descents that hold the values at a kink, while they lower the cost, and all of them."""
         ends, fixed = [], np.zeros(self.start.size, dtype=bool)
+        # kinks are looked for in the rows of the Jacobian, which only small problems have at hand
         small = self.setup.objective.uses_qr and not self.setup.is_global
         while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
+            # once others have moved, further values may lie at a kink
             more = values_at_kinks(self.setup.objective, end.values, self.start, self.limits) & ~fixed
             if not more.any():
                 break

@@ -35,7 +35,7 @@ class TraceLine:
     """One accepted step.
 
     `stage` is `plain`, or `smooth WIDTH` and `exact` of a descent on smoothed lookups; in a sequence with the name of
-    the step before it: `step 1: plain`.
+    the step before it: `step 1: plain`. `seconds` counts from the begin of the compilation.
     """
 
     iteration: int
@@ -140,6 +140,7 @@ class Result(NotebookDisplay):
         """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
         moved = {}
         for key, free in free_axes(self.start).items():
+            # all tables on a group axis have the same breakpoints
             table, which = free.places[0]
             before, after = free.axis.breakpoints, self.parameters[table].axes[which].breakpoints
             if not np.array_equal(before, after):

@@ -30,16 +30,17 @@ class SeparatePart:
     values: Bool  # Bool[values]: those of them, and of the breakpoints of their axes
 
     def compiled(self, whole: CompiledProblem) -> CompiledProblem:
-        """Return the problem with the criteria of this part and the smoothness of its parameters."""
+        """Restrict a problem to the criteria of this part and the smoothness of its parameters."""
         problem = whole.problem
         part = whole.over_selection(_select_criteria, self.criteria)
         factors = {name: problem.factors(name) for name in problem.free_names if name in self.names}
         restraints = {name: each for name, each in problem.restraints.items() if name in self.names}
+        # roughness of the other tables is constant here, but would raise the cost that tolerances are relative to
         part.roughness = penalty_of(problem.parameters, whole.values, factors, restraints)
         return part
 
     def limits(self, limits: LinearLimits, values: Float) -> LinearLimits:
-        """Return the limits with all other values fixed."""
+        """Fix all values but those of this part at `values`, Float[values]."""
         lower, upper = (np.where(self.values, side, values) for side in (limits.lower, limits.upper))
         return LinearLimits(lower, upper, limits.rows, limits.tables)
 
@@ -53,12 +54,15 @@ def separate_parts(problem: Problem, layout: ValueLayout, limits: LinearLimits) 
     reaching = {number: _parameters_of(graph, problem.differences[number]) for number in scored}
     affected = {name: frozenset(n for n in scored if name in reaching[n]) for name in problem.free_names}
     every = frozenset().union(*affected.values())
+    # smaller parts first: a larger one contains their values, and begins where their search ended
     for criteria in sorted({*affected.values()} - {frozenset(), every}, key=lambda each: (len(each), sorted(each))):
+        # values that affect a subset of these criteria affect no others either
         names = frozenset(name for name, own in affected.items() if own and own <= criteria)
         values = np.zeros(layout.free, dtype=bool)
         for name in names:
             values[layout.offsets[name] :][: problem.parameters[name].size] = True
         for key, axis in problem.free_axes.items():
+            # moving a breakpoint changes all tables on its axis, so that all of them must belong to the part
             if layout.moving.get(key, layout.free) < layout.free and names.issuperset(name for name, _ in axis.places):
                 values[layout.moving[key] :][: len(axis.axis)] = True
         values &= limits.movable
@@ -72,6 +76,7 @@ def _parameters_of(graph: Graph, name: str) -> set[str | None]:
     roots = {graph.names[name]}
     while not roots <= reached:
         reached |= {*ancestors(graph.nodes, roots | reached)}
+        # the first and the next value of a state may depend on further states: repeated until a round adds none
         states = [graph.states[graph.nodes[at].payload] for at in reached if graph.nodes[at].op == "state"]
         roots = {at for state in states for at in (state.init, state.next)}
     return {graph.nodes[at].parameter for at in reached}
