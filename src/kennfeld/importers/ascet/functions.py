@@ -114,6 +114,7 @@ def _bit_of(operator: str) -> Rule:
     def rule(evaluator: SymbolicEvaluator, x: Nodes, position: Nodes) -> Nodes:
         apply = Elementwise(evaluator.builder)
         weight = apply("pow", 2.0, position)
+        # bit = floor(x / 2^position) mod 2; x + 2^position (new - old) replaces it
         old = apply("mod", apply("floor", apply("div", x, weight)), 2.0)
         match operator:
             case "get":

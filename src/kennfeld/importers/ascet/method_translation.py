@@ -152,6 +152,7 @@ class MethodTranslation(CallTranslation):
         condition = self.lazily(lambda: self.operand(statement.condition)).tree
         body = self._block(statement.body)
         loop = m.While(condition, body, place=place)
+        # do-while: the first pass comes before the first test
         return (*body, loop) if statement.tests_last else (loop,)
 
     def _for(self, statement: e.For) -> m.Statements:
@@ -188,6 +189,7 @@ class MethodTranslation(CallTranslation):
         place = statement.place
         subject = self.operand(statement.subject)
         if statement.cases and not isinstance(subject.tree, m.Number):
+            # evaluated once, although each case compares with it
             name = self._free("%switch")
             self.pending.append(m.Assign((m.Name(name),), subject.tree, place=place))
             subject = Operand(m.Name(name), subject.type)
@@ -204,10 +206,12 @@ class MethodTranslation(CallTranslation):
             if self._result is None:
                 raise UnsupportedEsdlError(f"{self.method.name} is void, but returns a value", place=value.place)
             translated = self.value(value)
+            # open sizes of the result are those of the value that is returned first
             if is_open(self._result) and isinstance(translated, Place):
                 self._result = with_sizes(self._result, translated.type)
             target = Place(RESULT, self._result, is_local=True)
             result += self.assign(target, translated, value)
+        # behind the last statement nothing is left to skip
         if not is_last:
             result.append(m.Jump("return", place=statement.place))
         return tuple(result)
@@ -241,6 +245,7 @@ class MethodTranslation(CallTranslation):
             shapes.append(m.Assign((m.Name(place.leaf(path)),), start, place=element.place))
         if value is None or element.value is None:
             return tuple(shapes)
+        # a number that is assigned at once needs no value before
         if isinstance(kind, NumberType):
             shapes = []
         return (*shapes, *self.assign(place, value, element.value))
@@ -297,6 +302,7 @@ class MethodTranslation(CallTranslation):
                     place=tree.place,
                 )
             place = tree.place
+            # whole arrays are copied as one; parts of arrays number by number, as indices select elements of the leaves
             if not target.indices and not source.indices:
                 value = self.leaf_tree(source, path)
                 result.append(m.Assign((self._target(target, path),), value, place=place))

@@ -57,6 +57,7 @@ class TaskChoice:
         if unperiodic := [task.name for task in chosen if task.period is None]:
             remedy = "Leave it out, or import it alone."
             raise InputError(Finding(location, f"the task {name} has no period", remedy) for name in unperiodic)
+        # a stable sort: tasks of one priority run in the order of the schedule
         return sorted(chosen, key=lambda task: task.priority)
 
 
@@ -87,6 +88,7 @@ def step_of_tasks(tasks: Sequence[Task], step: float | None, location: Location)
     if step is None:
         return common
     ratio = common / step
+    # 1e-6: periods such as 0.1 s have no exact binary form
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
         message = (
             f"the step {number_text(step)} s does not divide {number_text(common)} s, the common step of the tasks"

@@ -112,6 +112,7 @@ class TypeResolver:
     def _number(self, kind: e.ScalarType, scope: FileScope, name: str) -> NumberType:
         base = self._as_number(self.named(kind.base, scope))
         low, high = base.low, base.high
+        # `using` states the representation, whose range holds unless one is written
         if kind.using in _DATATYPES and base.kind == "integer":
             low, high = _DATATYPES[kind.using]
         if kind.range is not None:
@@ -123,6 +124,7 @@ class TypeResolver:
         if limits.last is not None:
             high = self.constant(limits.last, scope)
         else:
+            # a range without an end: an integer that is never negative may be unsigned
             high = 2.0**32 - 1 if base.kind == "integer" and low >= 0 else base.high
         if not low <= high:
             raise UnsupportedEsdlError(f"the range {low:g} .. {high:g} is empty")
@@ -149,6 +151,7 @@ class TypeResolver:
 
     def _array(self, sizes: tuple[e.Expression | None, ...], element: Type, scope: FileScope) -> ResolvedArray:
         own = tuple(self.dimension(size, scope) for size in sizes)
+        # an array of arrays is one of more dimensions
         inner, element = (element.dimensions, element.element) if isinstance(element, ResolvedArray) else ((), element)
         dimensions = (*own, *inner)
         result = ResolvedArray(dimensions, element)
@@ -164,6 +167,7 @@ class TypeResolver:
             if size.first is None or size.last is None:
                 raise UnsupportedEsdlError("the dimension of an array is open")
             return _checked(self.constant(size.first, scope), self.constant(size.last, scope))
+        # the name of a type stands for its values, such as the labels of an enumeration
         if isinstance(size, e.Name | e.Field) and (kind := self._index_type(dotted(size), scope)) is not None:
             return _checked(kind.low, kind.high, kind if kind.labels else None)
         return _checked(0, self.constant(size, scope) - 1)

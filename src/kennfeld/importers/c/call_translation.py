@@ -48,6 +48,7 @@ class CCallTranslation(CExpressionTranslation):
             function = self.file.functions[name]
             return self._called_number(function, trees, line_of(tree), wants_result=wants_result)
         name = _ALIASES.get(name, name)
+        # sinf is sin, computed in double precision
         plain = name if name in MATHEMATICS or name in TESTS else name.removesuffix("f")
         known = {**MATHEMATICS, **TESTS}
         if plain not in known:
@@ -121,6 +122,7 @@ class CCallTranslation(CExpressionTranslation):
                 arguments.append(self.used(part) if argument.mode == "output" else self.value_of(part))
                 if argument.mode == "output":
                     targets.append(self.used(part))
+                    # the call writes to the copy of a part of an array
                     copies += [] if part is place else self._copied_back(part, place, line)
         self.passed.append(PassedNames(name, tuple(passed), tuple(changed), line))
         return _PassedArguments(m.Call(m.Name(f"{name}()"), tuple(arguments)), targets, copies)

@@ -89,6 +89,7 @@ class MacroExpansion:
         return False
 
     def _expanded(self, tokens: Sequence[_Token]) -> list[_Token]:
+        # a stack, the next token last: a replacement is scanned again, together with what follows it (C11, 6.10.3.4)
         waiting, result = list(reversed(tokens)), list[_Token]()
         while waiting:
             self._visited += 1
@@ -114,6 +115,7 @@ class MacroExpansion:
             comma: _Token = (",", frozenset())
             joined = [token for at, value in enumerate(rest) for token in ([comma, *value] if at else value)]
             return {**dict(zip(names, fixed, strict=False)), "__VA_ARGS__": joined}
+        # the brackets of f() contain one argument, an empty one
         if not names and len(values) == 1 and not any(token.strip() for token, _ in values[0]):
             return {}
         if len(names) != len(values):
@@ -143,6 +145,7 @@ class MacroExpansion:
             else:
                 result.append((token, hidden))
             at += 1
+        # counts the text too: macros that name another one twice double it at each level
         self._visited += len(result)
         return result
 
@@ -175,6 +178,7 @@ def _arguments(waiting: list[_Token]) -> list[list[_Token]] | None:
         if depth == 0:
             del waiting[place:]
             return [_stripped(value) for value in values]
+        # a comma within inner brackets belongs to the argument
         if token[0] == "," and depth == 1:
             values.append([])
         elif place != at:

@@ -16,6 +16,7 @@ MAX_BYTES: Final = 2_000_000  # of a file with all that it includes
 _MAX_INCLUDES: Final = 30  # within one another
 _MAX_CALL_LINES: Final = 500  # of a call of a macro
 _MAX_FINDINGS: Final = 100
+# comments, and the texts in which // and /* begin none
 _PARTS: Final = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'', re.DOTALL)
 _DIRECTIVE: Final = re.compile(r"\s*#\s*(\w*)\s*(.*)")
 _DEFINED: Final = re.compile(r"\bdefined\s*(?:\(\s*(\w+)\s*\)|(\w+))")
@@ -93,6 +94,7 @@ class _Preprocessor:
     def read(self, text: str, file: str) -> None:
         """Add the lines of a file."""
         outer, around = self.file, self.open
+        # each #if must end in the file that it is in
         self.file, self.open = file, []
         self.size += len(text)
         lines = _plain(text).split("\n")
@@ -160,6 +162,7 @@ class _Preprocessor:
             return (rest.partition(" ")[0] in self.macros) == (word == "ifdef")
         if _SIZES_OF_LONG.search(rest):
             return False
+        # before macros are expanded, which would replace the name behind `defined`
         defined = _DEFINED.sub(lambda match: str(int((match[1] or match[2]) in self.macros)), rest)
         try:
             return condition_value(self._expand(defined, number)) != 0

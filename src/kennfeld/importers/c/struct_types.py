@@ -202,6 +202,7 @@ class TypeTable:
                     return DeclaredType(OpaqueType(f"a pointer to {inner.type.reason}"))
                 return _changed(inner, is_pointer=True)
             case c_ast.IdentifierType(names=[name]) if name in self.typedefs:
+                # `typedef struct S S;` may precede the members of S
                 known = self.typedefs[name]
                 tag = known.type.tag if isinstance(known.type, OpaqueType) else ""
                 return _changed(known, type=self.structs[tag]) if tag in self.structs else known
@@ -238,6 +239,7 @@ class TypeTable:
             bits = item.bitsize is not None
             return str(item.name), DeclaredType(OpaqueType("a bit field")) if bits else self._member(item, depth)
         declared = self._member(item, depth) if item.bitsize is None else DeclaredType(OpaqueType("a bit field"))
+        # `struct S {...};` within a struct declares S, but no member
         is_part = isinstance(item.type, c_ast.Struct | c_ast.Union) and item.type.decls and not item.type.name
         return (f"{HIDDEN}{_position(item.type)}", declared) if is_part else None
 
@@ -256,6 +258,7 @@ class TypeTable:
             declared = self.declared(tree)
         except UnsupportedCError as error:
             declared = DeclaredType(OpaqueType(error.message))
+        # a struct without a tag takes the name of its typedef, by which generated code is recognized
         struct = declared.type
         if isinstance(struct, CStructType) and struct.name in ("the struct", "the union"):
             declared = _changed(declared, type=replace(struct, name=str(tree.name)))
@@ -278,6 +281,7 @@ def _union(members: CStructType, tree: c_ast.Union) -> CStructType:
 
 def _shared_array(union: CStructType) -> Member | None:
     """Return the array that all members of a union share, number by number; None if they are of different types."""
+    # such as union { double all[3]; struct { double a, b, c; } each; }: `all` stands for both
     sizes = [math.prod((*leaf.sizes, 1)) for leaf in leaves_of(union)]
     types = {leaf.type for leaf in leaves_of(union)}
     if len(types) != 1 or any(leaf.owner[0] for leaf in leaves_of(union)) or _is_incomplete(union) or min(sizes) < 1:
