@@ -69,6 +69,7 @@ class PythonEvaluation:
             if self.jacobian is not None:
                 self._check_jacobian(points)
                 return results, self._jacobians(points, compute)[:, list(along)]
+            # a value near 0 among large ones takes a step of their size
             return results, self._differences(points, along, _LEAST_SIZE * _largest(points), compute)
 
     def _at_all(self, points: Float) -> Float:
@@ -159,6 +160,7 @@ class PythonEvaluation:
         changed, step = points.copy(), np.empty(points.shape[1])
         for position, argument in enumerate(along):
             value, moved = points[argument], changed[argument]
+            # (f(x + h) - f(x - h)) / ((x + h) - (x - h)), the width as rounded; h = _STEP max(|x|, least, _LEAST_SIZE)
             np.maximum(np.abs(value, out=step), max(float(least[argument]), _LEAST_SIZE), out=step)
             step *= _STEP
             np.add(value, step, out=moved)
@@ -166,6 +168,7 @@ class PythonEvaluation:
             np.subtract(value, step, out=moved)
             width -= moved
             np.divide(np.subtract(above, compute(changed), out=above), width, out=slopes[:, position])
+            # `changed` differs from the points in one argument at a time
             moved[:] = value
         return slopes
 
