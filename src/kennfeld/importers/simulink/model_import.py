@@ -153,6 +153,7 @@ class ModelImport:
     def compile(self) -> BlockCompiler:
         """Lower the blocks; iteration counts that depend on signals are determined in earlier attempts."""
         for _ in range(_MAX_ATTEMPTS):
+            # counts that depend on signals are known once these are lowered, one level of nesting in each attempt
             compiler = self._attempt()
             wrong = {path for path, count in compiler.counts.items() if self.flat.counts.get(path) != count}
             if not wrong:
@@ -322,6 +323,7 @@ def _block_of(key: str) -> str:
 def _insert_formula(compiler: LoweringPass, graph: Graph) -> Signal:
     """Insert the graph of a bound formula into the model's graph."""
     builder, nodes = compiler.builder, list[int]()
+    # states first: nodes read them, and their next values are nodes
     states = {which: builder.state(state.latency) for which, state in enumerate(graph.states)}
     for op, args, payload in graph.nodes:
         nodes.append(states[payload] if op == "state" else builder.node(op, tuple(nodes[a] for a in args), payload))

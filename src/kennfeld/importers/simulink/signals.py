@@ -250,6 +250,7 @@ def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...] | None:
     """
     wide = [shape for shape in shapes if math.prod(shape) != 1]
     if not wide:
+        # (1, 1) before (1,)
         return max(shapes, key=len, default=(1,))
     best = max(wide, key=len)
     fits = all(s == best or (len(s) != len(best) and s == (math.prod(best),) and 1 in best) for s in wide)

@@ -107,6 +107,7 @@ class GuardLogic:
         node, op, number = self._normalize(op, simple)
         if node not in guard.ranges or number is None:
             return None
+        # bounds are closed, also those of strict comparisons
         low, high = guard.ranges[node]
         if op in ("gt", "ge"):
             return True if low > number else False if high < number or (op == "gt" and high == number) else None
@@ -155,6 +156,7 @@ class GuardLogic:
             op, args, _ = self.builder.nodes[node]
             if op == "not":
                 waiting.append((args[0], not truth))
+            # a true `and` has true operands, a false `or` false ones; else the operands are only known not to be all so
             elif op == ("and" if truth else "or"):
                 waiting += [(arg, truth) for arg in args]
             elif op in ("and", "or"):
@@ -179,6 +181,7 @@ class GuardLogic:
             while number is not None and self.builder.nodes[node].op in ("state", "select"):
                 guard.values[node] = constant
                 op, parts, _ = self.builder.nodes[node]
+                # a selection that has the number did not take a side with another constant, which decides its condition
                 sides = [self.builder.value(part) for part in parts[1:]] if op == "select" else []
                 wrong = next((at for at, side in enumerate(sides) if side is not None and side != number), None)
                 if wrong is None:
@@ -189,6 +192,7 @@ class GuardLogic:
 
     def _propagate_clauses(self, guard: Guard) -> bool:
         """Draw conclusions from the clauses; return False on a contradiction."""
+        # unit propagation (Davis, Logemann and Loveland, Comm. ACM 5 (1962) 394)
         while self._propagate_values(guard):
             clause, last = next(self._unit_clauses(guard), (None, None))
             if clause is None:
@@ -196,6 +200,7 @@ class GuardLogic:
             if last is None:
                 return False
             guard.clauses = [other for other in guard.clauses if other is not clause]
+            # may follow from what is learned
             guard.unknown.clear()
             self._learn(last, not clause[1], guard)
         return False
@@ -206,6 +211,7 @@ class GuardLogic:
             args, truth = clause
             self._left = _MAX_VISITED
             known = [self._truth(arg, guard) for arg in args]
+            # one node of the other truth satisfies a clause
             if (not truth) not in known and known.count(None) < 2:
                 yield clause, args[known.index(None)] if None in known else None
 
@@ -258,6 +264,7 @@ class GuardLogic:
 
     def _select(self, guard: Guard, new: int, old: int) -> int:
         op, args, _ = self.builder.nodes[old]
+        # an assignment under the same guard replaces the one before, which is visible nowhere
         while op == "select" and args[0] == guard.node:
             old = args[2]
             op, args, _ = self.builder.nodes[old]
