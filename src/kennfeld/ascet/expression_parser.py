@@ -107,6 +107,7 @@ class EsdlExpressionParser(EsdlReader, OperatorParser[Token, e.Expression]):
         """Read an operand with its signs."""
         if self.is_at(*_UNARY):
             token = self.take()
+            # nested, as a chain of signs is a tree of its depth
             return e.Unary(token.text, self.nested(lambda: self.operand(lowest)), place=token.place)
         return self._postfix(self._primary())
 

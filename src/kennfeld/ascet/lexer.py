@@ -12,6 +12,7 @@ from kennfeld.program.tokens import scan_tokens
 
 MAX_CHARACTERS: Final = 4_000_000  # of a file
 
+# in 1..5, 1 is an integer and .. the operator of a range
 _TOKEN = re.compile(
     r"""(?P<blank>[\s\ufeff]+)
   | (?P<comment>//[^\n]*|/\*.*?\*/)

@@ -90,6 +90,7 @@ class _FileParser(StateMachineParser):
         except EsdlSyntaxError as error:
             self._report(error)
             self._skip(starts)
+            # an error at a token that nothing skips would be found again and again
             if self.at == begin and not self.is_at("}"):
                 self.take()
 
@@ -315,6 +316,7 @@ class _FileParser(StateMachineParser):
             members.elements += self._elements(head)
 
     def _is_method(self) -> bool:
+        # type and name with a bracket behind; the tokens are read again
         at = self.at
         try:
             self.qualified_name()

@@ -142,6 +142,7 @@ def _nodes(tree: object) -> Iterator[object]:
         node = waiting.pop()
         if is_dataclass(node):
             yield node
+        # a stack: reversed, nodes come in the order of the text
         waiting += reversed(_parts(node))
 
 

@@ -57,6 +57,7 @@ class DiagramCode:
 
     def body(self, method: MethodSignature) -> e.Statements:
         """Return the statements of a method; parts that are not supported are `Unsupported` expressions in them."""
+        # the value of a block may depend on the method: its arguments hide elements of the same names
         self._known.clear()
         self._arguments = frozenset(argument.name for argument in method.arguments)
         return self._sequence(self.diagram.steps.get(method.name, ()))
@@ -187,6 +188,7 @@ class DiagramCode:
         if block.get("type") == "Return":
             return e.Name(RESULT, place=place)
         if block.get("type") != "Argument" and name in self._arguments:
+            # the argument of this name hides the element
             return e.Field(e.Name("this", place=place), name, place=place)
         return e.Name(name, place=place)
 
@@ -268,6 +270,7 @@ class DiagramCode:
             values = [self._input(arguments[axis]) for axis in ("x", "y") if axis in arguments]
             return e.Call(e.Field(of, "getAt", place=place), tuple(values), place=place)
         if kind in TABLES and method == "interpolate":
+            # interpolate() has no inputs: it takes what was searched
             names = tuple(f"{name}.search.{axis}" for axis in ("x", "y")[: TABLES.index(kind) + 1])
             self.searched[name] = names
             return e.Call(e.Field(of, "getAt", place=place), tuple(map(e.Name, names)), place=place)
@@ -312,6 +315,7 @@ def _number(text: str) -> float | None:
     if _HEXADECIMAL.fullmatch(text):
         return float(int(text, 16))
     try:
+        # float() accepts 1_000
         number = float(text.replace("_", "x"))
     except ValueError:
         return None
