@@ -167,6 +167,7 @@ class CallTranslation(ExpressionTranslation):
         tree: e.Call,
     ) -> Operand | Place | None:
         call = m.Call(m.Name(code.name), tuple(trees), place=tree.place)
+        # one number and no changed arguments: the call is an expression
         if isinstance(code.result, NumberType) and not code.outputs:
             return Operand(call, code.result)
         # statements before the expression would run although the condition does not hold

@@ -30,6 +30,7 @@ class DisplayNames:
         result: dict[str, str] = {}
         for label in labels:
             for candidate in levels[label]:
+                # names of calibration files come first, whatever their length
                 if candidate in self._known and candidate not in self._taken:
                     result[label] = candidate
                     self._taken.add(candidate)

@@ -346,7 +346,9 @@ def _substituted(tree: Any, letters: Mapping[str, e.Expression], place: e.TextPo
     if is_dataclass(tree) and not isinstance(tree, type):
         names = [item.name for item in fields(tree)]
         changes = {
-            name: place if name == "place" else _substituted(getattr(tree, name), letters, place) for name in names
+            # positions in the text of the formula are none of the file
+            name: place if name == "place" else _substituted(getattr(tree, name), letters, place)
+            for name in names
         }
         return replace(tree, **changes)
     return tree

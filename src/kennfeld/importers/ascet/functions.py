@@ -175,6 +175,7 @@ _METHODS: Final = {
 }  # fmt: skip
 _BY_NAME: Final = {function.name: function for function in (*_MATHEMATICS, *_BITS, *_INTERNAL)}
 EXTERNAL: Final[Mapping[str, RuleFunction]] = {
+    # math.h does not have these
     **{name: function for name, function in FUNCTIONS.items() if name not in ("min", "max", "fix", "sign")},
     "fabs": FUNCTIONS["abs"],
     "fmin": FUNCTIONS["min"],

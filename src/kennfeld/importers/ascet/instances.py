@@ -136,6 +136,7 @@ class Program:
         """Return the one instance of a class that is not part of another: the imported class, or a singleton."""
         if declared.label not in self._singletons:
             self._singletons[declared.label] = instance = ClassInstance(declared.label, declared)
+            # known before it is filled, since instances in it may name it
             self._fill(instance, {}, 0)
         return self._singletons[declared.label]
 

@@ -47,6 +47,7 @@ class MethodChooser:
         tree.root = root_of(self.path, scope.file.package)
         declared = self._class(scope.file, name, [Declared(item, scope) for item in scope.file.declarations])
         instance = self.program.instance(declared)
+        # applications are read for what the caller leaves open
         schedules = [] if methods and startup is not None and self.step is not None else self._schedules(tree.root)
         first = self._startup(instance, startup, schedules)
         if self.tasks.is_several and not methods:

@@ -42,7 +42,7 @@ class MethodTranslation(CallTranslation):
         self._is_complete = True
 
     def translate(self, arguments: Sequence[Type | None]) -> MethodCode:
-        """Return the function, for arguments of these types."""
+        """Translate the method for arguments of these types."""
         types, scope = self.program.types, self.instance.scope
         if self.method.result is not None:
             self._result = types.resolve(self.method.result, scope)
@@ -58,6 +58,7 @@ class MethodTranslation(CallTranslation):
         for place in changed:
             results += leaf_names(place.label, place.type)
         declaration = m.Declaration("global", tuple(sorted(self.used)), place=self.method.place)
+        # without the statements that were left out, the others would compute something else
         statements = ((declaration, *body) if self.used else body) if self._is_complete else ()
         self.code.read |= self.used
         definition = m.FunctionDefinition(
@@ -104,6 +105,7 @@ class MethodTranslation(CallTranslation):
 
     def _block(self, statements: Sequence[e.Statement], is_last: bool = False) -> m.Statements:
         """Translate the statements of a block, whose variables are not known outside."""
+        # what the condition needs stays before the block
         outer, self.pending = self.pending, []
         self.names.locals.append({})
         try:
@@ -256,6 +258,7 @@ class MethodTranslation(CallTranslation):
         place = Place(element.name, kind, is_local=True)
         for path, _, dimensions in leaves_of(kind):
             if sizes := [m.Number(float(_size(dimension, element))) for dimension in dimensions]:
+                # an array has its size before its elements are assigned
                 start = call_of("fill", m.Number(0.0), *sizes)
                 self.pending.append(m.Assign((m.Name(place.leaf(path)),), start))
         self.pending += self.assign(place, value, value if isinstance(value, e.Braces) else e.Name(place.label))

@@ -139,7 +139,9 @@ class EsdlModelImport:
         characteristics = [
             label for label, item in program.variables.items() if item.storage == "characteristic" and label in used
         ]
+        # parameters choose first: calibration files know them by their names
         names = self.display.choose([*characteristics, *program.tables])
+        # axes and parameters may have the same names
         axes = DisplayNames(list(roots), ()).choose(list(program.axes))
         self.parameters = ProgramParameters(program, names, axes, self.initial)
         messages = [label for label in program.variables if label in used and self._is_input(program.variables[label])]
@@ -226,6 +228,7 @@ class EsdlModelImport:
 
     def _close(self, nodes: Nodes, first: Nodes, last: Nodes) -> None:
         for read, init, following in zip(nodes.ravel(), first.ravel(), last.ravel(), strict=True):
+            # constants were not opened
             if self.builder.nodes[int(read)].op == "state":
                 self.builder.close(int(read), int(init), int(following))
 
@@ -312,6 +315,7 @@ class EsdlModelImport:
             for path, leaf, dimensions in leaves_of(kind):
                 assert isinstance(leaf, NumberType)
                 key = f"{process.label}.{'.'.join((argument.name, *path))}"
+                # a method that several tasks call has its arguments once
                 if key not in self.input_names:
                     plain = ".".join((argument.name, *path))
                     self.input_names[key] = self.display.claim(plain, f"{process.method.name}.{plain}")
@@ -480,6 +484,7 @@ class _Stops:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if isinstance(error, ProgramError):
+            # remedies with blocks are those of Simulink
             self._stop(error.message, error.remedy if "blocks" not in error.remedy else "", error.line)
         if isinstance(error, GraphTooLargeError):
             self._stop("the program needs too many operations", "Make its arrays or loops smaller.")

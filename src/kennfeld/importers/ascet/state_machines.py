@@ -135,6 +135,7 @@ class _MachineCode:
         return self._first_of(leaf, transitions, static)
 
     def _is_triggered(self, transition: e.Transition) -> bool:
+        # without a trigger of its own or of the machine, each trigger tests the transition
         return (transition.trigger or self.machine.default_trigger or self.trigger) == self.trigger
 
     def _first_of(

@@ -81,6 +81,7 @@ def step_of_tasks(tasks: Sequence[Task], step: float | None, location: Location)
     """
     times = [time for task in tasks for time in (task.period, task.delay) if time]
     common = common_step(times)
+    # periods without a simple ratio have a common step that is far too short
     if common is None or common * _MOST_STEPS < min(times):
         listed = join_names([f"{number_text(time)} s" for time in dict.fromkeys(times)], 8)
         message = f"the periods and delays {listed} have no common step"

@@ -40,7 +40,7 @@ class TypeResolver:
         self._open: list[str] = []
 
     def named(self, name: str, scope: FileScope) -> Type:
-        """Return the type of a name; raises `UnsupportedEsdlError` if it is not a type."""
+        """Resolve the name of a type; raises `UnsupportedEsdlError` if it is not a type."""
         if name in _BUILTIN:
             return _BUILTIN[name]
         declared = scope.find(name)
@@ -74,7 +74,7 @@ class TypeResolver:
         raise UnsupportedEsdlError(f"{declared.label} is not a type")
 
     def resolve(self, kind: e.TypeExpression, scope: FileScope, name: str = "") -> Type:
-        """Return the type that an expression defines."""
+        """Resolve the type that an expression defines."""
         match kind:
             case e.TypeName(other):
                 return self.named(other, scope)
@@ -141,6 +141,7 @@ class TypeResolver:
         numbers: list[tuple[str, int]] = []
         following = 0
         for label, value in labels:
+            # a label without a number has the next one
             following = following if value is None else int(self.constant(value, scope))
             numbers.append((label, following))
             following += 1
@@ -193,7 +194,7 @@ class TypeResolver:
     # constants
 
     def constant(self, tree: e.Expression, scope: FileScope) -> float:
-        """Return the number of a constant expression."""
+        """Evaluate a constant expression."""
         match tree:
             case e.Number(value):
                 return value

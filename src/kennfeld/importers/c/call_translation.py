@@ -56,6 +56,7 @@ class CCallTranslation(CExpressionTranslation):
         if len(trees) != known[plain]:
             raise UnsupportedCError(f"{name} takes {known[plain]} arguments, got {len(trees)}", wrong=True)
         operands = [self.operand(argument) for argument in trees]
+        # those of stdlib.h convert their argument to an integer, unlike fabs
         if plain in ("abs", "labs"):
             kind = INT if plain == "abs" else LONG
             return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
@@ -111,6 +112,7 @@ class CCallTranslation(CExpressionTranslation):
             if argument.mode == "value" and isinstance(argument.variable.type, CType):
                 arguments.append(converted(self.operand(tree), argument.variable.type))
                 continue
+            # the targets are assigned behind the call, which may change variables in their indices
             places = [self.frozen(place, line) for place in self._passed(name, argument, tree)]
             names = [each for place in places for each in _names_of(place)]
             passed += names if argument.mode != "value" else []

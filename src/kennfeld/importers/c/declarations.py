@@ -138,7 +138,7 @@ class CFile:
 
 
 def read_declarations(tree: c_ast.FileAST, first: int = len(KNOWN_TYPES)) -> CFile:
-    """Return what a file declares; functions whose arguments are not supported are in `unsupported`.
+    """Read what a file declares; functions whose arguments are not supported are in `unsupported`.
 
     Args:
         tree: the syntax tree.
@@ -263,6 +263,7 @@ def _constant_size(tree: c_ast.Node, name: str) -> int:
                 indexed == name
             ):
                 largest = max(largest, integer_literal(text) + 1)
+            # used otherwise than by a constant index
             case c_ast.ID(name=used) if used == name:
                 return 0
             case c_ast.StructRef(name=of):  # whose member may have the same name

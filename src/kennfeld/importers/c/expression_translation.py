@@ -55,6 +55,7 @@ def converted(operand: COperand, target: CType) -> m.Expression:
         return m.Binary("~=", operand.tree, m.Number(0.0))
     if source.word is not None and holds(target.word, source.word):
         return operand.tree
+    # NaN has no integer
     if isinstance(operand.tree, m.Number) and operand.tree.value == operand.tree.value:
         # limited before, since infinity has no integer; C does not define the result of numbers out of range
         return m.Number(float(target.word.wrapped(int(max(min(operand.tree.value, 2.0**64), -(2.0**64))))))
@@ -115,6 +116,7 @@ class CExpressionTranslation(PlaceTranslation):
             case c_ast.Cast(to_type=target, expr=expr):
                 return self._cast(target, expr)
             case c_ast.Assignment():
+                # a = b as a value: the assignment runs before the expression around it
                 target, statements = self._assignment(tree)
                 self.pending += statements
                 return self.read(target)
@@ -342,6 +344,7 @@ class CExpressionTranslation(PlaceTranslation):
         kind = promoted(left.type)
         if kind.word is None or right.type.word is None or kind.word.bits > 32:
             raise UnsupportedCError(f"{op} of {left.type.name} is not supported")
+        # C11, 6.5.7: the type is that of the left operand, promoted
         name = "left" if op == "<<" else "right"
         return self._fitted(call_of(name, left.tree, right.tree), kind)
 

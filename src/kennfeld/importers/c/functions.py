@@ -19,7 +19,10 @@ from kennfeld.models.imperative.path_facts import bound_of
 
 
 def written_last(builder: GraphBuilder, nodes: Nodes, last: Nodes, number: int) -> Nodes:
-    """Return the numbers of a member of a union, or NaN where another one was written last."""
+    """Select the numbers of a member of a union, or NaN where another one was written last.
+
+    `nodes` and the result are Int[rows, columns]; `last`, of one node, is the number of the member written last.
+    """
     apply = Elementwise(builder)
     # 0: none was written yet
     is_kept = apply("or", apply("eq", last, 0.0), apply("eq", last, float(number)))

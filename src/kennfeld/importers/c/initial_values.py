@@ -122,6 +122,7 @@ class _InitialValues:
     def fill(self, part: _Part, tree: c_ast.Node) -> None:
         """Note the values of a part."""
         if not part.sizes and not isinstance(part.type, CStructType):
+            # {{1}} is 1
             while isinstance(tree, c_ast.InitList):
                 if len(tree.exprs) != 1:
                     raise UnsupportedCError("a number has several first values", wrong=True)

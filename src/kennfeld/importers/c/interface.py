@@ -133,7 +133,7 @@ def static_numbers(static: StaticVariable, file: CFile) -> CNumbers:
 def find_interface(
     arguments: Sequence[CNumbers], statics: Sequence[CNumbers], usage: Usage, written_elsewhere: Collection[str]
 ) -> CInterface:
-    """Return what a function reads and writes; outputs and states are found by `settle`.
+    """Find what a function reads and writes; its outputs and states follow from `settle`.
 
     Args:
         arguments: the numbers of its arguments.
@@ -197,7 +197,7 @@ def _with_values(number: CNumbers, values: Mapping[str, str], statics: Sequence[
 
 
 def settle(interface: CInterface, usage: Usage, needed: Collection[str], *, returns: bool) -> CInterface:
-    """Return an interface with its outputs and states.
+    """Complete an interface by its outputs and states.
 
     Args:
         interface: the numbers by their parts.

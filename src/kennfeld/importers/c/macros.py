@@ -30,7 +30,7 @@ class Macro:
 
 
 def tokens_of(text: str) -> tuple[str, ...]:
-    """Return the tokens of a text, with the spaces between them.
+    """Split a text into tokens, with the spaces between them.
 
     >>> tokens_of("a + 1.5e-3*b")
     ('a', ' ', '+', ' ', '1.5e-3', '*', 'b')
@@ -39,7 +39,7 @@ def tokens_of(text: str) -> tuple[str, ...]:
 
 
 def read_macro(text: str) -> tuple[str, Macro]:
-    """Return name and macro of the text behind `#define`.
+    """Read name and macro from the text behind `#define`.
 
     Raises:
         MacroError: it has no name, or its arguments are not names.
@@ -63,7 +63,7 @@ class MacroExpansion:
         self._visited = 0
 
     def expand(self, text: str) -> str:
-        """Return a text with its macros replaced.
+        """Replace the macros in a text.
 
         Raises:
             MacroError: a call has the wrong number of arguments, or the expansion is too long.

@@ -29,7 +29,7 @@ _REMEDY: Final = "Macros and types of included files are not known unless the fi
 
 
 def parse_source(source: CSource) -> CFile:
-    """Return the declarations of a text.
+    """Parse a text to its declarations.
 
     A type that is not defined is taken as a struct whose members are not known.
 
@@ -116,6 +116,7 @@ def _remove(lines: list[str], line: int) -> bool:
         for character in text:
             depth += (character == "{") - (character == "}")
             depth = max(depth, 0)
+        # a declaration ends outside of braces: with ; or with the brace of a function
         ends = depth == 0 and (start > 0 or text.rstrip().endswith((";", "}")))
         if ends and number >= at:
             removed = any(part.strip() for part in lines[first : number + 1])

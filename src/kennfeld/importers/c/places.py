@@ -243,6 +243,7 @@ class PlaceTranslation:
         if place.is_pointer:
             return replace(place, is_pointer=False)
         if place.sizes:
+            # *a is a[0]
             return place.element(m.Number(1.0))
         raise UnsupportedCError(f"{place.label} is not an array or address", line_of(tree), wrong=True)
 
@@ -264,6 +265,7 @@ class PlaceTranslation:
                 message = f"index {index.value - 1:g} of {place.label}, which has {size} elements"
                 raise UnsupportedCError(message, line_of(tree), wrong=True)
             return index
+        # tested when the graph is built, where the index may turn out to be constant
         return m.Call(m.Name("c:index"), (index, m.Number(float(size))))
 
     def _member(self, place: CPlace, operator: str, name: str, tree: c_ast.Node) -> CPlace:

@@ -20,6 +20,7 @@ _MAX_FINDINGS: Final = 100
 _PARTS: Final = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'', re.DOTALL)
 _DIRECTIVE: Final = re.compile(r"\s*#\s*(\w*)\s*(.*)")
 _DEFINED: Final = re.compile(r"\bdefined\s*(?:\(\s*(\w+)\s*\)|(\w+))")
+# extensions of compilers that do not change values
 _IGNORED: Final = re.compile(r"\b(__attribute__\s*\(\(.*?\)\)|__inline__|__inline|__restrict|__extension__|register)")
 # Generated code tests the sizes of long, which differ between a target and the machine that checks it.
 _SIZES_OF_LONG: Final = re.compile(r"\bU?L{1,2}(ONG)?_MAX\b")
@@ -225,7 +226,7 @@ class _Preprocessor:
 
 
 def preprocess(text: str, path: Path, findings: Findings, data: str = "") -> CSource:
-    """Return the text without comments and directives, with macros replaced.
+    """Remove comments and directives from a text, and replace its macros.
 
     Files of the same folder that it includes in quotes are read; the names of `math.h`, `stdint.h`, `stdbool.h`,
     `limits.h` and `float.h` are known.
@@ -251,6 +252,7 @@ def data_file(path: Path) -> Path:
 
 def _plain(text: str) -> str:
     """Return a text without comments, with lines joined that end with a backslash; lines keep their numbers."""
+    # joined first, as a comment behind // may continue on the next line
     text = _joined(text.replace("\r\n", "\n").replace("\r", "\n"))
     return _PARTS.sub(lambda m: m[0] if m[0][0] in "\"'" else " " + "\n" * m[0].count("\n"), text)
 

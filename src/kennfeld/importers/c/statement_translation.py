@@ -45,15 +45,17 @@ class FunctionTranslation(ObjectTranslation):
         self.scopes = [shared, {}]
 
     def translate(self) -> m.FunctionDefinition:
-        """Return the function."""
+        """Translate the function to the shared syntax tree."""
         for argument in self.function.arguments:
             self.scopes[-1][argument.variable.name] = argument.variable
             self._taken[argument.variable.name] = 1
             if argument.variable.type is FLOAT:
                 self.remarks["float is computed in double precision"] = None
         body = self._block(self.function.tree.body.block_items or ())
+        # variables that keep their values are global names of the shared tree
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
         written = (name for argument in self.function.outputs for name in argument.names)
+        # the tree has no addresses: what is written through them is returned behind the result
         results = [*self.function.result_names, *written]
         names = tuple(name for argument in self.function.arguments for name in argument.names)
         return m.FunctionDefinition(f"{self.function.name}()", names, tuple(results), (*head, *body))
@@ -75,6 +77,7 @@ class FunctionTranslation(ObjectTranslation):
         except UnsupportedCError as error:
             line = error.line or line_of(item)
             self.problems.append(UnsupportedCError(error.message, line, wrong=error.wrong))
+            # statements of the part that was translated before the error
             self.pending = []
             return []
 

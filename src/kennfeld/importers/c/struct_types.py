@@ -142,6 +142,7 @@ def _leaves(kind: ObjectType, leaf: Leaf) -> Iterator[Leaf]:
     if isinstance(kind, CType):
         yield leaf._replace(type=kind)
     elif isinstance(kind, CStructType):
+        # numbered from 1, as a tag of 0 says that no member was written
         for at, (name, declared) in enumerate(kind.members if kind.storage is None else (kind.storage,), start=1):
             path = member_path(leaf.path, name)
             inner = leaf._replace(
@@ -371,6 +372,7 @@ def constant_integer(tree: c_ast.Node | None, known: Mapping[str, int]) -> int:
             a, b = constant_integer(left, known), constant_integer(right, known)
             if op in ("<<", ">>") and not 0 <= b < 63:
                 raise UnsupportedCError(f"a shift by {b}", _line(tree))
+            # // rounds down, / of C towards 0
             if op == "/" and (b == 0 or a < 0 or b < 0):
                 raise UnsupportedCError(f"the division {a} / {b}", _line(tree))
             rules = {"+": lambda: a + b, "-": lambda: a - b, "*": lambda: a * b, "/": lambda: a // b}
