@@ -92,7 +92,7 @@ def _digest_of_file(path: Path) -> str:
 
 
 def find_loaded_files(path: Path) -> LoadedFiles:
-    """Return what a Python file loads from its folder. Raises `OSError` if the file itself cannot be read."""
+    """Find what a Python file loads from its folder. Raises `OSError` if the file itself cannot be read."""
     path = path.resolve()
     content, folder = path.read_bytes(), path.parent
     modules: dict[str, SiblingModule] = {}

@@ -169,5 +169,6 @@ def _results(function: ast.FunctionDef, path: Path, findings: Findings) -> tuple
     first = values[-1]
     if not isinstance(first, ast.Tuple):
         return (function.name,)
+    # the last return names the results
     names = [item.id if isinstance(item, ast.Name) else f"y{at}" for at, item in enumerate(first.elts, 1)]
     return tuple(names) if len(set(names)) == len(names) else tuple(f"y{at}" for at in range(1, len(names) + 1))

@@ -111,6 +111,7 @@ class PythonTranslation:
         step = number_of(args[2], self.source.constants) if len(values) > 2 else 1.0
         if not values or not step:
             raise UntranslatableError("the step of range is not a number", tree.lineno)
+        # range ends before its limit, the range of the tree at it
         last = m.Binary("-", values[min(len(values) - 1, 1)], m.Number(math.copysign(1.0, step)))
         return m.Range(first, m.Number(step), last)
 

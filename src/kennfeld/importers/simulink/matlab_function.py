@@ -116,6 +116,7 @@ def _look_up(
     if values.shape != shape:
         return None
     parameter = block.compiler.declared.table(table.name, values, parameter_axes, table.variable, False, beyond)
+    # a lookup for each element of the coordinates
     spread = np.broadcast_arrays(*align_dimensions(*places))
     columns = zip(*(coordinate.ravel() for coordinate in spread), strict=True)
     nodes = [block.builder.lookup(parameter.name, *(int(node) for node in place)) for place in columns]

@@ -231,10 +231,12 @@ class ModelImport:
             block = UnsupportedBlock(flat.path, flat.block.type, why, remedy, True, undefined)
             unsupported.setdefault(flat.path, block)
         for flat in blocks:
+            # unsupported blocks that no output needs are listed too
             refused = flat.type not in BLOCK_TYPES or BLOCK_TYPES[flat.type].refused
             if refused and flat.path not in unsupported:
                 why, remedy = _refusal(compiler, flat)
                 unsupported[flat.path] = UnsupportedBlock(flat.path, flat.block.type, why, remedy, False)
+        # blocks behind unsupported ones are never lowered
         behind = [flat for flat in blocks if flat.path not in unsupported and not compiler.is_reached(flat)]
         unreached = tuple(dict.fromkeys(flat.path for flat in behind))
         undecided = dict.fromkeys(

@@ -47,6 +47,7 @@ class SolverSelection:
         is_auto = name.casefold() == "fixedstepauto"
         # the choice of FixedStepAuto for models with continuous states is ode3
         self.solver = name if name in SOLVERS else "ode3" if is_auto else "ode4"
+        # without continuous states, no solver is used
         self.replaced = continuous and name not in SOLVERS and not is_auto
         if self.replaced:
             self._replace_solver(fixed)

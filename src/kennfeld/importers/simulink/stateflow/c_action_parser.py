@@ -230,6 +230,7 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
         return tuple(arguments)
 
     def _indices(self) -> m.Expressions:
+        # x[0][1] is x(1, 2)
         indices: list[m.Expression] = []
         while self.accept("["):
             index = self.expression()

@@ -141,6 +141,7 @@ class _Chart:
         keys += [item.history_key for item in states if item.history]
         keys += [item.active_key for item in states if item.parent is not None and item.parent.parallel]
         for key, timer in self.timers.all.items():
+            # duration keeps whether its condition holds, and since when
             keys += [key, f"since {key}"] if timer.kind == "true" else [key]
         keys += [f"output {item.key}" for item in self.diagram.events.values() if item.written.scope == "OUTPUT_EVENT"]
         keys += [f"late {at}" for at in self.calls.late]
@@ -365,6 +366,7 @@ class FunctionCallSubsystems:
         """Record a call; if the chart reads the outputs of the subsystem, build it now."""
         name = event.written.name
         before = self._nodes.get(name)
+        # two calls are allowed where one certainly excludes the other
         if before is not None and machine.logic.truth(before, guard) is not False:
             raise UnsupportedError(f"{name} may be called twice in one step", DEFAULT_REMEDY)
         self._nodes[name] = guard.node if before is None else machine.builder.call("or", before, guard.node)

@@ -60,6 +60,7 @@ class ChartExecution(ChartMachine):
         first = self.logic.narrow(guard, active, holds=False)
         later = self.logic.narrow(guard, active)
         self.variables.put("active", self.builder.const(1.0), guard)
+        # before actions of the step change a value
         self._watch(first, guard)
         if not root.children:
             self.transitions.run_flow_chart(root, context, guard)

@@ -226,6 +226,7 @@ class ChartModel:
 
     def _function(self, drawn: StoredState, state: StateNode) -> None:
         signature = strip_comments(drawn.label, self.chart.language).strip()
+        # [y, z] = f(a, b)
         outputs, equals, right = signature.rpartition("=")
         name, _, rest = right.partition("(")
         words = [word.strip() for word in rest.partition(")")[0].split(",") if word.strip()]
@@ -308,6 +309,7 @@ class ChartModel:
     def _names(self) -> None:
         for data in self.chart.data:
             holder = self.holder(data.parent)
+            # variables of the chart have their plain names, those of states their paths before these
             key = f"{holder.path}.{data.name}" if holder is not None and holder.parent is not None else data.name
             self.data[holder.id if holder is not None else "", data.name] = ChartVariable(key, data)
         for event in self.chart.events:

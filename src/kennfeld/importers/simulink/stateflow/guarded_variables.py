@@ -76,6 +76,7 @@ class GuardLogic:
             return bool(payload)
         if node in guard.facts:
             return guard.facts[node]
+        # limited, as a query may visit each path of decisions
         if node in guard.unknown or self._left <= 0:
             return None
         self._left -= 1
@@ -132,12 +133,13 @@ class GuardLogic:
     # guards
 
     def narrow(self, guard: Guard, condition: int, holds: bool = True) -> Guard | None:
-        """Return the guard where a condition holds too, or if not `holds` does not; None if nowhere."""
+        """Narrow a guard to where a condition holds, or does not if not `holds`; None if nowhere."""
         known = self.truth(condition, guard)
         if known is not None:
             return guard if known == holds else None
         wanted = condition if holds else self.builder.call("not", condition)
         node = wanted if self.builder.value(guard.node) else self.builder.call("and", guard.node, wanted)
+        # without `unknown`, which the condition may decide
         narrowed = Guard(node, dict(guard.facts), dict(guard.values), dict(guard.ranges), list(guard.clauses))
         self._learn(condition, holds, narrowed)
         if not self._propagate_clauses(narrowed):
@@ -176,6 +178,7 @@ class GuardLogic:
     def _learn_value(self, args: tuple[int, ...], guard: Guard) -> list[tuple[int, bool]]:
         """Record the value of a memory and implied decisions; other nodes stay, to keep their derivatives."""
         follows: list[tuple[int, bool]] = []
+        # the number may be on either side
         for item, constant in (args, args[::-1]):
             number, node = self.builder.value(constant), item
             while number is not None and self.builder.nodes[node].op in ("state", "select"):
@@ -242,7 +245,7 @@ class GuardLogic:
         return None if taken.node == guard.node else self.narrow(guard, taken.node, holds=False)
 
     def any_of(self, guards: Sequence[Guard | None]) -> Guard | None:
-        """Return the guard where any of several holds, with their common facts."""
+        """Join guards to one that holds where any of them does, with their common facts."""
         known = [guard for guard in guards if guard is not None]
         if len(known) < 2:
             return known[0] if known else None
@@ -257,7 +260,7 @@ class GuardLogic:
         return Guard(node, {**facts, node: True}, values, ranges, clauses)
 
     def select(self, guard: Guard, new: Nodes, old: Nodes) -> Nodes:
-        """Return the value of a variable after an assignment under a guard."""
+        """Return the value of a variable after an assignment under a guard; all are Int[rows, columns]."""
         pairs = zip(new.ravel(), old.ravel(), strict=True)
         selected = [self._select(guard, int(new_node), int(old_node)) for new_node, old_node in pairs]
         return np.array(selected, dtype=np.int64).reshape(new.shape)

@@ -61,6 +61,7 @@ class EventDispatch(ChartPart):
 
     def _timed(self, name: str, arguments: m.Expressions, context: ActionContext, guard: Guard) -> Guard | None:
         unit = temporal_unit(name, arguments) if name != "duration" else "sec"
+        # ticks pass at wake-ups only, events while they are processed
         if unit in TICKS and not self.is_waking(context.event):
             return None
         event = self.diagram.event(unit, context.scope)
