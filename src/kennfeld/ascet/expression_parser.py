@@ -65,6 +65,7 @@ class EsdlReader(TokenReader[Token]):
         names = [self.name()]
         while self.is_at(".") and (self.ahead(1).kind == "name" or self.ahead(1).text in ("^", "*")):
             self.at += 1
+            # import a.*
             names.append(self.take().text if self.is_at("*") else self.name())
         return ".".join(names)
 

@@ -138,6 +138,7 @@ class ComponentTranslation:
         return e.Method(
             method.name, result, arguments, body, triggers,
             frozenset({"public" if method.is_public else "private"}),
+            # a process is called by a task, which the annotation says in ESDL
             (e.Annotation("thread"),) if method.is_process else (),
             place=self._place(method.line),
         )  # fmt: skip

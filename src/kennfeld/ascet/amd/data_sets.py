@@ -72,7 +72,7 @@ class DataSet:
 
 
 def read_data_sets(root: XmlElement) -> tuple[DataSet, ...]:
-    """Return the data sets of a `.data.amd` file, without damaged entries."""
+    """Read the data sets of a `.data.amd` file, without damaged entries."""
     return tuple(
         DataSet(
             item.get("name"),
@@ -168,6 +168,7 @@ def chosen_entries(sets: tuple[DataSet, ...]) -> dict[str, DataEntry]:
     for data_set in sets:
         if data_set.is_shared or data_set.is_default:
             for entry in data_set.entries:
+                # of several variants, the default one
                 if entry.element not in result or entry.variant == "default":
                     result[entry.element] = entry
     return result

@@ -97,7 +97,7 @@ class BlockDiagram:
 
 
 def read_diagram(specification: XmlElement) -> BlockDiagram:
-    """Return the diagram of a `BlockDiagramSpecification`."""
+    """Read the diagram of a `BlockDiagramSpecification`."""
     diagram = BlockDiagram()
     waiting = list(specification.all("DiagramElements"))
     while waiting:

@@ -225,6 +225,7 @@ class DiagramCode:
             return e.Binary(_PAIRS[kind], *values, place=place)
         if kind == "bet" and len(values) == 3:
             return e.Between(*values, place=place)
+        # abs takes one value, the others two or more
         if kind in _FUNCTIONS and len(values) > (kind != "abs"):
             return e.Call(e.Name(_FUNCTIONS[kind], place=place), tuple(values), place=place)
         return _unsupported(f"the operator {kind} with {len(values)} inputs", place)
@@ -236,6 +237,7 @@ class DiagramCode:
         if len(values) != len(conditions) + 1 or "default" not in values:
             return _unsupported(f"a multiplexer with the inputs {', '.join(values)}", place)
         result = self._input(values["default"].element)
+        # from the last condition to the first, as each is the alternative of the one before
         for at in range(len(conditions), 0, -1):
             chosen = values.get(str(at))
             if chosen is None:
