@@ -65,6 +65,7 @@ class EsdlReader(TokenReader[Token]):
         names = [self.name()]
         while self.is_at(".") and (self.ahead(1).kind == "name" or self.ahead(1).text in ("^", "*")):
             self.at += 1
+            # import a.*
             names.append(self.take().text if self.is_at("*") else self.name())
         return ".".join(names)
 
@@ -107,6 +108,7 @@ class EsdlExpressionParser(EsdlReader, OperatorParser[Token, e.Expression]):
         """Read an operand with its signs."""
         if self.is_at(*_UNARY):
             token = self.take()
+            # nested, as a chain of signs is a tree of its depth
             return e.Unary(token.text, self.nested(lambda: self.operand(lowest)), place=token.place)
         return self._postfix(self._primary())
 

@@ -12,6 +12,7 @@ from kennfeld.program.tokens import scan_tokens
 
 MAX_CHARACTERS: Final = 4_000_000  # of a file
 
+# in 1..5, 1 is an integer and .. the operator of a range
 _TOKEN = re.compile(
     r"""(?P<blank>[\s\ufeff]+)
   | (?P<comment>//[^\n]*|/\*.*?\*/)
@@ -23,6 +24,7 @@ _TOKEN = re.compile(
   | (?P<bad>.)""",
     re.VERBOSE | re.DOTALL,
 )
+# the stars at the beginning of the lines of a comment
 _DECORATION = re.compile(r"^\s*\*+ ?|\s+$", re.MULTILINE)
 _MARKUP = re.compile(r"</?[a-zA-Z][^<>]*>")
 _MAX_DESCRIPTION = 1000  # characters
@@ -46,7 +48,7 @@ class Token(NamedTuple):
 
 
 def tokens_of(text: str) -> list[Token]:
-    """Return the tokens of a text, closed by one of kind "end".
+    """Split a text into tokens, closed by one of kind "end".
 
     >>> [token.text for token in tokens_of("real x = 1_000.5; // a comment")]
     ['real', 'x', '=', '1_000.5', ';', '']

@@ -90,6 +90,7 @@ class _FileParser(StateMachineParser):
         except EsdlSyntaxError as error:
             self._report(error)
             self._skip(starts)
+            # an error at a token that nothing skips would be found again and again
             if self.at == begin and not self.is_at("}"):
                 self.take()
 
@@ -219,6 +220,7 @@ class _FileParser(StateMachineParser):
         return e.TableType(axes, self.type(), form, place=place)
 
     def _scalar(self, place: e.TextPosition) -> e.TypeExpression:
+        # the unit stands before or behind the range
         base, unit = self.qualified_name(), ""
         if self.is_at("["):
             unit = self._unit()
@@ -315,6 +317,7 @@ class _FileParser(StateMachineParser):
             members.elements += self._elements(head)
 
     def _is_method(self) -> bool:
+        # type and name with a bracket behind; the tokens are read again
         at = self.at
         try:
             self.qualified_name()
@@ -336,6 +339,7 @@ class _FileParser(StateMachineParser):
     def _elements(self, head: DeclarationHead) -> list[e.Element]:
         """Read the declaration of one or several elements of a type."""
         kind = self.take().text if self.is_at(*_KINDS) else ""
+        # modifiers stand before or behind the kind
         more = self.head() if kind else head
         modifiers = head.modifiers | more.modifiers
         description = head.description or more.description
@@ -405,6 +409,7 @@ class _FileParser(StateMachineParser):
         direction = self.take().text if self.is_at(*words) else ""
         type_name = e.TypeName(self.qualified_name(), place=place)
         self.sizes()
+        # the direction stands before or behind the type
         if self.is_at(*words) and not direction:
             direction = self.take().text
         at = self.token.place

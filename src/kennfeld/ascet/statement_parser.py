@@ -74,6 +74,7 @@ class EsdlStatementParser(EsdlExpressionParser):
             if not self.is_at("if"):
                 otherwise = self.body()
                 break
+        # a loop instead of a recursion for each `else if`, whose chain may be longer than the nesting that is allowed
         for place, condition, body in reversed(conditions):
             result = e.If(condition, body, otherwise, place=place)
             otherwise = (result,)

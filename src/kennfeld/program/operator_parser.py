@@ -37,6 +37,7 @@ class OperatorParser(TokenReader[AnyToken], Generic[AnyToken, Tree]):
         """Parse operands joined by operators of a level and those above it."""
         tree = self.operand(lowest)
         for _ in range(self.max_terms):
+            # -1 behind the last operand, so that each caller up to the outermost returns
             level = self.level()
             if level < lowest:
                 return tree

@@ -26,6 +26,7 @@ class TextLines:
 
     def __init__(self, text: str) -> None:
         self.text = text
+        # offsets of the first characters of all lines, in ascending order for `bisect_right`
         self.begins = [0, *(match.end() for match in re.finditer("\n", text))]
 
     def position(self, offset: int) -> TextPosition:

@@ -44,6 +44,7 @@ class TokenReader(Generic[AnyToken]):
     def take(self) -> AnyToken:
         """Return the next token and step over it."""
         token = self.tokens[self.at]
+        # readers look at the next token without a test for the end
         self.at += token.kind != "end"
         return token
 

@@ -88,6 +88,7 @@ def assigned_path(target: m.Expression) -> str:
         return ""
     fields = takewhile(lambda step: isinstance(step, m.Field), steps)
     names = [step.name for step in fields if isinstance(step, m.Field)]
+    # a(2).b = x changes a field of one element: as a path, the whole of a
     rest = steps[len(names) :]
     whole = not any(isinstance(step, m.Field | m.DynamicField) for step in rest)
     return ".".join([base.name, *names]) if whole else base.name
@@ -142,6 +143,7 @@ def _nodes(tree: object) -> Iterator[object]:
         node = waiting.pop()
         if is_dataclass(node):
             yield node
+        # a stack: reversed, nodes come in the order of the text
         waiting += reversed(_parts(node))
 
 

@@ -138,6 +138,7 @@ class ComponentTranslation:
         return e.Method(
             method.name, result, arguments, body, triggers,
             frozenset({"public" if method.is_public else "private"}),
+            # a process is called by a task, which the annotation says in ESDL
             (e.Annotation("thread"),) if method.is_process else (),
             place=self._place(method.line),
         )  # fmt: skip
@@ -158,6 +159,7 @@ class ComponentTranslation:
     def _parsed(self, text: XmlElement) -> e.Statements:
         """Return the statements of a method that is written in ESDL."""
         block = next((item for item in text.walk() if item.tag == "CodeBlock"), text)
+        # as many lines before it as in the file, so that messages name its lines
         parsed = scan_esdl("\n" * max(block.line - 1, 0) + _HEAD + _text_of(text) + "\n} }", self.file)
         if parsed.findings:
             return tuple(
@@ -185,7 +187,7 @@ class ComponentTranslation:
             message = f"the element {element.tag} of a diagram is not known and is ignored"
             location = Location(self.file, element.line, self.component.name)
             self.findings.append(Finding(location, message, severity="warning"))
-        for step in diagram.idle:
+        for step in diagram.unscheduled:
             name = step.block.get("elementName") or step.block.get("type")
             message = f"{name} has a connected input, but no method runs it"
             self.findings.append(

@@ -87,7 +87,7 @@ class AscetComponent:
 
 
 def read_component(root: XmlElement, file: str) -> AscetComponent:
-    """Return the component that a `.main.amd` file declares; raises `InputError` if it declares none."""
+    """Read the component that a `.main.amd` file declares; raises `InputError` if it declares none."""
     declared = next((child for child in root.children if child.tag in _KINDS), None)
     if declared is None or not declared.get("name"):
         raise InputError.of(Location(file, root.line), "declares no component", "Use a complete copy of the file.")

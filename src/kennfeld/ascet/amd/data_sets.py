@@ -31,6 +31,7 @@ class DataValue:
         if self.kind == "Logic":
             return {"true": 1.0, "false": 0.0}.get(self.text, math.nan)
         try:
+            # float() accepts 1_000
             return math.nan if "_" in self.text else float(self.text)
         except ValueError:
             return math.nan
@@ -71,7 +72,7 @@ class DataSet:
 
 
 def read_data_sets(root: XmlElement) -> tuple[DataSet, ...]:
-    """Return the data sets of a `.data.amd` file, without damaged entries."""
+    """Read the data sets of a `.data.amd` file, without damaged entries."""
     return tuple(
         DataSet(
             item.get("name"),
@@ -118,6 +119,7 @@ def _dimensional(name: str, variant: str, content: XmlElement) -> DataEntry:
     values = tuple(_leaves(content.first("Values")))
     count = math.prod(map(len, axes))
     if content.tag == "TwoD" and len(values) == count:
+        # the file has a row for each y, a map of ESDL one for each x
         width, height = map(len, axes)
         values = tuple(values[y * width + x] for x in range(width) for y in range(height))
     entry = DataEntry(name, variant, content.line, content.tag, axes, values, problem=_unsupported(content))
@@ -166,6 +168,7 @@ def chosen_entries(sets: tuple[DataSet, ...]) -> dict[str, DataEntry]:
     for data_set in sets:
         if data_set.is_shared or data_set.is_default:
             for entry in data_set.entries:
+                # of several variants, the default one
                 if entry.element not in result or entry.variant == "default":
                     result[entry.element] = entry
     return result

@@ -59,14 +59,14 @@ class BlockDiagram:
         blocks: all blocks, also those within hierarchies.
         steps: steps of each method by its name.
         branches: steps below each output of a control block.
-        idle: steps whose input is connected although no method runs them.
+        unscheduled: steps whose input is connected although no method runs them.
         strange: elements that are not known.
     """
 
     blocks: list[XmlElement] = field(default_factory=list)
     steps: dict[str, list[SequenceStep]] = field(default_factory=lambda: defaultdict(list))
     branches: dict[Branch, list[SequenceStep]] = field(default_factory=lambda: defaultdict(list))
-    idle: list[SequenceStep] = field(default_factory=list)
+    unscheduled: list[SequenceStep] = field(default_factory=list)
     strange: list[XmlElement] = field(default_factory=list)
     _nets: dict[str, str] = field(default_factory=dict)
     _outputs: dict[str, list[BlockPort]] = field(default_factory=lambda: defaultdict(list))
@@ -80,6 +80,7 @@ class BlockDiagram:
         return self._outputs.get(self._net(identifier), ()) if identifier else ()
 
     def _net(self, identifier: str) -> str:
+        # union-find: each port leads to another one of its net, the root to itself
         nets = self._nets
         root = identifier
         while nets.get(root, root) != root:
@@ -96,7 +97,7 @@ class BlockDiagram:
 
 
 def read_diagram(specification: XmlElement) -> BlockDiagram:
-    """Return the diagram of a `BlockDiagramSpecification`."""
+    """Read the diagram of a `BlockDiagramSpecification`."""
     diagram = BlockDiagram()
     waiting = list(specification.all("DiagramElements"))
     while waiting:
@@ -110,7 +111,9 @@ def read_diagram(specification: XmlElement) -> BlockDiagram:
                     diagram.blocks.append(item)
                 elif item.tag not in _DRAWN:
                     diagram.strange.append(item)
+    # the order of the file, which the stack of hierarchies has changed
     diagram.blocks.sort(key=lambda block: block.begin)
+    # after all connections: a join may give a net another root
     for block in diagram.blocks:
         for port in _ports(block):
             if port.tag in _OUTPUTS:
@@ -168,4 +171,4 @@ def _schedule(diagram: BlockDiagram, block: XmlElement) -> None:
             for out in controls:
                 diagram.branches[out.block.get(_ID), out.index or 0].append(step)
         elif any(diagram.sources(own) for own in (port, *port.all("SelectorPort")) if own.tag != "MethodPort"):
-            diagram.idle.append(step)
+            diagram.unscheduled.append(step)

@@ -57,6 +57,7 @@ class DiagramCode:
 
     def body(self, method: MethodSignature) -> e.Statements:
         """Return the statements of a method; parts that are not supported are `Unsupported` expressions in them."""
+        # the value of a block may depend on the method: its arguments hide elements of the same names
         self._known.clear()
         self._arguments = frozenset(argument.name for argument in method.arguments)
         return self._sequence(self.diagram.steps.get(method.name, ()))
@@ -187,6 +188,7 @@ class DiagramCode:
         if block.get("type") == "Return":
             return e.Name(RESULT, place=place)
         if block.get("type") != "Argument" and name in self._arguments:
+            # the argument of this name hides the element
             return e.Field(e.Name("this", place=place), name, place=place)
         return e.Name(name, place=place)
 
@@ -223,6 +225,7 @@ class DiagramCode:
             return e.Binary(_PAIRS[kind], *values, place=place)
         if kind == "bet" and len(values) == 3:
             return e.Between(*values, place=place)
+        # abs takes one value, the others two or more
         if kind in _FUNCTIONS and len(values) > (kind != "abs"):
             return e.Call(e.Name(_FUNCTIONS[kind], place=place), tuple(values), place=place)
         return _unsupported(f"the operator {kind} with {len(values)} inputs", place)
@@ -234,6 +237,7 @@ class DiagramCode:
         if len(values) != len(conditions) + 1 or "default" not in values:
             return _unsupported(f"a multiplexer with the inputs {', '.join(values)}", place)
         result = self._input(values["default"].element)
+        # from the last condition to the first, as each is the alternative of the one before
         for at in range(len(conditions), 0, -1):
             chosen = values.get(str(at))
             if chosen is None:
@@ -268,6 +272,7 @@ class DiagramCode:
             values = [self._input(arguments[axis]) for axis in ("x", "y") if axis in arguments]
             return e.Call(e.Field(of, "getAt", place=place), tuple(values), place=place)
         if kind in TABLES and method == "interpolate":
+            # interpolate() has no inputs: it takes what was searched
             names = tuple(f"{name}.search.{axis}" for axis in ("x", "y")[: TABLES.index(kind) + 1])
             self.searched[name] = names
             return e.Call(e.Field(of, "getAt", place=place), tuple(map(e.Name, names)), place=place)
@@ -312,6 +317,7 @@ def _number(text: str) -> float | None:
     if _HEXADECIMAL.fullmatch(text):
         return float(int(text, 16))
     try:
+        # float() accepts 1_000
         number = float(text.replace("_", "x"))
     except ValueError:
         return None

@@ -132,5 +132,6 @@ def _table(element: ComponentElement, entry: DataEntry) -> e.Expression:
     if len(axes) == 1:
         return e.Braces((*axes, e.Braces(tuple(values))))
     height = len(entry.axes[1])
+    # values[x * height + y]
     rows = (e.Braces(tuple(values[at : at + height])) for at in range(0, len(values), height))
     return e.Braces((*axes, e.Braces(tuple(rows))))

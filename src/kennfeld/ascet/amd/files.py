@@ -102,6 +102,7 @@ def open_archive(raw: bytes, name: str) -> AmdFiles:
     try:
         with zipfile.ZipFile(BytesIO(raw)) as archive:
             members = archive.infolist()
+            # tested before anything is unpacked
             reason = _oversized(archive, members)
     except _UNPACKING as error:
         remedy = "Use a complete copy of the file."

@@ -151,6 +151,7 @@ class ComponentLibrary:
     def _label(self, component: AscetComponent, label: str) -> e.Expression | None:
         """Return the label of an enumeration that the component uses, or the only one of all."""
         used = [self.locate(element.reference) for element in _typed(component) if element.basic_type == "enumeration"]
+        # several enumerations may have the label: those that the component uses come first
         for paths in ([path for path in dict.fromkeys(used) if path is not None], self._enumerations()):
             numbers = {path: dict(self.component(path).labels).get(label) for path in paths}
             known = {path: number for path, number in numbers.items() if number is not None}

@@ -20,7 +20,7 @@ Ranges: TypeAlias = dict[tuple[str, str], PhysicalRange]  # by method, "" for el
 
 
 def read_ranges(root: XmlElement | None) -> Ranges:
-    """Return the ranges of the elements, arguments and table values of a component; none without a file."""
+    """Read the ranges of the elements, arguments and table values of a component; none without a file."""
     result: Ranges = {}
     if root is None:
         return result

@@ -33,6 +33,7 @@ def state_machine(specification: XmlElement) -> e.StateMachine | e.Unsupported:
         port.get("graphicOID"): state.get("name")
         for state in states for part in state.all("Interfaces") for port in part.all("Connector")
     }  # fmt: skip
+    # those without a priority last, in the order of the file
     transitions = sorted(
         (item for item in drawn if item.tag == "Transition"), key=lambda item: whole(item.get("priority")) or _LAST
     )

@@ -93,6 +93,7 @@ class CallTranslation(ExpressionTranslation):
             return tree
         if operand.type.kind == "real":
             tree = call_of("truncate", tree)
+        # a sum of integers has an unlimited range, and is limited where it is converted
         elif kind.low <= operand.type.low and operand.type.high <= kind.high:
             return tree
         return call_of("limit", tree, m.Number(kind.low), m.Number(kind.high))
@@ -113,6 +114,7 @@ class CallTranslation(ExpressionTranslation):
             self._argument_type(instance, argument, value)
             for argument, value in zip(method.arguments, values, strict=True)
         ]
+        # each combination of array sizes is a function of its own
         code = self.code.method(instance, method, kinds)
         trees: list[m.Expression] = []
         for argument, value, kind, written in zip(method.arguments, values, kinds, tree.arguments, strict=True):
@@ -148,6 +150,7 @@ class CallTranslation(ExpressionTranslation):
         if not isinstance(value, Place):
             raise UnsupportedEsdlError(f"{argument.name} must be {describe_type(kind)}", place=written.place)
         if value.indices:
+            # a part of an array: its numbers are copied to arrays of their own
             value = self.temporary(kind, value)
         return [self.leaf_tree(value, path) for path, _, _ in leaves_of(kind)]
 
@@ -164,8 +167,10 @@ class CallTranslation(ExpressionTranslation):
         tree: e.Call,
     ) -> Operand | Place | None:
         call = m.Call(m.Name(code.name), tuple(trees), place=tree.place)
+        # one number and no changed arguments: the call is an expression
         if isinstance(code.result, NumberType) and not code.outputs:
             return Operand(call, code.result)
+        # statements before the expression would run although the condition does not hold
         if self._lazy:
             message = f"{method.name} changes its arguments or returns several numbers within a condition"
             raise UnsupportedEsdlError(message, "Call it in a statement of its own.", tree.place)
@@ -259,6 +264,7 @@ class CallTranslation(ExpressionTranslation):
         if name == "getAt" and len(tree.arguments) == len(of.type.axes):
             coordinates = [self.operand(argument).tree for argument in tree.arguments]
         elif name == "interpolate" and table.shared and not tree.arguments:
+            # interpolate() takes no arguments: the axes keep what was searched on them
             labels = [searched_label(axis) for axis in table.shared]
             self.used |= set(labels)
             coordinates = [m.Name(label) for label in labels]

@@ -44,6 +44,8 @@ class ComponentScope(FileScope):
     def find(self, name: str) -> Declared | None:
         """Return the shared element or the component of a name; None if unknown."""
         assert isinstance(self.tree, ComponentTree)
+        # order: an element that the component exports, one that others export, a component, an imported element without
+        # exporter, which has its own value
         own = next((item for item in self.component.elements if item.name == name and item.is_shared), None)
         if own is not None and own.scope == "exported":
             return self.shared(name)
@@ -171,6 +173,7 @@ def choose_component(tree: ComponentTree, file: str, name: str) -> Declared:
 
 
 def _named(components: dict[str, AscetComponent], file: str, name: str) -> str:
+    # the end of a path is enough, if it is unique
     wanted = name.replace(".", "/").strip("/")
     paths = [path for path in components if f"/{path}".endswith(f"/{wanted}")]
     exact = [path for path in paths if path == wanted]

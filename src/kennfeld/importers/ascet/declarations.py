@@ -121,6 +121,7 @@ class SourceTree:
                         result |= {
                             declaration.name: Declared(declaration, scope)
                             for declaration in scope.file.declarations
+                            # the first folder wins: that of the own project comes before others
                             if declaration.name not in result
                         }
             self._packages[name] = result
@@ -150,7 +151,7 @@ class SourceTree:
 
 
 def read_source(path: Path) -> str:
-    """Return the text of an ESDL file; raises `InputError` if it cannot be read."""
+    """Read the text of an ESDL file; raises `InputError` if it cannot be read."""
     with convert_errors(path, "cannot be read"), path.open("rb") as stream:
         raw = stream.read(4 * MAX_CHARACTERS + 1)
     if len(raw) > 4 * MAX_CHARACTERS:
@@ -162,7 +163,7 @@ def read_source(path: Path) -> str:
 
 
 def package_of(path: Path) -> str:
-    """Return the package of an ESDL file, empty if it names none; raises `InputError` if it cannot be read."""
+    """Read the package of an ESDL file, empty if it names none; raises `InputError` if it cannot be read."""
     return scan_esdl(read_source(path), path.name).file.package
 
 

@@ -30,10 +30,12 @@ class DisplayNames:
         result: dict[str, str] = {}
         for label in labels:
             for candidate in levels[label]:
+                # names of calibration files come first, whatever their length
                 if candidate in self._known and candidate not in self._taken:
                     result[label] = candidate
                     self._taken.add(candidate)
                     break
+        # shortest names first; a name that two labels want is for neither, so that it does not depend on their order
         for level in range(3):
             counts = Counter(levels[label][level] for label in labels if label not in result)
             for label in labels:
@@ -62,6 +64,7 @@ class DisplayNames:
 
     def _candidates(self, label: str) -> tuple[str, str, str]:
         """Return the names of a label, from the shortest to the whole label."""
+        # the innermost root around the label
         around = max((prefix for prefix in self._prefixes if label.startswith(f"{prefix}.")), key=len, default="")
         if not around:
             owner, _, name = label.rpartition(".")

@@ -56,6 +56,7 @@ class _DroppedFile:
     def own_name(self) -> str:
         """The name of the file without the number that was added because the name was taken."""
         path = Path(self.name)
+        # `Plant-2.esdl` may be its own name, unless the file declares `Plant`
         stem = _COPY.sub("", path.stem)
         return f"{stem}{path.suffix}" if stem in self.declared else path.name
 

@@ -93,6 +93,7 @@ class ExpressionTranslation:
             case e.Unsupported():
                 raise unsupported_error(tree)
             case e.Number(value, is_real):
+                # the range of a literal is its value, so that conversions of it need no limit
                 kind = REAL if is_real else NumberType("integer", value, value)
                 return Operand(m.Number(value), kind)
             case e.Truth(value):
@@ -163,6 +164,7 @@ class ExpressionTranslation:
         if dimension.size is None:
             raise UnsupportedEsdlError("the size of the array is not known here", place=tree.place)
         labels = dimension.enumeration.labels if dimension.enumeration is not None else ()
+        # the index is the number of the label less that of the first one
         if labels and [number for _, number in labels] != list(range(dimension.first, dimension.first + len(labels))):
             raise UnsupportedEsdlError("the numbers of the enumeration have gaps", place=tree.place)
         if isinstance(operand.tree, m.Number):
@@ -175,6 +177,7 @@ class ExpressionTranslation:
         label = f"{instance.label}.{element.name}"
         dependents = self.code.dependents
         if label not in dependents:
+            # None while it is translated: a formula that leads back to it depends on itself
             dependents[label] = None
             dependents[label] = self._formula(instance, element, tree)
         if dependents[label] is None:
@@ -193,6 +196,7 @@ class ExpressionTranslation:
         except EsdlSyntaxError as error:
             message = f"the formula of {element.name} is wrong: {error.message}"
             raise UnsupportedEsdlError(message, place=tree.place) from None
+        # its names are those of the instance that declares it; the variables in it are noted apart
         names, used = self.names, self.used
         self.names, self.used = NameResolver(self.program, instance), set()
         try:
@@ -217,8 +221,10 @@ class ExpressionTranslation:
                 return Operand(m.Unary("~", operand.tree), BOOLEAN)
         self._require_whole(operand)
         if operand.type.low >= 0:
+            # ~x = mask - x, with as many bits as the largest number of the type needs
             mask = 2.0 ** max(1, int(operand.type.high).bit_length()) - 1.0
             return Operand(m.Binary("-", m.Number(mask), operand.tree), operand.type)
+        # ~x = -x - 1 in two's complement
         return Operand(m.Binary("-", m.Unary("-", operand.tree), m.Number(1.0)), INTEGER)
 
     def _require_whole(self, *operands: Operand) -> None:
@@ -248,6 +254,7 @@ class ExpressionTranslation:
         if left.type.kind == right.type.kind == "boolean" and operator in "&|^":
             return Operand(m.Binary("~=" if operator == "^" else operator, left.tree, right.tree), BOOLEAN)
         self._require_whole(left, right)
+        # one function shifts both ways: to the right by a negative number of bits
         by = m.Unary("-", right.tree) if operator == ">>" else right.tree
         sign = m.Number(float(left.type.low < 0 or right.type.low < 0))
         kind = INTEGER if sign.value else NumberType("integer", 0.0, 2.0**32 - 1)
@@ -274,6 +281,7 @@ class ExpressionTranslation:
             raise UnsupportedEsdlError("a switch expression without default", place=tree.place)
         subject = self.operand(tree.subject)
         result = self.lazily(partial(self.operand, tree.otherwise))
+        # from the last case to the first, as each becomes the one that the conditions before it leave
         for keys, value in reversed(tree.cases):
             condition = self.matches(subject, keys)
             chosen = self.lazily(partial(self.operand, value))
@@ -338,7 +346,9 @@ def _substituted(tree: Any, letters: Mapping[str, e.Expression], place: e.TextPo
     if is_dataclass(tree) and not isinstance(tree, type):
         names = [item.name for item in fields(tree)]
         changes = {
-            name: place if name == "place" else _substituted(getattr(tree, name), letters, place) for name in names
+            # positions in the text of the formula are none of the file
+            name: place if name == "place" else _substituted(getattr(tree, name), letters, place)
+            for name in names
         }
         return replace(tree, **changes)
     return tree

@@ -114,6 +114,7 @@ def _bit_of(operator: str) -> Rule:
     def rule(evaluator: SymbolicEvaluator, x: Nodes, position: Nodes) -> Nodes:
         apply = Elementwise(evaluator.builder)
         weight = apply("pow", 2.0, position)
+        # bit = floor(x / 2^position) mod 2; x + 2^position (new - old) replaces it
         old = apply("mod", apply("floor", apply("div", x, weight)), 2.0)
         match operator:
             case "get":
@@ -174,6 +175,7 @@ _METHODS: Final = {
 }  # fmt: skip
 _BY_NAME: Final = {function.name: function for function in (*_MATHEMATICS, *_BITS, *_INTERNAL)}
 EXTERNAL: Final[Mapping[str, RuleFunction]] = {
+    # math.h does not have these
     **{name: function for name, function in FUNCTIONS.items() if name not in ("min", "max", "fix", "sign")},
     "fabs": FUNCTIONS["abs"],
     "fmin": FUNCTIONS["min"],

@@ -142,6 +142,7 @@ def _import(
     except RecursionError:
         raise InputError.of(Location(file.name), "the program is nested too deeply", "Split its expressions.") from None
     result = _with_remarks(result, chooser.findings)
+    # an application states no values
     if result.model is None or file.suffix.lower() == APPLICATION:
         return result
     values = result.model.values.from_origin(_origin(file, result.report.classes))

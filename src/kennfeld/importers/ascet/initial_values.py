@@ -77,6 +77,7 @@ class InitialValues:
         rest = kind.dimensions[1:]
         inner: Type = ResolvedArray(rest, kind.element) if rest else kind.element
         parts = [self.leaves(inner, part) for part in self._parts(value, size)]
+        # the first index first: Float[sizes of the array, sizes within the element]
         return {path: np.stack([part[path] for part in parts]) for path in parts[0]} if parts else {}
 
     def _parts(self, value: e.Expression | None, count: int) -> list[e.Expression | None]:
@@ -132,6 +133,7 @@ def _array_of(parts: object, value: e.Expression) -> Float:
 
 def _breakpoints(points: Float, count: int, form: str) -> Float:
     """Return the breakpoints of an axis; a fixed one may be given by its first breakpoint and their distance."""
+    # two numbers for two values are the breakpoints themselves
     if form == "fixed" and points.shape == (2,) and count != 2:
         return np.asarray(points[0] + points[1] * np.arange(count))
     return points

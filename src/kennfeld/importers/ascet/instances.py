@@ -136,6 +136,7 @@ class Program:
         """Return the one instance of a class that is not part of another: the imported class, or a singleton."""
         if declared.label not in self._singletons:
             self._singletons[declared.label] = instance = ClassInstance(declared.label, declared)
+            # known before it is filled, since instances in it may name it
             self._fill(instance, {}, 0)
         return self._singletons[declared.label]
 
@@ -146,11 +147,13 @@ class Program:
             raise UnsupportedEsdlError(f"{instance.label} has too many instances within it")
         scope = instance.scope
         elements = instance.declaration.elements
+        # a stable sort: values may refer to elements that are declared before
         for element in sorted(elements, key=lambda element: self._rank(element, scope)):
             try:
                 self._add(instance, element, values.get(element.name, element.value), depth)
             except UnsupportedEsdlError as error:
                 self._report(error, element, scope)
+        # back in the order of the declaration
         instance.holders = {
             element.name: instance.holders[element.name] for element in elements if element.name in instance.holders
         }
@@ -183,6 +186,7 @@ class Program:
 
     def _part(self, label: str, declared: Declared, value: e.Expression | None, depth: int) -> ClassInstance:
         assert isinstance(declared.declaration, e.ClassDeclaration)
+        # one instance for all that name the class
         if declared.declaration.modifiers & {"singleton", "static"}:
             return self.instance(declared)
         part = ClassInstance(label, declared)
@@ -315,6 +319,7 @@ class Program:
         seen: set[int] = set()
         while waiting:
             instance = waiting.pop(0)
+            # a singleton may be a part of several instances
             if id(instance) not in seen:
                 seen.add(id(instance))
                 yield instance

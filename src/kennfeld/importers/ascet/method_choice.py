@@ -47,6 +47,7 @@ class MethodChooser:
         tree.root = root_of(self.path, scope.file.package)
         declared = self._class(scope.file, name, [Declared(item, scope) for item in scope.file.declarations])
         instance = self.program.instance(declared)
+        # applications are read for what the caller leaves open
         schedules = [] if methods and startup is not None and self.step is not None else self._schedules(tree.root)
         first = self._startup(instance, startup, schedules)
         if self.tasks.is_several and not methods:
@@ -123,6 +124,7 @@ class MethodChooser:
         methods = [method for method in own_methods if "public" in method.modifiers] or list(own_methods)
         threads = [method for method in methods if method.annotation("thread") is not None]
         called = [method for method in methods if method.triggers]
+        # the only method, else the only one annotated as a thread, else the only trigger of a state machine
         for candidates in (methods, threads, called):
             if len(candidates) == 1:
                 return [Process(instance, candidates[0])]
@@ -174,6 +176,7 @@ class MethodChooser:
             tasks = [(schedule, task) for schedule, task in tasks if self.tasks.admits(task)]
             if not tasks:
                 raise InputError.of(Location(self.path.name), f"no task {self.tasks.names[0]} calls methods of {label}")
+        # tasks with the same methods of the class, perhaps of several applications, count as one
         orders = {(task.name, task.processes) for _, task in tasks}
         if len({frozenset(p for p in order if p.startswith(f"{label}.")) for _, order in orders}) > 1:
             names = sorted({task.name for _, task in tasks})

@@ -42,7 +42,7 @@ class MethodTranslation(CallTranslation):
         self._is_complete = True
 
     def translate(self, arguments: Sequence[Type | None]) -> MethodCode:
-        """Return the function, for arguments of these types."""
+        """Translate the method for arguments of these types."""
         types, scope = self.program.types, self.instance.scope
         if self.method.result is not None:
             self._result = types.resolve(self.method.result, scope)
@@ -58,6 +58,7 @@ class MethodTranslation(CallTranslation):
         for place in changed:
             results += leaf_names(place.label, place.type)
         declaration = m.Declaration("global", tuple(sorted(self.used)), place=self.method.place)
+        # without the statements that were left out, the others would compute something else
         statements = ((declaration, *body) if self.used else body) if self._is_complete else ()
         self.code.read |= self.used
         definition = m.FunctionDefinition(
@@ -104,6 +105,7 @@ class MethodTranslation(CallTranslation):
 
     def _block(self, statements: Sequence[e.Statement], is_last: bool = False) -> m.Statements:
         """Translate the statements of a block, whose variables are not known outside."""
+        # what the condition needs stays before the block
         outer, self.pending = self.pending, []
         self.names.locals.append({})
         try:
@@ -152,6 +154,7 @@ class MethodTranslation(CallTranslation):
         condition = self.lazily(lambda: self.operand(statement.condition)).tree
         body = self._block(statement.body)
         loop = m.While(condition, body, place=place)
+        # do-while: the first pass comes before the first test
         return (*body, loop) if statement.tests_last else (loop,)
 
     def _for(self, statement: e.For) -> m.Statements:
@@ -188,6 +191,7 @@ class MethodTranslation(CallTranslation):
         place = statement.place
         subject = self.operand(statement.subject)
         if statement.cases and not isinstance(subject.tree, m.Number):
+            # evaluated once, although each case compares with it
             name = self._free("%switch")
             self.pending.append(m.Assign((m.Name(name),), subject.tree, place=place))
             subject = Operand(m.Name(name), subject.type)
@@ -204,10 +208,12 @@ class MethodTranslation(CallTranslation):
             if self._result is None:
                 raise UnsupportedEsdlError(f"{self.method.name} is void, but returns a value", place=value.place)
             translated = self.value(value)
+            # open sizes of the result are those of the value that is returned first
             if is_open(self._result) and isinstance(translated, Place):
                 self._result = with_sizes(self._result, translated.type)
             target = Place(RESULT, self._result, is_local=True)
             result += self.assign(target, translated, value)
+        # behind the last statement nothing is left to skip
         if not is_last:
             result.append(m.Jump("return", place=statement.place))
         return tuple(result)
@@ -241,6 +247,7 @@ class MethodTranslation(CallTranslation):
             shapes.append(m.Assign((m.Name(place.leaf(path)),), start, place=element.place))
         if value is None or element.value is None:
             return tuple(shapes)
+        # a number that is assigned at once needs no value before
         if isinstance(kind, NumberType):
             shapes = []
         return (*shapes, *self.assign(place, value, element.value))
@@ -251,6 +258,7 @@ class MethodTranslation(CallTranslation):
         place = Place(element.name, kind, is_local=True)
         for path, _, dimensions in leaves_of(kind):
             if sizes := [m.Number(float(_size(dimension, element))) for dimension in dimensions]:
+                # an array has its size before its elements are assigned
                 start = call_of("fill", m.Number(0.0), *sizes)
                 self.pending.append(m.Assign((m.Name(place.leaf(path)),), start))
         self.pending += self.assign(place, value, value if isinstance(value, e.Braces) else e.Name(place.label))
@@ -297,6 +305,7 @@ class MethodTranslation(CallTranslation):
                     place=tree.place,
                 )
             place = tree.place
+            # whole arrays are copied as one; parts of arrays number by number, as indices select elements of the leaves
             if not target.indices and not source.indices:
                 value = self.leaf_tree(source, path)
                 result.append(m.Assign((self._target(target, path),), value, place=place))

@@ -77,6 +77,7 @@ class EsdlModelImport:
     def run(self) -> EsdlImport:
         """Return the model and the report."""
         main = self._translated(self.selection.processes)
+        # before startup is translated: what only startup assigns does not change in a step
         self.assigned = frozenset(self.code.assigned)
         startup = self._translated(self.selection.startup)
         self._add_unsupported()
@@ -138,7 +139,9 @@ class EsdlModelImport:
         characteristics = [
             label for label, item in program.variables.items() if item.storage == "characteristic" and label in used
         ]
+        # parameters choose first: calibration files know them by their names
         names = self.display.choose([*characteristics, *program.tables])
+        # axes and parameters may have the same names
         axes = DisplayNames(list(roots), ()).choose(list(program.axes))
         self.parameters = ProgramParameters(program, names, axes, self.initial)
         messages = [label for label in program.variables if label in used and self._is_input(program.variables[label])]
@@ -159,11 +162,13 @@ class EsdlModelImport:
         builder = self.builder = BoundedGraphBuilder()
         self._nodes: dict[str, Nodes] = {}
         self.units: dict[str, str] = {}
+        # startup begins with the initial values; a step with those after startup, those of the last step in states
         fixed = {label: self._fixed(label) for label in sorted(self.code.read | self.code.assigned)}
         mutable = [label for label in fixed if label in self.code.assigned]
         first = {**fixed, **{label: self._initial(label) for label in mutable}}
         begin = self._call_all(startup, [ScheduledTask("", self.selection.startup)], first)[0] if startup else first
         reads = {label: self._opened(label, begin[label], label in self.assigned) for label in mutable}
+        # a method may assign a variable that is set from outside: each step begins with the input again
         inputs = {label: fixed[label] for label in mutable if self._is_input(self.program.variables[label])}
         end, results = self._call_all(main, self.selection.tasks, {**begin, **fixed, **reads, **inputs})
         for label, nodes in reads.items():
@@ -216,12 +221,14 @@ class EsdlModelImport:
 
     def _opened(self, label: str, first: Nodes, changes: bool) -> Nodes:
         """Return the nodes that read the state of a variable; the value after startup if no step changes it."""
+        # constants need no state; what startup computes from inputs must be kept from its one run
         if not changes and all(self.builder.value(int(node)) is not None for node in first.ravel()):
             return first
         return np.array([self.builder.state() for _ in first.ravel()], dtype=np.int64).reshape(first.shape)
 
     def _close(self, nodes: Nodes, first: Nodes, last: Nodes) -> None:
         for read, init, following in zip(nodes.ravel(), first.ravel(), last.ravel(), strict=True):
+            # constants were not opened
             if self.builder.nodes[int(read)].op == "state":
                 self.builder.close(int(read), int(init), int(following))
 
@@ -261,6 +268,7 @@ class EsdlModelImport:
             return results
         kept = interpreter.state.kept
         durations = [label for label, variable in self.program.variables.items() if variable.storage == "step"]
+        # within the task, dT is its own period; the step again behind it
         present = {label: kept[GLOBAL, label] for label in durations if (GLOBAL, label) in kept}
         own = np.array([[self.builder.const(task.rate.period)]], dtype=np.int64)
         kept.update({(GLOBAL, label): own for label in present})
@@ -284,6 +292,7 @@ class EsdlModelImport:
         return process, code, tuple(kept)
 
     def _held_node(self, hit: int, node: int) -> int:
+        # y[k] = x[k] at a run of the task, else y[k - 1]; 0 before the first
         before = self.builder.state()
         value = self.builder.call("select", hit, node, before)
         self.builder.close(before, self.builder.const(0.0), value)
@@ -306,6 +315,7 @@ class EsdlModelImport:
             for path, leaf, dimensions in leaves_of(kind):
                 assert isinstance(leaf, NumberType)
                 key = f"{process.label}.{'.'.join((argument.name, *path))}"
+                # a method that several tasks call has its arguments once
                 if key not in self.input_names:
                     plain = ".".join((argument.name, *path))
                     self.input_names[key] = self.display.claim(plain, f"{process.method.name}.{plain}")
@@ -381,6 +391,7 @@ class EsdlModelImport:
             indices = zip(place, variable.dimensions, strict=True)
             own = name + "".join(f"[{index + dimension.first}]" for index, dimension in indices)
             node = int(flat[at])
+            # inputs have their names already
             if not is_output and self.builder.nodes[node].op in ("const", "input"):
                 continue
             names.visible[own] = node
@@ -473,6 +484,7 @@ class _Stops:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if isinstance(error, ProgramError):
+            # remedies with blocks are those of Simulink
             self._stop(error.message, error.remedy if "blocks" not in error.remedy else "", error.line)
         if isinstance(error, GraphTooLargeError):
             self._stop("the program needs too many operations", "Make its arrays or loops smaller.")

@@ -73,6 +73,7 @@ class NameResolver:
 
     def name(self, tree: e.Name) -> Named:
         """Return what a name refers to; raises `UnsupportedEsdlError` if it is unknown."""
+        # order: local variables, elements of the instance, declarations that the file knows, packages
         for scope in reversed(self.locals):
             if tree.name in scope:
                 return scope[tree.name]

@@ -38,6 +38,7 @@ class Place:
 
     def leaf(self, path: Fields = ()) -> str:
         """Return the name of the array that holds the numbers of a field."""
+        # local variables differ from those of instances by the sign between the names
         return ("->" if self.is_local else ".").join((self.label, *self.fields, *path))
 
 
@@ -104,6 +105,7 @@ class ProgramCode:
 
     def method(self, instance: ClassInstance, method: e.Method, arguments: Sequence[Type | None] = ()) -> MethodCode:
         """Return a method of an instance for arguments of these types, None for numbers."""
+        # a function for each combination of sizes, which the code of arrays depends on
         shapes = "".join(f",{kind!r}" for kind in arguments if kind is not None)
         name = f"{instance.label}.{method.name}(){shapes}"
         if name not in self.functions:

@@ -45,6 +45,7 @@ class ProgramParameters:
         own = self.by_name[self.names[label]]
         if own.kind == "scalar":
             return np.array([[builder.lookup(own.name)]], dtype=np.int64)
+        # an array is a block, whose numbers are looked up by their indices from 0
         nodes = np.empty(own.values.shape, dtype=np.int64)
         for place in np.ndindex(*own.values.shape):
             nodes[place] = builder.lookup(own.name, *(builder.const(float(index)) for index in place))

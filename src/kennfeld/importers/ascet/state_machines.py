@@ -80,6 +80,7 @@ def _entered(path: _StatePath) -> _StatePath:
         following = next((state for state in inner if state.name == start), None)
         if following is None:
             raise UnsupportedEsdlError(f"the state {path.name} has no start", place=path.states[-1].place)
+        # down to a state without inner states, which alone has a number
         path = _StatePath((*path.states, following))
     return path
 
@@ -134,6 +135,7 @@ class _MachineCode:
         return self._first_of(leaf, transitions, static)
 
     def _is_triggered(self, transition: e.Transition) -> bool:
+        # without a trigger of its own or of the machine, each trigger tests the transition
         return (transition.trigger or self.machine.default_trigger or self.trigger) == self.trigger
 
     def _first_of(
@@ -141,6 +143,7 @@ class _MachineCode:
     ) -> e.Statements:
         """Return the statements that take the first possible transition."""
         result = otherwise
+        # built from the last transition to the first: each becomes the alternative of the one before
         for depth, transition in reversed(transitions):
             place = transition.place
             if transition.target not in self.junctions:
@@ -150,6 +153,7 @@ class _MachineCode:
             through = self._through(leaf, depth, transition, (transition.action,), 0)
             not_taken = e.Unary("!", e.Name(_TAKEN, place=place), place=place)
             result = (
+                # a path through junctions may end without a state; then the next transition is tried
                 _set_taken(False, place),
                 e.If(transition.condition, through, place=place),
                 e.If(not_taken, result, place=place),
@@ -191,6 +195,8 @@ class _MachineCode:
         named = len(self.by_name[target].states)
         common = 0
         limit = min(depth, named - 1)
+        # states around both ends stay active, but the state that is left and the target are never among them: a
+        # transition to itself, or from or to a state around, leaves and enters them
         while common < limit and leaf.states[common] is end.states[common]:
             common += 1
         left = reversed(leaf.states[common:])

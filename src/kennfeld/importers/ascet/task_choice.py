@@ -57,6 +57,7 @@ class TaskChoice:
         if unperiodic := [task.name for task in chosen if task.period is None]:
             remedy = "Leave it out, or import it alone."
             raise InputError(Finding(location, f"the task {name} has no period", remedy) for name in unperiodic)
+        # a stable sort: tasks of one priority run in the order of the schedule
         return sorted(chosen, key=lambda task: task.priority)
 
 
@@ -80,6 +81,7 @@ def step_of_tasks(tasks: Sequence[Task], step: float | None, location: Location)
     """
     times = [time for task in tasks for time in (task.period, task.delay) if time]
     common = common_step(times)
+    # periods without a simple ratio have a common step that is far too short
     if common is None or common * _MOST_STEPS < min(times):
         listed = join_names([f"{number_text(time)} s" for time in dict.fromkeys(times)], 8)
         message = f"the periods and delays {listed} have no common step"
@@ -87,6 +89,7 @@ def step_of_tasks(tasks: Sequence[Task], step: float | None, location: Location)
     if step is None:
         return common
     ratio = common / step
+    # 1e-6: periods such as 0.1 s have no exact binary form
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
         message = (
             f"the step {number_text(step)} s does not divide {number_text(common)} s, the common step of the tasks"

@@ -40,7 +40,7 @@ class TypeResolver:
         self._open: list[str] = []
 
     def named(self, name: str, scope: FileScope) -> Type:
-        """Return the type of a name; raises `UnsupportedEsdlError` if it is not a type."""
+        """Resolve the name of a type; raises `UnsupportedEsdlError` if it is not a type."""
         if name in _BUILTIN:
             return _BUILTIN[name]
         declared = scope.find(name)
@@ -74,7 +74,7 @@ class TypeResolver:
         raise UnsupportedEsdlError(f"{declared.label} is not a type")
 
     def resolve(self, kind: e.TypeExpression, scope: FileScope, name: str = "") -> Type:
-        """Return the type that an expression defines."""
+        """Resolve the type that an expression defines."""
         match kind:
             case e.TypeName(other):
                 return self.named(other, scope)
@@ -112,6 +112,7 @@ class TypeResolver:
     def _number(self, kind: e.ScalarType, scope: FileScope, name: str) -> NumberType:
         base = self._as_number(self.named(kind.base, scope))
         low, high = base.low, base.high
+        # `using` states the representation, whose range holds unless one is written
         if kind.using in _DATATYPES and base.kind == "integer":
             low, high = _DATATYPES[kind.using]
         if kind.range is not None:
@@ -123,6 +124,7 @@ class TypeResolver:
         if limits.last is not None:
             high = self.constant(limits.last, scope)
         else:
+            # a range without an end: an integer that is never negative may be unsigned
             high = 2.0**32 - 1 if base.kind == "integer" and low >= 0 else base.high
         if not low <= high:
             raise UnsupportedEsdlError(f"the range {low:g} .. {high:g} is empty")
@@ -139,6 +141,7 @@ class TypeResolver:
         numbers: list[tuple[str, int]] = []
         following = 0
         for label, value in labels:
+            # a label without a number has the next one
             following = following if value is None else int(self.constant(value, scope))
             numbers.append((label, following))
             following += 1
@@ -149,6 +152,7 @@ class TypeResolver:
 
     def _array(self, sizes: tuple[e.Expression | None, ...], element: Type, scope: FileScope) -> ResolvedArray:
         own = tuple(self.dimension(size, scope) for size in sizes)
+        # an array of arrays is one of more dimensions
         inner, element = (element.dimensions, element.element) if isinstance(element, ResolvedArray) else ((), element)
         dimensions = (*own, *inner)
         result = ResolvedArray(dimensions, element)
@@ -164,6 +168,7 @@ class TypeResolver:
             if size.first is None or size.last is None:
                 raise UnsupportedEsdlError("the dimension of an array is open")
             return _checked(self.constant(size.first, scope), self.constant(size.last, scope))
+        # the name of a type stands for its values, such as the labels of an enumeration
         if isinstance(size, e.Name | e.Field) and (kind := self._index_type(dotted(size), scope)) is not None:
             return _checked(kind.low, kind.high, kind if kind.labels else None)
         return _checked(0, self.constant(size, scope) - 1)
@@ -189,7 +194,7 @@ class TypeResolver:
     # constants
 
     def constant(self, tree: e.Expression, scope: FileScope) -> float:
-        """Return the number of a constant expression."""
+        """Evaluate a constant expression."""
         match tree:
             case e.Number(value):
                 return value

@@ -48,6 +48,7 @@ class CCallTranslation(CExpressionTranslation):
             function = self.file.functions[name]
             return self._called_number(function, trees, line_of(tree), wants_result=wants_result)
         name = _ALIASES.get(name, name)
+        # sinf is sin, computed in double precision
         plain = name if name in MATHEMATICS or name in TESTS else name.removesuffix("f")
         known = {**MATHEMATICS, **TESTS}
         if plain not in known:
@@ -55,6 +56,7 @@ class CCallTranslation(CExpressionTranslation):
         if len(trees) != known[plain]:
             raise UnsupportedCError(f"{name} takes {known[plain]} arguments, got {len(trees)}", wrong=True)
         operands = [self.operand(argument) for argument in trees]
+        # those of stdlib.h convert their argument to an integer, unlike fabs
         if plain in ("abs", "labs"):
             kind = INT if plain == "abs" else LONG
             return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
@@ -110,6 +112,7 @@ class CCallTranslation(CExpressionTranslation):
             if argument.mode == "value" and isinstance(argument.variable.type, CType):
                 arguments.append(converted(self.operand(tree), argument.variable.type))
                 continue
+            # the targets are assigned behind the call, which may change variables in their indices
             places = [self.frozen(place, line) for place in self._passed(name, argument, tree)]
             names = [each for place in places for each in _names_of(place)]
             passed += names if argument.mode != "value" else []
@@ -121,6 +124,7 @@ class CCallTranslation(CExpressionTranslation):
                 arguments.append(self.used(part) if argument.mode == "output" else self.value_of(part))
                 if argument.mode == "output":
                     targets.append(self.used(part))
+                    # the call writes to the copy of a part of an array
                     copies += [] if part is place else self._copied_back(part, place, line)
         self.passed.append(PassedNames(name, tuple(passed), tuple(changed), line))
         return _PassedArguments(m.Call(m.Name(f"{name}()"), tuple(arguments)), targets, copies)

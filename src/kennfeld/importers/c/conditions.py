@@ -20,6 +20,7 @@ _RULES: Final[dict[str, Callable[[int, int], int]]] = {
     "^": operator.xor, "&": operator.and_, "==": operator.eq, "!=": operator.ne, "<": operator.lt, "<=": operator.le,
     ">": operator.gt, ">=": operator.ge, "<<": lambda a, b: a << (b % 64), ">>": lambda a, b: a >> (b % 64),
     "+": operator.add, "-": operator.sub, "*": operator.mul,
+    # towards 0 as in C; a division by 0 may be in a side of || that does not count
     "/": lambda a, b: abs(a) // abs(b) * (1 if a * b >= 0 else -1) if b else 0,
     "%": lambda a, b: abs(a) % abs(b) * (1 if a >= 0 else -1) if b else 0,
 }  # fmt: skip
@@ -34,7 +35,7 @@ class ConditionError(Exception):
 
 
 def condition_value(text: str) -> int:
-    """Return the value of a condition whose macros are replaced; names that are left count as 0.
+    """Evaluate a condition whose macros are replaced; names that are left count as 0.
 
     >>> condition_value("(2 + 1 > 2) && !0x0u"), condition_value("UNKNOWN"), condition_value("1 ? 4 : 5")
     (1, 0, 4)

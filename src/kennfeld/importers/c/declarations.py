@@ -138,7 +138,7 @@ class CFile:
 
 
 def read_declarations(tree: c_ast.FileAST, first: int = len(KNOWN_TYPES)) -> CFile:
-    """Return what a file declares; functions whose arguments are not supported are in `unsupported`.
+    """Read what a file declares; functions whose arguments are not supported are in `unsupported`.
 
     Args:
         tree: the syntax tree.
@@ -173,6 +173,7 @@ def _declare(item: c_ast.Node, file: CFile) -> None:
 def _declare_variable(item: c_ast.Decl, file: CFile) -> None:
     with suppress(UnsupportedCError):  # an error where it is used
         file.types.declared(item)  # which notes the tags of structs
+    # `extern` and tentative declarations may precede or follow the one with first values
     if item.name and (item.name not in file.variables or item.init is not None):
         file.variables[item.name] = item
 
@@ -245,6 +246,7 @@ def _argument(tree: c_ast.Decl, function: c_ast.FuncDef, file: CFile) -> CArgume
         return CArgument(CVariable(name, declared.type), "value", text)
     sizes = declared.sizes
     if declared.is_pointer and (sizes or is_indexed(function.body, name)):
+        # an array of unknown size
         sizes = (0, *sizes)
     if sizes[:1] == (0,):
         sizes = (_constant_size(function.body, name), *sizes[1:])
@@ -261,6 +263,7 @@ def _constant_size(tree: c_ast.Node, name: str) -> int:
                 indexed == name
             ):
                 largest = max(largest, integer_literal(text) + 1)
+            # used otherwise than by a constant index
             case c_ast.ID(name=used) if used == name:
                 return 0
             case c_ast.StructRef(name=of):  # whose member may have the same name

@@ -55,7 +55,9 @@ def converted(operand: COperand, target: CType) -> m.Expression:
         return m.Binary("~=", operand.tree, m.Number(0.0))
     if source.word is not None and holds(target.word, source.word):
         return operand.tree
+    # NaN has no integer
     if isinstance(operand.tree, m.Number) and operand.tree.value == operand.tree.value:
+        # limited before, since infinity has no integer; C does not define the result of numbers out of range
         return m.Number(float(target.word.wrapped(int(max(min(operand.tree.value, 2.0**64), -(2.0**64))))))
     whole = operand.tree if source.word is not None else call_of("truncate", operand.tree)
     return _wrapped("wrap", target, whole)
@@ -114,6 +116,7 @@ class CExpressionTranslation(PlaceTranslation):
             case c_ast.Cast(to_type=target, expr=expr):
                 return self._cast(target, expr)
             case c_ast.Assignment():
+                # a = b as a value: the assignment runs before the expression around it
                 target, statements = self._assignment(tree)
                 self.pending += statements
                 return self.read(target)
@@ -146,6 +149,7 @@ class CExpressionTranslation(PlaceTranslation):
         if operand.type.word is None:
             raise UnsupportedCError("an index must be an integer", line_of(tree), wrong=True)
         if isinstance(operand.tree, m.Number):
+            # indices count from 0 in C, from 1 in the tree
             return m.Number(operand.tree.value + 1.0)
         return m.Binary("+", operand.tree, m.Number(1.0))
 
@@ -217,6 +221,7 @@ class CExpressionTranslation(PlaceTranslation):
 
     def _assignment(self, tree: c_ast.Assignment) -> tuple[CPlace, list[m.Statement]]:
         """Return the target of an assignment, whose indices are evaluated once, and its statement."""
+        # C leaves open which side is evaluated first
         operand = self.operand(tree.rvalue)
         target = self.number(tree.lvalue)
         if tree.op != "=":
@@ -231,6 +236,7 @@ class CExpressionTranslation(PlaceTranslation):
         if op.startswith("p"):
             self.pending.append(m.Assign((m.Name(name),), before.tree, place=m.TextPosition(line_of(tree))))
         self.pending.append(self._stepped(op, place, line_of(tree)))
+        # in front of the operand, the tree reads the place again, which has the new number by then
         return COperand(m.Name(name), before.type) if op.startswith("p") else before
 
     def stepped(self, op: str, target: c_ast.Node, line: int) -> m.Assign:
@@ -277,6 +283,7 @@ class CExpressionTranslation(PlaceTranslation):
             case "!":
                 return COperand(m.Unary("~", operand.tree), INT)
             case "~" if kind.word is not None and kind.word.bits <= 32:
+                # ~x = -1 - x in signed words, 2^bits - 1 - x in unsigned ones
                 top = m.Number(-1.0 if kind.word.signed else 2.0**kind.word.bits - 1.0)
                 return COperand(m.Binary("-", top, operand.tree), kind)
         raise UnsupportedCError(f"the operator {op} is not supported here")
@@ -287,6 +294,7 @@ class CExpressionTranslation(PlaceTranslation):
             return COperand(tree, kind)
         if kind.word.bits > 32:
             self.remarks["64-bit integers are exact up to 2^53"] = None
+            # wrapping needs all 64 bits, which a double does not have; unsigned numbers are checked to be at least 0
             return COperand(tree if kind.word.signed else _wrapped("wrap", kind, tree), kind)
         return COperand(_wrapped("wrap", kind, tree), kind)
 
@@ -296,6 +304,7 @@ class CExpressionTranslation(PlaceTranslation):
         left = self.operand(tree.left)
         right, statements = self.apart(lambda: self.operand(tree.right))
         if not statements:
+            # evaluates the right side only if the left one does not decide
             return COperand(m.Binary(tree.op, left.tree, right.tree), INT)
         result, place = m.Name(self.temporary()), m.TextPosition(line_of(tree))
         decides = left.tree if tree.op == "&&" else m.Unary("~", left.tree)
@@ -323,6 +332,7 @@ class CExpressionTranslation(PlaceTranslation):
             return COperand(m.Binary({"*": ".*", "/": "./"}.get(op, op), a, b), kind)
         match op:
             case "*" if kind.word.bits <= 32:
+                # a product of 32-bit words has up to 64 bits, more than a double holds
                 return COperand(_wrapped("multiply", kind, a, b), kind)
             case "/" | "%":
                 return self._fitted(call_of("quotient" if op == "/" else "remainder", a, b), kind)
@@ -334,6 +344,7 @@ class CExpressionTranslation(PlaceTranslation):
         kind = promoted(left.type)
         if kind.word is None or right.type.word is None or kind.word.bits > 32:
             raise UnsupportedCError(f"{op} of {left.type.name} is not supported")
+        # C11, 6.5.7: the type is that of the left operand, promoted
         name = "left" if op == "<<" else "right"
         return self._fitted(call_of(name, left.tree, right.tree), kind)
 
@@ -370,12 +381,14 @@ def _literal(kind: str, text: str) -> COperand:
         number = integer_literal(text)
         ends = text[len(text.rstrip("uUlL")) :].casefold()
         result = INT
+        # C11, 6.4.4.1: a decimal literal beyond int is long, an octal or hexadecimal one unsigned first
         if "l" in ends or number >= 2**32 or (number >= 2**31 and "u" not in ends and not text.startswith("0")):
             result = replace(LONG, word=replace(LONG.word, signed="u" not in ends)) if LONG.word else LONG
         elif "u" in ends or number >= 2**31:
             result = UNSIGNED
         return COperand(m.Number(float(number)), result)
     if kind in ("double", "float", "long double"):
+        # f is a digit of hexadecimal numbers
         plain = text.rstrip("fFlL") if not text.casefold().startswith("0x") else text.rstrip("lL")
         try:
             number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)

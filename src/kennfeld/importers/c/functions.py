@@ -19,8 +19,12 @@ from kennfeld.models.imperative.path_facts import bound_of
 
 
 def written_last(builder: GraphBuilder, nodes: Nodes, last: Nodes, number: int) -> Nodes:
-    """Return the numbers of a member of a union, or NaN where another one was written last."""
+    """Select the numbers of a member of a union, or NaN where another one was written last.
+
+    `nodes` and the result are Int[rows, columns]; `last`, of one node, is the number of the member written last.
+    """
     apply = Elementwise(builder)
+    # 0: none was written yet
     is_kept = apply("or", apply("eq", last, 0.0), apply("eq", last, float(number)))
     return apply("select", is_kept, nodes, math.nan)
 
@@ -72,6 +76,7 @@ def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, sig
     largest = [max(bound_of(builder, int(x.item()), True), -bound_of(builder, int(x.item()), False)) for x in (a, b)]
     if largest[0] * largest[1] <= 2.0**53 or known_integer(evaluator, bits) > EXACT:
         return _wrap(evaluator, apply("mul", a, b), bits, signed)
+    # a b mod 2^32 = ((floor(a / 2^16) b) mod 2^16) 2^16 + (a mod 2^16) b, mod 2^32: products stay below 2^49
     half = 2.0**16
     high = apply("mod", apply("mul", apply("floor", apply("div", a, half)), b), half)
     low = apply("mul", apply("mod", a, half), b)
@@ -79,6 +84,7 @@ def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, sig
 
 
 def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    # exact in words of 32 bits: a quotient below an integer is so by 1 / a of its size or more, and 2^-32 > 2^-53
     return truncate(evaluator.builder, Elementwise(evaluator.builder)("div", a, b))
 
 
@@ -120,6 +126,7 @@ def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
 def _round_to_even(builder: GraphBuilder, x: Nodes) -> Nodes:
     apply = Elementwise(builder)
     near = apply("floor", apply("add", x, 0.5))
+    # a tie rounds up to `near`, which is 1 too high if it is odd
     is_tie = apply("eq", apply("sub", near, x), 0.5)
     is_odd = apply("ne", apply("mod", near, 2.0), 0.0)
     return apply("sub", near, apply("and", is_tie, is_odd))
@@ -128,6 +135,7 @@ def _round_to_even(builder: GraphBuilder, x: Nodes) -> Nodes:
 def _log1p(builder: GraphBuilder, x: Nodes) -> Nodes:
     """Compute log(1 + x) with the rounding of 1 + x taken out, so that small x keep their digits."""
     apply = Elementwise(builder)
+    # log(1 + x) = 2 atanh(x / (x + 2))
     return apply("mul", 2.0, INVERSE_HYPERBOLIC["atanh"](builder, apply("div", x, apply("add", x, 2.0))))
 
 
@@ -154,6 +162,7 @@ def _without_nan(name: str) -> Callable[..., Nodes]:
         result = operation(name)(builder, x, y)
         for value, other in ((x, y), (y, x)):
             numbers = [builder.value(int(node)) for node in value.ravel()]
+            # constants that are numbers need no test
             if any(number is None or math.isnan(number) for number in numbers):
                 result = apply("select", apply("ne", value, value), other, result)
         return result

@@ -91,6 +91,7 @@ def _slots(part: _Part) -> Iterator[tuple[str, Slots]]:
 
 def _slots_at(kind: ObjectType, sizes: Sizes, places: Slots, path: str) -> Iterator[tuple[str, Slots]]:
     for at, size in enumerate(sizes):
+        # row by row: an index steps over all numbers of the dimensions behind it
         step = _count(kind, sizes[at + 1 :])
         places = places[..., None] + step * np.arange(size, dtype=np.int64)
     if isinstance(kind, CType):
@@ -121,6 +122,7 @@ class _InitialValues:
     def fill(self, part: _Part, tree: c_ast.Node) -> None:
         """Note the values of a part."""
         if not part.sizes and not isinstance(part.type, CStructType):
+            # {{1}} is 1
             while isinstance(tree, c_ast.InitList):
                 if len(tree.exprs) != 1:
                     raise UnsupportedCError("a number has several first values", wrong=True)
@@ -144,9 +146,11 @@ class _InitialValues:
         while waiting:
             item = waiting[0]
             if isinstance(item, c_ast.NamedInitializer):
+                # it names a part of the list in braces around
                 if not in_braces:
                     return
                 waiting.popleft()
+                # C11, 6.7.9: the values that follow belong to the parts behind the named one
                 at = self._designated(part, item.name, item.expr) + 1
                 continue
             if at >= count:
@@ -160,6 +164,7 @@ class _InitialValues:
                 waiting.popleft()
                 self._copy(child, name)
             else:
+                # braces around an inner array or struct may be left out: it takes as many values as it has parts
                 self._items(child, waiting, in_braces=False)
             at += 1
 
@@ -200,6 +205,7 @@ class _InitialValues:
         else:
             self.fill(child, tree)
         is_union = not part.sizes and isinstance(part.type, CStructType) and part.type.is_union
+        # a union takes one value: none may follow
         return _parts(part) if is_union else at
 
     def _number(self, part: _Part, name: c_ast.Node) -> int:

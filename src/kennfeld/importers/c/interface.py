@@ -133,7 +133,7 @@ def static_numbers(static: StaticVariable, file: CFile) -> CNumbers:
 def find_interface(
     arguments: Sequence[CNumbers], statics: Sequence[CNumbers], usage: Usage, written_elsewhere: Collection[str]
 ) -> CInterface:
-    """Return what a function reads and writes; outputs and states are found by `settle`.
+    """Find what a function reads and writes; its outputs and states follow from `settle`.
 
     Args:
         arguments: the numbers of its arguments.
@@ -141,6 +141,7 @@ def find_interface(
         usage: the names that it reads and writes.
         written_elsewhere: names that other functions of the file write.
     """
+    # reversed, so that the first variable of a struct type counts
     values = {number.leaf.owner[1]: number.root.name for number in reversed(statics) if number.is_initialized}
 
     def role(number: CNumbers) -> Role:
@@ -175,10 +176,12 @@ def _static_role(number: CNumbers, usage: Usage, written_elsewhere: Collection[s
         return "parameter" if number.root.is_volatile else "constant"
     if number.name in usage.writes:
         return "written"
+    # a static variable of a function, which no other file can set
     if "()." in number.name:
         return "constant"
     if number.is_named("parameter"):
         return "parameter"
+    # another file may set a variable that is neither static nor has a first value
     is_open = not number.is_own and not number.is_initialized
     return "input" if is_open or number.is_named("input") or number.name in written_elsewhere else "constant"
 
@@ -193,20 +196,21 @@ def _with_values(number: CNumbers, values: Mapping[str, str], statics: Sequence[
     return number if twin is None else replace(number, first=twin.first)
 
 
-def settle(interface: CInterface, usage: Usage, held: Collection[str], *, returns: bool) -> CInterface:
-    """Return an interface with its outputs and states.
+def settle(interface: CInterface, usage: Usage, needed: Collection[str], *, returns: bool) -> CInterface:
+    """Complete an interface by its outputs and states.
 
     Args:
         interface: the numbers by their parts.
         usage: the names that the function reads and writes.
-        held: names of written numbers whose values before the call matter.
+        needed: names of written numbers whose values before the call matter.
         returns: True if the function returns a number.
     """
     written = interface.written
+    # structs with inputs, or with values that the function reads back, are not results as a whole
     mixed = {number.group for number in (*interface.inputs, *interface.parameters) if number.is_member} | {
         number.group
         for number in written
-        if number.name in held and number.name in usage.reads and not number.leaf.is_tag
+        if number.name in needed and number.name in usage.reads and not number.leaf.is_tag
     }
 
     def is_output(number: CNumbers) -> bool:
@@ -218,15 +222,15 @@ def settle(interface: CInterface, usage: Usage, held: Collection[str], *, return
 
     outputs = tuple(number for number in written if is_output(number))
     if not outputs and not returns:
-        outputs = _results_of_procedure(written, held)
-    states = frozenset(number.name for number in written if number.name in held and not number.is_result)
+        outputs = _results_of_procedure(written, needed)
+    states = frozenset(number.name for number in written if number.name in needed and not number.is_result)
     return replace(interface, outputs=outputs, states=states)
 
 
-def _results_of_procedure(written: Sequence[CNumbers], held: Collection[str]) -> tuple[CNumbers, ...]:
+def _results_of_procedure(written: Sequence[CNumbers], needed: Collection[str]) -> tuple[CNumbers, ...]:
     """Return the outputs of a function that has no other results: what it sets anew, else all that others can read."""
     rules: tuple[Callable[[CNumbers], bool], ...] = (
-        lambda number: bool(number.mode) and number.name not in held and not number.is_named("state"),
+        lambda number: bool(number.mode) and number.name not in needed and not number.is_named("state"),
         lambda number: not number.mode and not number.is_own and not number.is_named("state"),
         lambda number: bool(number.mode) or "()." not in number.name,
     )

@@ -30,7 +30,7 @@ class Macro:
 
 
 def tokens_of(text: str) -> tuple[str, ...]:
-    """Return the tokens of a text, with the spaces between them.
+    """Split a text into tokens, with the spaces between them.
 
     >>> tokens_of("a + 1.5e-3*b")
     ('a', ' ', '+', ' ', '1.5e-3', '*', 'b')
@@ -39,7 +39,7 @@ def tokens_of(text: str) -> tuple[str, ...]:
 
 
 def read_macro(text: str) -> tuple[str, Macro]:
-    """Return name and macro of the text behind `#define`.
+    """Read name and macro from the text behind `#define`.
 
     Raises:
         MacroError: it has no name, or its arguments are not names.
@@ -63,7 +63,7 @@ class MacroExpansion:
         self._visited = 0
 
     def expand(self, text: str) -> str:
-        """Return a text with its macros replaced.
+        """Replace the macros in a text.
 
         Raises:
             MacroError: a call has the wrong number of arguments, or the expansion is too long.
@@ -89,6 +89,7 @@ class MacroExpansion:
         return False
 
     def _expanded(self, tokens: Sequence[_Token]) -> list[_Token]:
+        # a stack, the next token last: a replacement is scanned again, together with what follows it (C11, 6.10.3.4)
         waiting, result = list(reversed(tokens)), list[_Token]()
         while waiting:
             self._visited += 1
@@ -114,6 +115,7 @@ class MacroExpansion:
             comma: _Token = (",", frozenset())
             joined = [token for at, value in enumerate(rest) for token in ([comma, *value] if at else value)]
             return {**dict(zip(names, fixed, strict=False)), "__VA_ARGS__": joined}
+        # the brackets of f() contain one argument, an empty one
         if not names and len(values) == 1 and not any(token.strip() for token, _ in values[0]):
             return {}
         if len(names) != len(values):
@@ -143,6 +145,7 @@ class MacroExpansion:
             else:
                 result.append((token, hidden))
             at += 1
+        # counts the text too: macros that name another one twice double it at each level
         self._visited += len(result)
         return result
 
@@ -175,6 +178,7 @@ def _arguments(waiting: list[_Token]) -> list[list[_Token]] | None:
         if depth == 0:
             del waiting[place:]
             return [_stripped(value) for value in values]
+        # a comma within inner brackets belongs to the argument
         if token[0] == "," and depth == 1:
             values.append([])
         elif place != at:

@@ -48,6 +48,7 @@ ENUMERATION: Final = CType("enum", IntegerType(32, True))
 UNSIGNED: Final = CType("unsigned int", IntegerType(32, False))
 LONG: Final = CType("long", IntegerType(64, True))
 SIZE: Final = CType("size_t", IntegerType(64, False))
+# the data model LP64: int has 32 bits, long 64
 _BITS: Final = {"char": 8, "short": 16, "long": 64}
 VOID: Final = "void"
 
@@ -98,6 +99,7 @@ def number_type(tree: c_ast.Node, typedefs: Mapping[str, CType], line: int = 0) 
 
 def promoted(kind: CType) -> CType:
     """Return the type in which arithmetic with a type is done."""
+    # C11, 6.3.1.1: int has all numbers of the narrower types, signed or not
     return INT if kind.word is not None and kind.word.bits < 32 else kind
 
 
@@ -110,6 +112,7 @@ def common_type(left: CType, right: CType) -> CType:
     if left.word is None or right.word is None:
         reals = [kind for kind in (left, right) if kind.word is None]
         return FLOAT if all(kind is FLOAT for kind in reals) else DOUBLE
+    # C11, 6.3.1.8: the wider type; of equally wide ones the unsigned one
     left, right = promoted(left), promoted(right)
     assert left.word is not None
     assert right.word is not None

@@ -65,6 +65,7 @@ class ObjectTranslation(CCallTranslation):
         """Return the statements that copy a struct; None if the target is a number."""
         if tree.op != "=" or not isinstance(tree.rvalue, _VALUES | _OBJECTS):
             return None
+        # apart, since a target that is a number is translated again by `_assignment`
         target, statements = self.apart(lambda: self.place(tree.lvalue))
         if target.is_pointer or target.sizes or not isinstance(target.type, CStructType):
             return None

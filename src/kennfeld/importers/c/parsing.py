@@ -29,7 +29,7 @@ _REMEDY: Final = "Macros and types of included files are not known unless the fi
 
 
 def parse_source(source: CSource) -> CFile:
-    """Return the declarations of a text.
+    """Parse a text to its declarations.
 
     A type that is not defined is taken as a struct whose members are not known.
 
@@ -51,6 +51,7 @@ def parse_source(source: CSource) -> CFile:
         except RecursionError:
             raise InputError.of(source.location(0), "it is nested too deeply", "Split its expressions.") from None
         remaining -= len(text)
+        # an unknown word may be a type; else the function around the error is removed, to find further errors
         if remaining > 0 and run + 1 < _MAX_RUNS and types.assume(lines, line):
             continue
         findings.error(source.location(line, column), f"not valid C: {message[:120]}", _REMEDY)
@@ -80,8 +81,10 @@ class _AssumedTypes:
 
 
 def _text(lines: list[str], assumed: Iterable[str]) -> str:
+    # the grammar of C depends on which names are types, not on their sizes, which `TypeTable` knows
     known = "".join(f"typedef int {name}; " for name in KNOWN_TYPES)
     others = "".join(f"typedef struct {name} {name}; " for name in assumed)
+    # # 1 numbers the lines behind the declarations from 1 on
     return "\n".join((f'{known}{others}\n# 1 "c"', *lines, ""))
 
 
@@ -113,6 +116,7 @@ def _remove(lines: list[str], line: int) -> bool:
         for character in text:
             depth += (character == "{") - (character == "}")
             depth = max(depth, 0)
+        # a declaration ends outside of braces: with ; or with the brace of a function
         ends = depth == 0 and (start > 0 or text.rstrip().endswith((";", "}")))
         if ends and number >= at:
             removed = any(part.strip() for part in lines[first : number + 1])

@@ -90,6 +90,7 @@ class CPlace:
             is_pointer=declared.is_pointer,
         )
         if self.offset is not None:
+            # numbers of a struct follow one another in the shared array; members of a union begin at the same one
             before = struct.members[: struct.members.index(member)] if not struct.is_union else ()
             count = sum(number_count(each.declared.type, each.declared.sizes) for each in before)
             return replace(place, path=self.path, offset=_sum(self.offset, m.Number(float(count))))
@@ -104,6 +105,7 @@ class CPlace:
         if self.offset is None:
             return replace(self, sizes=self.sizes[1:], indices=(*self.indices, index))
         step = m.Number(float(number_count(self.type, self.sizes[1:])))
+        # offset + (index - 1) * numbers of an element
         from_zero = _sum(index, m.Number(-1.0))
         return replace(self, sizes=self.sizes[1:], offset=_sum(self.offset, _product(from_zero, step)))
 
@@ -129,6 +131,7 @@ class UnionMember(NamedTuple):
     def tag(self, indices: Sequence[m.Expression]) -> CPlace:
         """Return the place of the number of the member written last, at the indices of a part of the member."""
         assert isinstance(self.union.type, CStructType)
+        # each union of an array has a number of its own: the first indices lead to it
         place = self.union.member(self.union.type.members[-1])
         return replace(place, indices=tuple(indices[: len(place.indices)]), unions=())
 
@@ -195,6 +198,7 @@ class PlaceTranslation:
                 return self._member(self.place(of), operator, str(member), tree)
             case c_ast.ArrayRef(name=of, subscript=subscript):
                 return self._element(self.place(of), subscript, tree)
+            # *(a + i) is a[i]
             case c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=left, right=right)):
                 return self._element(self.place(left), right, tree)
             case c_ast.UnaryOp(op="*", expr=c_ast.UnaryOp(op="&", expr=of)):
@@ -239,6 +243,7 @@ class PlaceTranslation:
         if place.is_pointer:
             return replace(place, is_pointer=False)
         if place.sizes:
+            # *a is a[0]
             return place.element(m.Number(1.0))
         raise UnsupportedCError(f"{place.label} is not an array or address", line_of(tree), wrong=True)
 
@@ -260,6 +265,7 @@ class PlaceTranslation:
                 message = f"index {index.value - 1:g} of {place.label}, which has {size} elements"
                 raise UnsupportedCError(message, line_of(tree), wrong=True)
             return index
+        # tested when the graph is built, where the index may turn out to be constant
         return m.Call(m.Name("c:index"), (index, m.Number(float(size))))
 
     def _member(self, place: CPlace, operator: str, name: str, tree: c_ast.Node) -> CPlace:

@@ -16,9 +16,11 @@ MAX_BYTES: Final = 2_000_000  # of a file with all that it includes
 _MAX_INCLUDES: Final = 30  # within one another
 _MAX_CALL_LINES: Final = 500  # of a call of a macro
 _MAX_FINDINGS: Final = 100
+# comments, and the texts in which // and /* begin none
 _PARTS: Final = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'', re.DOTALL)
 _DIRECTIVE: Final = re.compile(r"\s*#\s*(\w*)\s*(.*)")
 _DEFINED: Final = re.compile(r"\bdefined\s*(?:\(\s*(\w+)\s*\)|(\w+))")
+# extensions of compilers that do not change values
 _IGNORED: Final = re.compile(r"\b(__attribute__\s*\(\(.*?\)\)|__inline__|__inline|__restrict|__extension__|register)")
 # Generated code tests the sizes of long, which differ between a target and the machine that checks it.
 _SIZES_OF_LONG: Final = re.compile(r"\bU?L{1,2}(ONG)?_MAX\b")
@@ -93,6 +95,7 @@ class _Preprocessor:
     def read(self, text: str, file: str) -> None:
         """Add the lines of a file."""
         outer, around = self.file, self.open
+        # each #if must end in the file that it is in
         self.file, self.open = file, []
         self.size += len(text)
         lines = _plain(text).split("\n")
@@ -160,6 +163,7 @@ class _Preprocessor:
             return (rest.partition(" ")[0] in self.macros) == (word == "ifdef")
         if _SIZES_OF_LONG.search(rest):
             return False
+        # before macros are expanded, which would replace the name behind `defined`
         defined = _DEFINED.sub(lambda match: str(int((match[1] or match[2]) in self.macros)), rest)
         try:
             return condition_value(self._expand(defined, number)) != 0
@@ -222,7 +226,7 @@ class _Preprocessor:
 
 
 def preprocess(text: str, path: Path, findings: Findings, data: str = "") -> CSource:
-    """Return the text without comments and directives, with macros replaced.
+    """Remove comments and directives from a text, and replace its macros.
 
     Files of the same folder that it includes in quotes are read; the names of `math.h`, `stdint.h`, `stdbool.h`,
     `limits.h` and `float.h` are known.
@@ -248,6 +252,7 @@ def data_file(path: Path) -> Path:
 
 def _plain(text: str) -> str:
     """Return a text without comments, with lines joined that end with a backslash; lines keep their numbers."""
+    # joined first, as a comment behind // may continue on the next line
     text = _joined(text.replace("\r\n", "\n").replace("\r", "\n"))
     return _PARTS.sub(lambda m: m[0] if m[0][0] in "\"'" else " " + "\n" * m[0].count("\n"), text)
 

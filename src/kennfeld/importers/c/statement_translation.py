@@ -45,15 +45,17 @@ class FunctionTranslation(ObjectTranslation):
         self.scopes = [shared, {}]
 
     def translate(self) -> m.FunctionDefinition:
-        """Return the function."""
+        """Translate the function to the shared syntax tree."""
         for argument in self.function.arguments:
             self.scopes[-1][argument.variable.name] = argument.variable
             self._taken[argument.variable.name] = 1
             if argument.variable.type is FLOAT:
                 self.remarks["float is computed in double precision"] = None
         body = self._block(self.function.tree.body.block_items or ())
+        # variables that keep their values are global names of the shared tree
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
         written = (name for argument in self.function.outputs for name in argument.names)
+        # the tree has no addresses: what is written through them is returned behind the result
         results = [*self.function.result_names, *written]
         names = tuple(name for argument in self.function.arguments for name in argument.names)
         return m.FunctionDefinition(f"{self.function.name}()", names, tuple(results), (*head, *body))
@@ -75,6 +77,7 @@ class FunctionTranslation(ObjectTranslation):
         except UnsupportedCError as error:
             line = error.line or line_of(item)
             self.problems.append(UnsupportedCError(error.message, line, wrong=error.wrong))
+            # statements of the part that was translated before the error
             self.pending = []
             return []
 
@@ -110,6 +113,7 @@ class FunctionTranslation(ObjectTranslation):
                 return self._call_statement(tree)
             case c_ast.If(cond=condition, iftrue=yes, iffalse=no):
                 tested = self.operand(condition).tree
+                # those of the condition: the first statement of the body would take them
                 pending, self.pending = self.pending, []
                 branch = m.Branch(tested, self._body(yes), place=place)
                 return [*pending, m.If((branch,), self._body(no), place=place)]
@@ -144,6 +148,7 @@ class FunctionTranslation(ObjectTranslation):
         else:
             operand = self.call(tree, wants_result=False)
         pending, self.pending = self.pending, []
+        # a result in a temporary variable: its call is among the statements that wait
         calls = [] if operand is None or isinstance(operand.tree, m.Name) else [m.Evaluate(operand.tree)]
         return [*pending, *calls]
 
@@ -185,12 +190,15 @@ class FunctionTranslation(ObjectTranslation):
 
     def _declare(self, tree: c_ast.Decl) -> list[m.Statement]:
         is_static = "static" in tree.storage
+        # a pointer is not stored: its name stands for the place that it leads to
         if isinstance(tree.type, c_ast.PtrDecl) and not is_static:
             self.scopes[-1][tree.name] = self._alias(tree)
             return []
         self._taken[tree.name] = self._taken.get(tree.name, 0) + 1
+        # a variable of an inner block may hide one of the same name: a number keeps both apart
         number = self._taken[tree.name]
         name = tree.name if number == 1 else f"{tree.name}#{number}"
+        # static variables of several functions may have the same name
         owned = f"{self.function.name}().{name}" if is_static else name
         variable = variable_of(tree, owned, self.file, count_elements(tree.init, self.file.types.constants))
         if is_static:
@@ -207,6 +215,7 @@ class FunctionTranslation(ObjectTranslation):
         """Return the address that a pointer holds from its declaration on."""
         if tree.init is None or tree.name in self._reassigned:
             raise UnsupportedCError(f"the pointer {tree.name} must be set once, where it is declared", line_of(tree))
+        # the address keeps the indices that it was taken with, although their variables may change afterwards
         place = self.frozen(self.address(tree.init), line_of(tree))
         is_constant = place.is_constant or self.file.types.declared(tree).is_constant
         return replace(place, is_constant=is_constant)
@@ -216,8 +225,10 @@ class FunctionTranslation(ObjectTranslation):
         line = line_of(tree)
         is_number = isinstance(variable.type, CType) and not variable.sizes
         if tree.init is not None and not is_number and not isinstance(tree.init, c_ast.InitList):
+            # a const variable as well gets its first value by an assignment
             self.scopes[-1][tree.name] = replace(variable, is_constant=False)
             return self.copied(self.place(c_ast.ID(tree.name)), self.place(tree.init), line)
+        # stays unassigned, so that reading it too early is reported; one whose address is taken needs a number
         if tree.init is None and is_number and tree.name not in self._addressed:
             return []
         return self.first_assignments(tree, variable)
@@ -245,6 +256,7 @@ class FunctionTranslation(ObjectTranslation):
         self.scopes.pop()
         if isinstance(tree, c_ast.DoWhile):
             return [*start, *self._again(tree, end, body, ())]
+        # a plain loop: the condition needs no statements before it, and `continue` cannot skip the step
         if len(end) == 1 and not (step and _has_jump(tree.stmt, c_ast.Continue)):
             (statement,) = end
             assert isinstance(statement, m.If)
@@ -276,6 +288,8 @@ class FunctionTranslation(ObjectTranslation):
         """Return a loop whose end is tested within it; all passes but the first one begin with `step`."""
         place, first = m.TextPosition(line_of(tree)), m.Name(self.temporary())
         before = (*step, *(() if tests_first else end))
+        # while 1: if not first: step, test (do-while); first = 0; test (for, while); body.
+        # `continue` leads to the head of the loop, so that step and test come there
         again = m.If((m.Branch(m.Unary("~", first), before, place=place),), place=place)
         entered = m.Assign((first,), _NO, place=place)
         tested = end if tests_first else ()
@@ -291,6 +305,7 @@ class FunctionTranslation(ObjectTranslation):
         subject = self.operand(tree.cond)
         name = self.temporary()
         pending, self.pending = self.pending, []
+        # evaluated once, although each case compares with it
         head: list[m.Statement] = [*pending, m.Assign((m.Name(name),), subject.tree, place=place)]
         cases = tree.stmt.block_items or () if isinstance(tree.stmt, c_ast.Compound) else ()
         if not all(isinstance(case, c_ast.Case | c_ast.Default) for case in cases):
@@ -303,6 +318,7 @@ class FunctionTranslation(ObjectTranslation):
             is_default |= isinstance(case, c_ast.Default)
             if isinstance(case, c_ast.Case):
                 keys.append(m.Binary("==", m.Name(name), self.operand(case.expr).tree))
+            # `case 1: case 2:` share the statements behind the last of them
             if not case.stmts and at + 1 < len(cases):
                 continue
             body = self._case(_followed(cases[at:]), place)
@@ -343,6 +359,7 @@ def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[Uns
                 scope[name] = translation.address(tree.init)
                 continue
             elements = count_elements(tree.init, file.types.constants)
+            # the dot keeps variables of the file apart from local ones of the same name
             variable = replace(variable_of(tree, f".{name}", file, elements), is_static=True)
             statics += translation.static_parts(tree, variable, name)
             scope[name] = variable
@@ -387,6 +404,7 @@ def _has_jump(tree: c_ast.Node | None, kind: type[c_ast.Node]) -> bool:
         return False
     if isinstance(tree, kind):
         return True
+    # `break` in an inner switch ends that one, `continue` in it the loop around
     inner = (c_ast.For, c_ast.While, c_ast.DoWhile, *((c_ast.Switch,) if kind is c_ast.Break else ()))
     return any(_has_jump(child, kind) for _, child in tree.children() if not isinstance(child, inner))
 

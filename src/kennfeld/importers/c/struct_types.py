@@ -142,6 +142,7 @@ def _leaves(kind: ObjectType, leaf: Leaf) -> Iterator[Leaf]:
     if isinstance(kind, CType):
         yield leaf._replace(type=kind)
     elif isinstance(kind, CStructType):
+        # numbered from 1, as a tag of 0 says that no member was written
         for at, (name, declared) in enumerate(kind.members if kind.storage is None else (kind.storage,), start=1):
             path = member_path(leaf.path, name)
             inner = leaf._replace(
@@ -202,6 +203,7 @@ class TypeTable:
                     return DeclaredType(OpaqueType(f"a pointer to {inner.type.reason}"))
                 return _changed(inner, is_pointer=True)
             case c_ast.IdentifierType(names=[name]) if name in self.typedefs:
+                # `typedef struct S S;` may precede the members of S
                 known = self.typedefs[name]
                 tag = known.type.tag if isinstance(known.type, OpaqueType) else ""
                 return _changed(known, type=self.structs[tag]) if tag in self.structs else known
@@ -238,6 +240,7 @@ class TypeTable:
             bits = item.bitsize is not None
             return str(item.name), DeclaredType(OpaqueType("a bit field")) if bits else self._member(item, depth)
         declared = self._member(item, depth) if item.bitsize is None else DeclaredType(OpaqueType("a bit field"))
+        # `struct S {...};` within a struct declares S, but no member
         is_part = isinstance(item.type, c_ast.Struct | c_ast.Union) and item.type.decls and not item.type.name
         return (f"{HIDDEN}{_position(item.type)}", declared) if is_part else None
 
@@ -256,6 +259,7 @@ class TypeTable:
             declared = self.declared(tree)
         except UnsupportedCError as error:
             declared = DeclaredType(OpaqueType(error.message))
+        # a struct without a tag takes the name of its typedef, by which generated code is recognized
         struct = declared.type
         if isinstance(struct, CStructType) and struct.name in ("the struct", "the union"):
             declared = _changed(declared, type=replace(struct, name=str(tree.name)))
@@ -278,6 +282,7 @@ def _union(members: CStructType, tree: c_ast.Union) -> CStructType:
 
 def _shared_array(union: CStructType) -> Member | None:
     """Return the array that all members of a union share, number by number; None if they are of different types."""
+    # such as union { double all[3]; struct { double a, b, c; } each; }: `all` stands for both
     sizes = [math.prod((*leaf.sizes, 1)) for leaf in leaves_of(union)]
     types = {leaf.type for leaf in leaves_of(union)}
     if len(types) != 1 or any(leaf.owner[0] for leaf in leaves_of(union)) or _is_incomplete(union) or min(sizes) < 1:
@@ -367,6 +372,7 @@ def constant_integer(tree: c_ast.Node | None, known: Mapping[str, int]) -> int:
             a, b = constant_integer(left, known), constant_integer(right, known)
             if op in ("<<", ">>") and not 0 <= b < 63:
                 raise UnsupportedCError(f"a shift by {b}", _line(tree))
+            # // rounds down, / of C towards 0
             if op == "/" and (b == 0 or a < 0 or b < 0):
                 raise UnsupportedCError(f"the division {a} / {b}", _line(tree))
             rules = {"+": lambda: a + b, "-": lambda: a - b, "*": lambda: a * b, "/": lambda: a // b}

@@ -109,6 +109,7 @@ class _FunctionCall:
         kept = {static.name for static in self.translated.statics}
         self.interpreter.state.kept.update({(GLOBAL, name): values[name] for name in kept})
         definition = self.translated.functions[f"{self.translated.function.name}()"]
+        # the call takes all arguments, also those that the function neither reads nor writes
         unused = [each for each in argument_numbers(self.translated.function) if each.name not in values]
         values |= {number.name: _unset(number) if number.is_result else self.started(number) for number in unused}
         passed = [values[name] for name in definition.parameters]
@@ -197,6 +198,7 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     problems = [problem for translation in called for problem in translation.problems]
     reasons = {f"{_UNKNOWN}{problem.name}": problem for problem in unreadable}
     problems = list(
+        # several functions may use the same variable that cannot be read
         {id(problem): problem for problem in (reasons.get(each.message, each) for each in problems)}.values()
     )
     statics = [static_numbers(part, file) for part in parts]
@@ -327,6 +329,7 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
 def _settled(whole: TranslatedFunction, usage: Usage) -> CInterface:
     """Return the interface with outputs and states: a value matters if the graph of the next values reads it."""
     everything = frozenset(number.name for number in whole.interface.written if not number.is_result)
+    # all that is written is a state at first; those stay whose values before the call reach a value after it
     trial = replace(whole, interface=replace(whole.interface, states=everything))
     builder = BoundedGraphBuilder()
     call = _FunctionCall(trial, builder)

@@ -85,6 +85,7 @@ class _Usages:
         for parameter, argument in zip(function.parameters, arguments, strict=False):
             if parameter in usage.reads:
                 self._read(argument, reads, writes)
+            # of an element that is only written, the index is read all the same
             elif isinstance(argument, m.Call):
                 for index in argument.arguments:
                     self._read(index, reads, writes)

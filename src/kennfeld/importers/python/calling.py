@@ -51,6 +51,7 @@ class LoadedPython:
             y[number] = result
         if not slopes:
             return
+        # slopes[result * inputs + argument]; on entry, the first row marks the arguments that are asked for
         along = [argument for argument in range(inputs) if slopes[argument]]
         for number, row in enumerate(self.evaluation.point_slopes(arguments, along)):
             for argument, slope in zip(along, row, strict=True):

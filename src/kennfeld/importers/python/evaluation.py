@@ -43,7 +43,7 @@ class PythonEvaluation:
         self._jacobian_agrees = jacobian is None
 
     def point(self, arguments: Sequence[float]) -> list[float]:
-        """Return the results for numbers."""
+        """Compute the results for numbers; NaN for what the function cannot compute."""
         try:
             result = self.function(*arguments)
             numbers = [float(item) for item in _sequence(result, self.outputs)]
@@ -52,7 +52,7 @@ class PythonEvaluation:
         return numbers if len(numbers) == self.outputs else [math.nan] * self.outputs
 
     def point_slopes(self, arguments: Sequence[float], along: Sequence[int]) -> Float:
-        """Return the slopes for numbers, Float[outputs, len(along)]."""
+        """Compute the slopes for numbers, Float[outputs, len(along)]."""
         if self.jacobian is None:
             return self._differences(np.array(arguments)[:, None], along, np.zeros(self.inputs), self._by_sample)[
                 ..., 0
@@ -60,7 +60,11 @@ class PythonEvaluation:
         return self._rows_of_jacobian(arguments)[:, list(along)]
 
     def evaluate(self, points: Float, along: Sequence[int]) -> tuple[Float, Float]:
-        """Return results and slopes at many samples; see `BatchFunction`."""
+        """Compute results and slopes at many samples; see `BatchFunction`.
+
+        `points` are Float[inputs, samples], the results Float[outputs, samples], and the slopes
+        Float[outputs, len(along), samples].
+        """
         compute = self._at_all if self._accepts_arrays(points) else self._by_sample
         with np.errstate(all="ignore"):
             results = compute(points)
@@ -69,6 +73,7 @@ class PythonEvaluation:
             if self.jacobian is not None:
                 self._check_jacobian(points)
                 return results, self._jacobians(points, compute)[:, list(along)]
+            # a value near 0 among large ones takes a step of their size
             return results, self._differences(points, along, _LEAST_SIZE * _largest(points), compute)
 
     def _at_all(self, points: Float) -> Float:
@@ -154,11 +159,12 @@ class PythonEvaluation:
     def _differences(
         self, points: Float, along: Sequence[int], least: Float, compute: Callable[[Float], Float]
     ) -> Float:
-        """Return central differences, Float[outputs, len(along), samples]."""
+        """Compute central differences, Float[outputs, len(along), samples]."""
         slopes = np.empty((self.outputs, len(along), points.shape[1]))
         changed, step = points.copy(), np.empty(points.shape[1])
         for position, argument in enumerate(along):
             value, moved = points[argument], changed[argument]
+            # (f(x + h) - f(x - h)) / ((x + h) - (x - h)), the width as rounded; h = _STEP max(|x|, least, _LEAST_SIZE)
             np.maximum(np.abs(value, out=step), max(float(least[argument]), _LEAST_SIZE), out=step)
             step *= _STEP
             np.add(value, step, out=moved)
@@ -166,6 +172,7 @@ class PythonEvaluation:
             np.subtract(value, step, out=moved)
             width -= moved
             np.divide(np.subtract(above, compute(changed), out=above), width, out=slopes[:, position])
+            # `changed` differs from the points in one argument at a time
             moved[:] = value
         return slopes
 

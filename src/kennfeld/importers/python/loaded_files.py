@@ -92,7 +92,7 @@ def _digest_of_file(path: Path) -> str:
 
 
 def find_loaded_files(path: Path) -> LoadedFiles:
-    """Return what a Python file loads from its folder. Raises `OSError` if the file itself cannot be read."""
+    """Find what a Python file loads from its folder. Raises `OSError` if the file itself cannot be read."""
     path = path.resolve()
     content, folder = path.read_bytes(), path.parent
     modules: dict[str, SiblingModule] = {}
@@ -101,7 +101,7 @@ def find_loaded_files(path: Path) -> LoadedFiles:
     while waiting:
         package, file, text = waiting.pop()
         tree = _parsed(text)
-        data.update(found for place in {folder, file.parent} for found in _named_files(tree, place))
+        data.update(named for place in {folder, file.parent} for named in _named_files(tree, place))
         for name in _imported(tree, package):
             for module in _modules(folder, name):
                 if module.name not in modules:
@@ -135,10 +135,12 @@ def _imported(tree: ast.Module, package: str) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
+            # one dot is the package itself, each further one the package around
             above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
             base = ".".join([*filter(None, above), *([node.module] if node.module else [])])
             if base:
                 yield base
+            # `from a import b`: b may be a module of a, or a name in it
             yield from (f"{base}.{alias.name}".lstrip(".") for alias in node.names)
 
 
@@ -157,6 +159,7 @@ def _modules(folder: Path, name: str) -> Iterator[SiblingModule]:
         else:
             if not place.is_dir():
                 return
+            # a folder without __init__.py is a namespace package
             yield SiblingModule(".".join(parts[:count]), place / "__init__.py", b"", True)
 
 

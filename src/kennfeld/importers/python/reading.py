@@ -91,6 +91,7 @@ def number_of(tree: ast.expr | None, constants: dict[str, float]) -> float | Non
     """Return the number that an expression writes; None if it is something else."""
     match tree:
         case ast.Constant(value=bool() | int() | float() as value):
+            # an int may be too large for a double
             return float(value) if abs(value) < 1e300 or isinstance(value, float) else None
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             number = number_of(operand, constants)
@@ -109,6 +110,7 @@ def _constants(tree: ast.Module) -> Iterator[tuple[str, float]]:
     for item in tree.body:
         if isinstance(item, ast.Assign) and len(item.targets) == 1 and isinstance(item.targets[0], ast.Name):
             name, number = item.targets[0].id, number_of(item.value, seen)
+            # a name that is assigned anywhere else is a variable
             if number is not None and name not in changed and assigned.count(name) == 1:
                 seen[name] = number
     yield from seen.items()
@@ -167,5 +169,6 @@ def _results(function: ast.FunctionDef, path: Path, findings: Findings) -> tuple
     first = values[-1]
     if not isinstance(first, ast.Tuple):
         return (function.name,)
+    # the last return names the results
     names = [item.id if isinstance(item, ast.Name) else f"y{at}" for at, item in enumerate(first.elts, 1)]
     return tuple(names) if len(set(names)) == len(names) else tuple(f"y{at}" for at in range(1, len(names) + 1))

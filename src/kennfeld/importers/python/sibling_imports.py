@@ -90,5 +90,6 @@ class _ContentLoader(Loader):
             return builtins.__import__(name, namespace, variables, names or (), level)
         if names:
             return builtins.__import__(f"{self._owner}.{name}", namespace, variables, names, 0)
+        # `import a.b` binds a
         import_module(f"{self._owner}.{name}")
         return sys.modules[f"{self._owner}.{first}"]

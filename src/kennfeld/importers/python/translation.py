@@ -111,6 +111,7 @@ class PythonTranslation:
         step = number_of(args[2], self.source.constants) if len(values) > 2 else 1.0
         if not values or not step:
             raise UntranslatableError("the step of range is not a number", tree.lineno)
+        # range ends before its limit, the range of the tree at it
         last = m.Binary("-", values[min(len(values) - 1, 1)], m.Number(math.copysign(1.0, step)))
         return m.Range(first, m.Number(step), last)
 
@@ -151,6 +152,7 @@ class PythonTranslation:
         if isinstance(op, ast.FloorDiv):
             return whole
         if isinstance(op, ast.Mod):
+            # a - floor(a / b) b has the sign of b, as in Python
             return m.Binary("-", left, m.Binary(".*", whole, right))
         raise UntranslatableError(f"{ast.unparse(tree)[:40]} is not translated", tree.lineno)
 
@@ -158,6 +160,7 @@ class PythonTranslation:
         if not all(type(op) in _COMPARISONS for op in ops):
             raise UntranslatableError(f"{ast.unparse(tree)[:40]} is not translated", tree.lineno)
         values = [self.value(part) for part in parts]
+        # a < b < c is a < b and b < c
         pairs = [m.Binary(_COMPARISONS[type(op)], a, b) for op, a, b in zip(ops, values[:-1], values[1:], strict=True)]
         return reduce(lambda a, b: m.Binary("&&", a, b), pairs)
 

@@ -49,6 +49,7 @@ class DeclaredParameters:
         return self._block(builder, name, numbers, variable).reshape(shape)
 
     def _block(self, builder: GraphBuilder, name: str, numbers: Numbers, variable: Variable) -> Nodes:
+        # a row or a column is a block of one dimension
         flat = numbers.ravel() if 1 in np.atleast_2d(numbers).shape else numbers
         kept = self._declare(Block(name, flat, **_source_attributes(variable, flat.shape)), variable)
         nodes = np.empty(flat.shape, dtype=np.int64)

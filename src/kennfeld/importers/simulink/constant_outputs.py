@@ -97,6 +97,7 @@ class _Propagation:
         if node.op != "state":
             return _value(node, self.known)
         init = self.states[node.payload].init
+        # assumed to keep its initial value, until `_keeps` finds otherwise
         return float(self.nodes[init].payload) if self.nodes[init].op == "const" else None
 
     def _keeps(self, which: int) -> bool:
@@ -110,6 +111,7 @@ class _Propagation:
             if self.known.pop(at, None) is None:
                 continue
             waiting += [user for user in self._users.get(at, ()) if user in self.known and self._value(user) is None]
+            # a state whose next value changes is read as a changing one
             waiting += [self._reads[which] for which in self._written.get(at, ()) if which in self._reads]
 
 

@@ -104,6 +104,7 @@ class _SubsystemSearch:
             if block.system is None or not _is_plain(block):
                 continue
             inside = scope.inside(block, self.loaded.models)
+            # paths of the report begin at the inspected subsystem
             subsystem = None if split_path(block.path)[self.depth :] in self.bad else self._try_import(block, inside)
             if subsystem is None or self.nested:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
@@ -137,6 +138,7 @@ class _SubsystemSearch:
         except InputError:
             return None
         finally:
+            # a failed attempt has used operations as well
             self.asked -= attempt.asked
         if not report.whole or report.unsupported:
             return None

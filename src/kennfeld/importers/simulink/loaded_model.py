@@ -72,6 +72,7 @@ class LoadedModel:
         if not subsystem:
             return document.root, scope, ""
         system, names = document.root, split_path(subsystem)
+        # the path may begin with the name of the model
         names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
         block: ModelBlock | None = None
         for name in names:

@@ -61,6 +61,7 @@ def _outputs(block: BlockContext) -> tuple[SignalOrBus, ...]:
     call = _Call(block, context, function, _arguments(block, function))
     results = call.results()
     period = period_of(block.input_or_bus(at) for at in range(_ports(block)))
+    # persistent variables may change although all inputs are constant
     period = 0.0 if block.memories and period == CONSTANT else period
     chart = block.flat.block.chart
     shown = {data.name for data in chart.data if data.scope == "OUTPUT_DATA"} if chart is not None else set()
@@ -108,14 +109,15 @@ def _look_up(
     """Look up a variable as a table; None if it is not one, or does not match its breakpoints."""
     try:
         table = variable_field(block, name)
-        made_axes = [Axis(points, name=group) for points, group in axes]
+        parameter_axes = [Axis(points, name=group) for points, group in axes]
     except (UnsupportedError, ArgumentError):
         return None
     shape = tuple(points.size for points, _ in axes)
     values = table.values.ravel() if len(shape) == 1 else table.values
     if values.shape != shape:
         return None
-    parameter = block.compiler.declared.table(table.name, values, made_axes, table.variable, False, beyond)
+    parameter = block.compiler.declared.table(table.name, values, parameter_axes, table.variable, False, beyond)
+    # a lookup for each element of the coordinates
     spread = np.broadcast_arrays(*align_dimensions(*places))
     columns = zip(*(coordinate.ravel() for coordinate in spread), strict=True)
     nodes = [block.builder.lookup(parameter.name, *(int(node) for node in place)) for place in columns]
@@ -182,6 +184,7 @@ class _Call:
         if not any(declares_persistent(function.body) for function in functions):
             return self._run(self._prepare())
         known = self._observe_first_call()
+        # a persistent variable that a later call creates first takes another round, in which it is a state
         for _ in range(_MOST_ROUNDS):
             body = self._prepare()
             persistent = PersistentVariables(self.context, self._remember)

@@ -51,6 +51,7 @@ class NodeNames:
         for key, signal in leaf_signals(self.compiler.outputs(flat)[port], name):
             for at, node in enumerate(signal.flat):
                 own = key if signal.size == 1 else f"{key}[{at + 1}]"
+                # of two signals of one name, the later one takes the path of its block
                 if prefer_path and own in self.visible and self.visible[own] != node:
                     own = flat.path if signal.size == 1 else f"{flat.path}[{at + 1}]"
                 names.append(self._assign(own, node, flat, is_output=flat.type in RESULTS))

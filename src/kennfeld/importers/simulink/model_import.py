@@ -153,6 +153,7 @@ class ModelImport:
     def compile(self) -> BlockCompiler:
         """Lower the blocks; iteration counts that depend on signals are determined in earlier attempts."""
         for _ in range(_MAX_ATTEMPTS):
+            # counts that depend on signals are known once these are lowered, one level of nesting in each attempt
             compiler = self._attempt()
             wrong = {path for path, count in compiler.counts.items() if self.flat.counts.get(path) != count}
             if not wrong:
@@ -230,10 +231,12 @@ class ModelImport:
             block = UnsupportedBlock(flat.path, flat.block.type, why, remedy, True, undefined)
             unsupported.setdefault(flat.path, block)
         for flat in blocks:
+            # unsupported blocks that no output needs are listed too
             refused = flat.type not in BLOCK_TYPES or BLOCK_TYPES[flat.type].refused
             if refused and flat.path not in unsupported:
                 why, remedy = _refusal(compiler, flat)
                 unsupported[flat.path] = UnsupportedBlock(flat.path, flat.block.type, why, remedy, False)
+        # blocks behind unsupported ones are never lowered
         behind = [flat for flat in blocks if flat.path not in unsupported and not compiler.is_reached(flat)]
         unreached = tuple(dict.fromkeys(flat.path for flat in behind))
         undecided = dict.fromkeys(
@@ -322,6 +325,7 @@ def _block_of(key: str) -> str:
 def _insert_formula(compiler: LoweringPass, graph: Graph) -> Signal:
     """Insert the graph of a bound formula into the model's graph."""
     builder, nodes = compiler.builder, list[int]()
+    # states first: nodes read them, and their next values are nodes
     states = {which: builder.state(state.latency) for which, state in enumerate(graph.states)}
     for op, args, payload in graph.nodes:
         nodes.append(states[payload] if op == "state" else builder.node(op, tuple(nodes[a] for a in args), payload))

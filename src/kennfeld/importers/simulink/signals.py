@@ -103,7 +103,7 @@ def apply(op: str, *args: Signal | float) -> Signal:
 
 
 def broadcast(*signals: Signal) -> list[Signal]:
-    """Return the signals in their common shape; raise `EvaluationError` if they do not match."""
+    """Broadcast signals to their common shape; raise `EvaluationError` if they do not match."""
     shape = common_shape(*(signal.shape for signal in signals))
     if shape is None:
         sizes = ", ".join(size_text(signal.shape) for signal in signals)
@@ -118,7 +118,7 @@ def constant(builder: GraphBuilder, *values: float) -> Signal:
 
 
 def select(condition: Signal, yes: Signal | float, no: Signal | float) -> Signal:
-    """Return one signal where a condition holds, else the other."""
+    """Select one signal where a condition holds, else the other."""
     return apply("select", condition, yes, no)
 
 
@@ -138,7 +138,7 @@ def staircase(x: Signal, start: Signal, steps: Iterable[tuple[float, float]]) ->
 
 
 def interpolate_line(x: Signal, xs: Sequence[Signal], ys: Sequence[Signal]) -> Signal:
-    """Return the line through two points at x."""
+    """Evaluate the line through two points at x."""
     return ys[0] + (x - xs[0]) / (xs[1] - xs[0]) * (ys[1] - ys[0])
 
 
@@ -250,6 +250,7 @@ def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...] | None:
     """
     wide = [shape for shape in shapes if math.prod(shape) != 1]
     if not wide:
+        # (1, 1) before (1,)
         return max(shapes, key=len, default=(1,))
     best = max(wide, key=len)
     fits = all(s == best or (len(s) != len(best) and s == (math.prod(best),) and 1 in best) for s in wide)

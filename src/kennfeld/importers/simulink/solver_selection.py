@@ -45,7 +45,9 @@ class SolverSelection:
         name = settings.name
         fixed = name.casefold() in {text.casefold() for text in _FIXED}
         is_auto = name.casefold() == "fixedstepauto"
+        # the choice of FixedStepAuto for models with continuous states is ode3
         self.solver = name if name in SOLVERS else "ode3" if is_auto else "ode4"
+        # without continuous states, no solver is used
         self.replaced = continuous and name not in SOLVERS and not is_auto
         if self.replaced:
             self._replace_solver(fixed)
@@ -70,6 +72,7 @@ class SolverSelection:
         common = self._common_step(periods)
         if common is not None or not continuous:
             return common
+        # without sample times, Simulink divides the simulated time into 50 steps
         start, stop = (self._number(text) for text in (self.settings.start, self.settings.stop))
         return (stop - start) / 50 if start is not None and stop is not None and start < stop < math.inf else None
 

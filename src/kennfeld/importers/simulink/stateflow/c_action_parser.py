@@ -138,6 +138,7 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
         return target
 
     def _is_several(self) -> bool:
+        # [a, b] = f(x), unlike an expression that begins with a bracket
         at = self.at
         while self.tokens[at].kind != "end" and self.tokens[at].text != "]":
             at += 1
@@ -177,6 +178,7 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
         if self.is_at("-", "+", "!", "~"):
             self._reject_bitwise()
             operator = self.take().text
+            # a sign binds less tightly than ^: -x^2 is -(x^2)
             return m.Unary("~" if operator == "!" else operator, self.operand(lowest))
         left = self._postfix()
         while self.is_at("^"):
@@ -206,6 +208,7 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
     def _call(self, of: m.Expression) -> m.Expression:
         name = of.name if isinstance(of, m.Name) else ""
         arguments = self._arguments()
+        # ml.f(x) calls a function of MATLAB, as ml('f(x)') does
         if isinstance(of, m.Field) and of.of == m.Name("ml"):
             name = "ml"
         if name in _FUNCTIONS and not _FUNCTIONS[name]:
@@ -227,6 +230,7 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
         return tuple(arguments)
 
     def _indices(self) -> m.Expressions:
+        # x[0][1] is x(1, 2)
         indices: list[m.Expression] = []
         while self.accept("["):
             index = self.expression()

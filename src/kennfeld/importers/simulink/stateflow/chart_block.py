@@ -34,6 +34,7 @@ def compile_chart(block: BlockContext) -> tuple[SignalOrBus, ...]:
     chart = block.flat.block.chart
     assert chart is not None
     _check(chart)
+    # a variable without a stated size has that of what is assigned to it: each pass finds the size of one more
     sizes: dict[str, tuple[int, ...]] = {}
     for _ in range(_MAX_SIZE_PASSES):
         try:
@@ -99,7 +100,9 @@ class _Chart:
 
     def outputs(self) -> tuple[SignalOrBus, ...]:
         first = self._initial()
+        # no memories: `before` becomes `now` at the beginning of a step, parallel states are active with their parent
         keys = [key for key in first if not key.startswith(("before ", "active "))]
+        # the next values exist once the step is built, below
         after = self.block.discrete_state(self._join(keys, first), lambda read: self._after or read)
         values = {**first, **self._split(keys, first, after), **self._inputs()}
         machine = self._machine(values)
@@ -138,6 +141,7 @@ class _Chart:
         keys += [item.history_key for item in states if item.history]
         keys += [item.active_key for item in states if item.parent is not None and item.parent.parallel]
         for key, timer in self.timers.all.items():
+            # duration keeps whether its condition holds, and since when
             keys += [key, f"since {key}"] if timer.kind == "true" else [key]
         keys += [f"output {item.key}" for item in self.diagram.events.values() if item.written.scope == "OUTPUT_EVENT"]
         keys += [f"late {at}" for at in self.calls.late]
@@ -165,6 +169,7 @@ class _Chart:
             return np.full(shape, value.ravel()[0], dtype=np.int64)
         if value.size != np.prod(shape):
             raise UnsupportedError(f"the initial value of data {written.name} does not match its size")
+        # MATLAB writes the elements column by column
         return value if value.shape == shape else value.reshape(shape, order="F")
 
     def _shape(self, data: ChartVariable) -> tuple[int, ...] | None:
@@ -235,6 +240,7 @@ class _Chart:
         )
         for key, guard in self._wake_events():
             machine.wake(guard, key)
+        # outputs of a called subsystem, which the chart reads before the call of the next step
         for at in self.calls.late:
             machine.variables.values[f"late {at}"] = machine.variables.values[self.ports["Inport"][at]]
 
@@ -360,9 +366,11 @@ class FunctionCallSubsystems:
         """Record a call; if the chart reads the outputs of the subsystem, build it now."""
         name = event.written.name
         before = self._nodes.get(name)
+        # two calls are allowed where one certainly excludes the other
         if before is not None and machine.logic.truth(before, guard) is not False:
             raise UnsupportedError(f"{name} may be called twice in one step", DEFAULT_REMEDY)
         self._nodes[name] = guard.node if before is None else machine.builder.call("or", before, guard.node)
+        # the values at the call, which `check` compares with those at the end of the step
         self._calls.append((name, guard, dict(machine.variables.values)))
         late = [at for at, names in self.late.items() if name in names]
         if not late:

@@ -54,11 +54,13 @@ class ChartExecution(ChartMachine):
         """Execute the chart once."""
         root = self.diagram.root
         context = ActionContext(root, root, event, place="chart")
+        # before the transitions and actions that query the counts
         self.counting.count(event, guard)
         active = self.variables.scalar("active", guard)
         first = self.logic.narrow(guard, active, holds=False)
         later = self.logic.narrow(guard, active)
         self.variables.put("active", self.builder.const(1.0), guard)
+        # before actions of the step change a value
         self._watch(first, guard)
         if not root.children:
             self.transitions.run_flow_chart(root, context, guard)
@@ -124,12 +126,14 @@ class StateExecution(ChartPart):
         context = context.at(f"state {state.path}")
         where = self.machine.events.match(action.event, context, guard) if action.kind == "on" else guard
         end = self.machine.statements.run(action.body, context, where)
+        # where the event is another one, the state goes on without the action
         return guard if end is where else self.logic.any_of([self.logic.exclude(guard, where), end])
 
     def execute_children(self, state: StateNode, context: ActionContext, guard: Guard) -> None:
         """Execute the active children of a state."""
         if state.parallel:
             for child in state.children:
+                # an event sent by a child before may have exited the state
                 still = self.while_active(state)(guard)
                 where = self.logic.narrow(still, self.active(child, still)) if still is not None else None
                 if where is not None:
@@ -140,6 +144,7 @@ class StateExecution(ChartPart):
             for child, where in paths:
                 self.execute(child, context, where)
             return
+        # the children exclude each other: from a copy each, none reads through the selections that its siblings add
         before = self.variables.values
         after = []
         for child, where in paths:
@@ -223,6 +228,7 @@ class StateExecution(ChartPart):
                 where = self.logic.narrow(guard, self.builder.call("eq", last, self.builder.const(float(child.number))))
                 if where is not None:
                     self.enter([child], context, where)
+            # 0: none was active yet
             remaining = self.logic.narrow(guard, self.builder.call("eq", last, self.builder.const(0.0)))
         if remaining is not None and state.defaults:
             here = replace(context, scope=state, owner=state, alive=self.while_active(state), frame="")
@@ -252,6 +258,7 @@ class StateExecution(ChartPart):
         after = self._run_actions(state, "exit", context, inner) if inner is not None else None
         if after is None:
             return None
+        # a state is active until its exit actions have run
         name = state.active_key if state.parent.parallel else state.parent.child_key
         self.variables.put(name, self.builder.const(0.0), after)
         self.machine.events.notify_state("exit", state, after)
@@ -291,27 +298,28 @@ class TransitionExecution(ChartPart):
             message = f"a transition from state {source.path} to {fired.target.path} crosses parallel states"
             raise UnsupportedError(message)
         guard = self.machine.activity.leave_children(top, context, fired.guard)
-        quiet = self._while_idle(top)
+        childless = self._while_childless(top)
         for body, place in fired.path.actions:
-            here = replace(context, owner=source, alive=quiet, place=place)
+            here = replace(context, owner=source, alive=childless, place=place)
             guard = self.machine.statements.run(body, here, guard)
         if guard is not None:
             self._enter_target(top, fired.target, context, guard)
 
-    def _while_idle(self, top: StateNode) -> Callable[[Guard], Guard | None]:
+    def _while_childless(self, top: StateNode) -> Callable[[Guard], Guard | None]:
         """Return a function that narrows a guard to where a state is active without an active child."""
 
-        def calm(guard: Guard) -> Guard | None:
+        def narrowed(guard: Guard) -> Guard | None:
             active = self.logic.narrow(guard, self.machine.activity.active(top, guard))
             if active is None or top.parallel or not top.children:
                 return active
             child = self.variables.scalar(top.child_key, active)
             return self.logic.narrow(active, self.builder.call("eq", child, self.builder.const(0.0)))
 
-        return calm
+        return narrowed
 
     def _enter_target(self, top: StateNode, target: StateNode, context: ActionContext, guard: Guard) -> None:
         """Enter the states below `top` down to a target, and the states entered with it."""
+        # a path that ends at the state around it, such as at its history junction
         if target is top:
             self.machine.activity.enter_children(top, context, guard)
             return

@@ -168,6 +168,7 @@ class ChartExpressions(ChartPart):
         match tree:
             case m.Name() | m.Field():
                 return self._named(tree, context, guard)
+            # other right sides can be evaluated in any case, as a part of the whole expression
             case m.Binary(("&&" | "||") as operator, left, right) if self._may_fail(right, context):
                 return self._short_circuit(operator, left, right, context, guard)
             case m.Call(of, arguments):
@@ -183,6 +184,7 @@ class ChartExpressions(ChartPart):
             return integers(self.variables.get(key, guard), self._declared_type(key))
         if not isinstance(tree, m.Name) or self.diagram.chart.language != "C" or self.scope.find(tree.name) is not None:
             return None
+        # the time, unless something else has this name
         if tree.name == "t":
             return self._array(self.machine.time)
         member = unqualified_member(self.scope.variables, tree.name)

@@ -198,6 +198,7 @@ class ChartModel:
         drawn = self._drawn.get(number)
         if drawn is None:
             return None
+        # a state may be stored before its parent
         return self.holder(drawn.parent) if drawn.type == "GROUP_STATE" else self._state(drawn)
 
     def _number(self, state: StateNode) -> None:
@@ -225,6 +226,7 @@ class ChartModel:
 
     def _function(self, drawn: StoredState, state: StateNode) -> None:
         signature = strip_comments(drawn.label, self.chart.language).strip()
+        # [y, z] = f(a, b)
         outputs, equals, right = signature.rpartition("=")
         name, _, rest = right.partition("(")
         words = [word.strip() for word in rest.partition(")")[0].split(",") if word.strip()]
@@ -246,6 +248,7 @@ class ChartModel:
             holder = self.holder(drawn.parent)
             target = self._junctions.get(drawn.target) or self.states.get(drawn.target)
             if target is None or holder is None:
+                # a default transition that leads nowhere, without a label, has no effect
                 if drawn.label.strip() or drawn.source:
                     raise UnsupportedError(f"transition {drawn.label.strip()[:60]} has no destination")
                 continue
@@ -264,6 +267,7 @@ class ChartModel:
         source = self.states.get(drawn.source)
         if source is None or not drawn.source:
             return holder.defaults
+        # a transition that leaves a state inwards is drawn within it
         return source.inner if source is holder else source.outer
 
     def _transition(
@@ -305,6 +309,7 @@ class ChartModel:
     def _names(self) -> None:
         for data in self.chart.data:
             holder = self.holder(data.parent)
+            # variables of the chart have their plain names, those of states their paths before these
             key = f"{holder.path}.{data.name}" if holder is not None and holder.parent is not None else data.name
             self.data[holder.id if holder is not None else "", data.name] = ChartVariable(key, data)
         for event in self.chart.events:
@@ -360,4 +365,5 @@ def _sort(transitions: list[TransitionEdge]) -> None:
 
 
 def _kind(transition: TransitionEdge) -> int:
+    # as Stateflow orders by labels: event and condition, event, condition, neither
     return 2 * (not transition.events) + (transition.condition is None)

@@ -43,6 +43,7 @@ class GuardedStatements(ChartPart):
             self.machine.work()
             sent = self.machine.events.sent
             guard = self._statement(statement, context, guard)
+            # early return: an event may have left the state whose action this is, which then ends
             if guard is not None and self.machine.events.sent != sent:
                 guard = context.alive(guard)
         return guard
@@ -50,6 +51,7 @@ class GuardedStatements(ChartPart):
     def function(self, body: m.Statements, context: ActionContext, guard: Guard) -> Guard | None:
         """Run the body of a function; return the guard after it."""
         self._returns.append([])
+        # a break in a function ends none of the loops around its call
         loops, self._loops = self._loops, []
         end = self.run(body, context, guard)
         self._loops = loops
@@ -189,6 +191,7 @@ class GuardedStatements(ChartPart):
         remaining: Guard | None = guard
         jumps: _Jumps = {"break": [], "continue": []}
         self._loops.append(jumps)
+        # a loop in MATLAB runs over the columns of its values
         for column in self.values.nodes(values, context, guard).T:
             if remaining is None:
                 break
@@ -202,6 +205,7 @@ class GuardedStatements(ChartPart):
         over: list[Guard | None] = []
         jumps: _Jumps = {"break": [], "continue": []}
         self._loops.append(jumps)
+        # unrolled until the condition is known to fail; `work` stops loops whose end depends on signals
         while remaining is not None:
             self.machine.work()
             holds = self.values.scalar(condition, context, remaining)
@@ -279,6 +283,7 @@ class ChartFunctionCalls(ChartPart):
         definition = next((candidate for candidate in script.functions if candidate.name == function.name), None)
         if definition is None:
             raise UnsupportedError(f"the code of function {function.name} defines no function of this name")
+        # the code may name its arguments and results otherwise than the signature on the chart
         self._copy_variables(context.frame, function.parameters, definition.parameters)
         after = self.machine.statements.function(definition.body, context, guard)
         self._copy_variables(context.frame, definition.results, function.results)

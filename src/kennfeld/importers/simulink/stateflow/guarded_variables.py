@@ -76,6 +76,7 @@ class GuardLogic:
             return bool(payload)
         if node in guard.facts:
             return guard.facts[node]
+        # limited, as a query may visit each path of decisions
         if node in guard.unknown or self._left <= 0:
             return None
         self._left -= 1
@@ -107,6 +108,7 @@ class GuardLogic:
         node, op, number = self._normalize(op, simple)
         if node not in guard.ranges or number is None:
             return None
+        # bounds are closed, also those of strict comparisons
         low, high = guard.ranges[node]
         if op in ("gt", "ge"):
             return True if low > number else False if high < number or (op == "gt" and high == number) else None
@@ -131,12 +133,13 @@ class GuardLogic:
     # guards
 
     def narrow(self, guard: Guard, condition: int, holds: bool = True) -> Guard | None:
-        """Return the guard where a condition holds too, or if not `holds` does not; None if nowhere."""
+        """Narrow a guard to where a condition holds, or does not if not `holds`; None if nowhere."""
         known = self.truth(condition, guard)
         if known is not None:
             return guard if known == holds else None
         wanted = condition if holds else self.builder.call("not", condition)
         node = wanted if self.builder.value(guard.node) else self.builder.call("and", guard.node, wanted)
+        # without `unknown`, which the condition may decide
         narrowed = Guard(node, dict(guard.facts), dict(guard.values), dict(guard.ranges), list(guard.clauses))
         self._learn(condition, holds, narrowed)
         if not self._propagate_clauses(narrowed):
@@ -155,6 +158,7 @@ class GuardLogic:
             op, args, _ = self.builder.nodes[node]
             if op == "not":
                 waiting.append((args[0], not truth))
+            # a true `and` has true operands, a false `or` false ones; else the operands are only known not to be all so
             elif op == ("and" if truth else "or"):
                 waiting += [(arg, truth) for arg in args]
             elif op in ("and", "or"):
@@ -174,11 +178,13 @@ class GuardLogic:
     def _learn_value(self, args: tuple[int, ...], guard: Guard) -> list[tuple[int, bool]]:
         """Record the value of a memory and implied decisions; other nodes stay, to keep their derivatives."""
         follows: list[tuple[int, bool]] = []
+        # the number may be on either side
         for item, constant in (args, args[::-1]):
             number, node = self.builder.value(constant), item
             while number is not None and self.builder.nodes[node].op in ("state", "select"):
                 guard.values[node] = constant
                 op, parts, _ = self.builder.nodes[node]
+                # a selection that has the number did not take a side with another constant, which decides its condition
                 sides = [self.builder.value(part) for part in parts[1:]] if op == "select" else []
                 wrong = next((at for at, side in enumerate(sides) if side is not None and side != number), None)
                 if wrong is None:
@@ -189,6 +195,7 @@ class GuardLogic:
 
     def _propagate_clauses(self, guard: Guard) -> bool:
         """Draw conclusions from the clauses; return False on a contradiction."""
+        # unit propagation (Davis, Logemann and Loveland, Comm. ACM 5 (1962) 394)
         while self._propagate_values(guard):
             clause, last = next(self._unit_clauses(guard), (None, None))
             if clause is None:
@@ -196,6 +203,7 @@ class GuardLogic:
             if last is None:
                 return False
             guard.clauses = [other for other in guard.clauses if other is not clause]
+            # may follow from what is learned
             guard.unknown.clear()
             self._learn(last, not clause[1], guard)
         return False
@@ -206,6 +214,7 @@ class GuardLogic:
             args, truth = clause
             self._left = _MAX_VISITED
             known = [self._truth(arg, guard) for arg in args]
+            # one node of the other truth satisfies a clause
             if (not truth) not in known and known.count(None) < 2:
                 yield clause, args[known.index(None)] if None in known else None
 
@@ -236,7 +245,7 @@ class GuardLogic:
         return None if taken.node == guard.node else self.narrow(guard, taken.node, holds=False)
 
     def any_of(self, guards: Sequence[Guard | None]) -> Guard | None:
-        """Return the guard where any of several holds, with their common facts."""
+        """Join guards to one that holds where any of them does, with their common facts."""
         known = [guard for guard in guards if guard is not None]
         if len(known) < 2:
             return known[0] if known else None
@@ -251,13 +260,14 @@ class GuardLogic:
         return Guard(node, {**facts, node: True}, values, ranges, clauses)
 
     def select(self, guard: Guard, new: Nodes, old: Nodes) -> Nodes:
-        """Return the value of a variable after an assignment under a guard."""
+        """Return the value of a variable after an assignment under a guard; all are Int[rows, columns]."""
         pairs = zip(new.ravel(), old.ravel(), strict=True)
         selected = [self._select(guard, int(new_node), int(old_node)) for new_node, old_node in pairs]
         return np.array(selected, dtype=np.int64).reshape(new.shape)
 
     def _select(self, guard: Guard, new: int, old: int) -> int:
         op, args, _ = self.builder.nodes[old]
+        # an assignment under the same guard replaces the one before, which is visible nowhere
         while op == "select" and args[0] == guard.node:
             old = args[2]
             op, args, _ = self.builder.nodes[old]

@@ -30,15 +30,18 @@ _KINDS = {
 }
 _KEYWORDS = "|".join(_KINDS)
 _WORD = rf"(?:{_KEYWORDS}|on[ \t]+(?:[^\s:;{{}}()]|\([^():;]*(?:\([^():;]*\)[^():;]*)*\))[^:;{{}}\n]*?)"
+# := is an assignment, not the end of a keyword
 _HEAD = re.compile(rf"(?:^|(?<=[;\n\s,]))({_WORD}(?:\s*,\s*{_WORD})*)\s*:(?!=)", re.MULTILINE)
 _ONE = re.compile(rf"\s*,\s*(?=(?:{_KEYWORDS}|on)\b)")
 _NAME = re.compile(r"\s*([A-Za-z_]\w*|\?)[ \t]*")
+# in C, % begins a comment and %% is the remainder; ... continues a line
 _COMMENTS = {"C": re.compile(r"/\*.*?\*/|//[^\n]*|(?<!%)%(?!%)[^\n]*|\.\.\.[^\n]*\n", re.DOTALL)}
 _COMMENTS["MATLAB"] = re.compile(
     r"^[ \t]*%\{[ \t]*$.*?^[ \t]*%\}[ \t]*$|%[^\n]*|//[^\n]*|/\*.*?\*/", re.DOTALL | re.MULTILINE
 )
 _TEXT = {
     "C": re.compile(r'"(?:[^"\\\n]|\\.)*"|\'(?:[^\'\\\n]|\\.)*\''),
+    # ' behind a name or a bracket is the transpose
     "MATLAB": re.compile(r'"(?:[^"\n]|"")*"|(?<![\w)\]}.\'])\'(?:[^\'\n]|\'\')*\''),
 }
 _CLOSED_BY = {"(": ")", "[": "]", "{": "}"}

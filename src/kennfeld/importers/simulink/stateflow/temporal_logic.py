@@ -149,6 +149,7 @@ class TemporalLogic(ChartPart):
             here = replace(context, scope=timer.state, owner=timer.state, place=f"state {timer.state.path}")
             holds = self.machine.values.scalar(timer.condition, here, where)
             was_true = self.variables.scalar(key, where)
+            # since = t in the step in which the condition becomes true
             begun = self.builder.call("and", holds, self.builder.call("not", was_true))
             since = self.variables.scalar(f"since {key}", where)
             self.variables.put(f"since {key}", self.builder.call("select", begun, self.machine.time, since), where)
@@ -168,6 +169,7 @@ class TemporalLogic(ChartPart):
         if timer.kind == "entered":
             scale = SECONDS[temporal_unit(name, arguments)]
             count = self._divide(self.builder.call("sub", self.machine.time, count), scale)
+            # rounding may leave a time just below the required one
             near = self._divide(self.builder.call("mul", self.builder.const(_TIME_TOLERANCE), self.machine.dt), scale)
         if name in ("temporalCount", "elapsed", "et"):
             return count
@@ -194,5 +196,6 @@ class TemporalLogic(ChartPart):
             raise UnsupportedError(f"{name} with a time is not supported", "Use ticks.")
         if name == "at":
             return call("eq", count, wanted)
+        # every: count mod wanted = count - wanted floor(count / wanted)
         turns = call("sub", count, call("mul", wanted, call("floor", call("div", count, wanted))))
         return call("and", call("gt", count, self.builder.const(0.0)), call("eq", turns, self.builder.const(0.0)))

@@ -61,6 +61,7 @@ class EventDispatch(ChartPart):
 
     def _timed(self, name: str, arguments: m.Expressions, context: ActionContext, guard: Guard) -> Guard | None:
         unit = temporal_unit(name, arguments) if name != "duration" else "sec"
+        # ticks pass at wake-ups only, events while they are processed
         if unit in TICKS and not self.is_waking(context.event):
             return None
         event = self.diagram.event(unit, context.scope)
@@ -108,6 +109,7 @@ class EventDispatch(ChartPart):
         if event.written.trigger == "FUNCTION_CALL_EVENT":
             self.machine.called(event, guard)
             return
+        # an edge: the output changes between 0 and 1
         key = f"output {event.key}"
         now = self.variables.scalar(key, guard)
         self.variables.put(key, self.builder.call("sub", self.builder.const(1.0), now), guard)
@@ -202,6 +204,7 @@ class JunctionSearch:
                 continue
             after = self.machine.statements.run(transition.before, self.context.at(transition.place), matched)
             back = self._continue_from(transition, after, path) if after is not None else None
+            # backtracking: the next one is tried where a path ends nowhere; its condition actions have run all the same
             remaining = self.machine.logic.exclude(remaining, matched)
             if back is not None:
                 remaining = self.machine.logic.any_of([remaining, back])
@@ -224,6 +227,7 @@ class JunctionSearch:
         if isinstance(target, JunctionNode) and target.history:
             target = target.holder
         if isinstance(target, StateNode) or target in self.committed:
+            # a terminal junction ends the search without a change of states
             if isinstance(target, JunctionNode) and not target.transitions:
                 self._ended.append(guard)
             else:
@@ -250,6 +254,7 @@ class JunctionSearch:
 
 def committed_junctions(junctions: list[JunctionNode]) -> frozenset[JunctionNode]:
     """Return the junctions without backtracking: terminal ones, or with an unconditional transition."""
+    # grows to a fixed point: an unconditional transition to a state or a sure junction makes its source sure
     sure = {junction for junction in junctions if not junction.transitions and not junction.history}
     while True:
         more = {
