@@ -168,3 +168,10 @@ def test_numbers_that_contradict_each_other_are_named(numbers, message):
 def test_points_of_the_wrong_width_are_named():
     with pytest.raises(ArgumentError, match=r"x must have the shape \[\.\.\., 2\], got \(3,\)"):
         random_expansion(0)(np.zeros(3))
+
+
+def test_slopes_are_distinguished_from_hinges_also_without_centres():
+    planes = Expansion(0.0, [1.0, 0.0, 2.0, 3.0], [], np.zeros((0, 4)), np.zeros((0, 4)))
+    hinge = Expansion(0.0, [1.0], [], np.zeros((0, 1)), np.zeros((0, 1)), hinges=[(0, 2.0, 3.0)])
+    assert planes != hinge
+    assert hinge == Expansion(0.0, [1.0], [], np.zeros((0, 1)), np.zeros((0, 1)), hinges=[(0, 2.0, 3.0)])

@@ -186,6 +186,29 @@ def test_a_field_is_defined_again_by_a_later_assignment(later):
     assert not outcome.undefined
 
 
+@pytest.mark.parametrize(("over", "turns"), [("zeros(0, 3)", 3), ("zeros(3, 0)", 0), ("[]", 0), ("ones(2, 2, 2)", 4)])
+def test_a_loop_runs_once_for_each_column_also_for_empty_ones(over, turns):
+    variables = values(f"k = 0; for c = {over}, k = k + 1; end")
+    assert variables["k"].item() == turns
+    assert "c" in variables
+
+
+COUNTER = "function y = {name}\npersistent n\nif isempty(n), n = 0; end\nn = n + 1; y = n;\nend\n"
+
+
+def test_a_persistent_variable_outlasts_the_calls_of_its_function():
+    calls = "a = first; b = first; c = second; d = first;\n"
+    script = calls + COUNTER.format(name="first") + COUNTER.format(name="second")
+    assert [values(script)[name].item() for name in "abcd"] == [1, 2, 1, 3]
+
+
+def test_a_number_stays_if_a_field_of_it_is_assigned():
+    outcome = run_script("a.b = 1; a.d = 4; a.b.c = 2; y = a.b;", "init.m")
+    assert outcome.variables["y"].item() == 1
+    assert outcome.variables["a"].fields["d"].item() == 4
+    assert len(outcome.findings) == 1
+
+
 def test_the_elements_of_a_struct_array_are_undefined_as_a_whole():
     assert set(run_script("q(1).x = 3; q(2).x = simset(1);").undefined) == {"q"}
 

@@ -181,9 +181,11 @@ class Expansion:
         return hash(self._content)
 
     @property
-    def _content(self) -> tuple[str, int, bytes, bytes]:
+    def _content(self) -> tuple[str, tuple[int, int], bytes, bytes]:
         numbers = np.concatenate([[self.offset], self.slopes, self.weights, *self.hinges])
-        return self.kernel, self.size, numbers.tobytes(), self.centres.tobytes() + self.widths.tobytes()
+        # with both counts, the numbers of slopes, weights and hinges follow
+        counts = self.slopes.size, self.size
+        return self.kernel, counts, numbers.tobytes(), self.centres.tobytes() + self.widths.tobytes()
 
 
 def check_kernel(kernel: str) -> None:

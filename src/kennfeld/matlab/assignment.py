@@ -44,6 +44,8 @@ def without_field(value: v.Value | None, path: Sequence[str]) -> v.MatlabStruct 
     name, *rest = path
     fields = {key: inner for key, inner in value.fields.items() if key != name}
     if rest and name in value.fields:
+        if not isinstance(value.fields[name], v.MatlabStruct):
+            return value  # a number has no fields, and stays
         inner = without_field(value.fields[name], rest)
         fields = {**value.fields, name: inner} if inner is not None else fields
     return v.MatlabStruct.of(fields, value.kind)

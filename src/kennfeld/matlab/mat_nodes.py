@@ -118,10 +118,20 @@ def split_text_rows(letters: str, rows: int) -> MatText:
     ('a d', 'bc')
     """
     if not 1 < rows <= len(letters):
-        return MatText(letters)
+        return MatText(_join_surrogates(letters))
     # column-major: the letters of a row are `rows` apart; MATLAB pads rows of different lengths with blanks
-    lines = tuple(letters[row::rows].rstrip() for row in range(rows))
+    lines = tuple(_join_surrogates(letters[row::rows]).rstrip() for row in range(rows))
     return MatText("\n".join(lines), lines)
+
+
+def _join_surrogates(letters: str) -> str:
+    """Return a text in which pairs of UTF-16 code units are characters, and single ones are replaced.
+
+    MATLAB stores code units as numbers. Python's texts hold characters, and no file can be written with half of one.
+    """
+    if not any("\ud800" <= letter <= "\udfff" for letter in letters):
+        return letters
+    return letters.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 
 def node_text(node: Node | None) -> str:

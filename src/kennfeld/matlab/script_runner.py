@@ -104,7 +104,7 @@ class _ScriptSession:
     files: ScriptFiles
     budget: Budget
     findings: dict[object, Finding] = field(default_factory=dict)
-    globals: dict[str, v.Value] = field(default_factory=dict)
+    kept: dict[str, v.Value] = field(default_factory=dict)  # of global and persistent variables
     scripts: list[str] = field(default_factory=list)
 
     def report(
@@ -136,7 +136,8 @@ class _ScriptRunner(NumericEvaluator):
         self.local: dict[str, m.FunctionDefinition] = {}
         self.comments: dict[str, str] = {}
         self.lines: dict[str, int] = {}
-        self.globals: set[str] = set()
+        self.function = ""  # that runs; empty in a script
+        self.kept: dict[str, str] = {}  # variables that outlast the call, with their keys in the session
         self.place = m.TextPosition()
         self.trying = 0
 
@@ -247,8 +248,8 @@ class _ScriptRunner(NumericEvaluator):
             raise LimitError(f"{name} contains too many nested values")
         if self.undefined:
             self.define(assigned_path(target))
-        if name in self.globals:
-            self.shared.globals[name] = self.variables[name]
+        if name in self.kept:
+            self.shared.kept[self.kept[name]] = self.variables[name]
         self.lines.setdefault(name, statement.place.line)
         # comments on fields of the value before
         if isinstance(target, m.Name):
@@ -309,8 +310,11 @@ class _ScriptRunner(NumericEvaluator):
         values = self.value(statement.values)
         data = v.elements_of(values)
         # MATLAB loops over columns; further dimensions count as more of them
-        columns = data.reshape(data.shape[0], -1, order="F") if data.size else data.reshape(0, 0)
-        for at in range(columns.shape[1]):
+        count = int(np.prod(data.shape[1:]))
+        columns = data.reshape(data.shape[0], count, order="F")
+        if not count:  # the loop variable then is empty
+            self._store(statement.target, v.with_class_of(values, columns), statement)
+        for at in range(count):
             self.budget.step()
             self._store(statement.target, v.with_class_of(values, columns[:, at : at + 1].copy()), statement)
             if self._run_turn(statement.body):
@@ -343,12 +347,11 @@ class _ScriptRunner(NumericEvaluator):
 
     def _declare(self, statement: m.Declaration) -> None:
         for name in statement.names:
-            if statement.kind == "global":
-                self.globals.add(name)
-                # a local variable of the name gives a new global one its value
-                self.variables[name] = self.shared.globals.setdefault(name, self.variables.get(name, np.zeros((0, 0))))
-            else:
-                self.variables.setdefault(name, np.zeros((0, 0)))
+            # a persistent variable belongs to its function
+            self.kept[name] = name if statement.kind == "global" else f"{self.name}/{self.function}/{name}"
+            # a local variable of the name gives a new global one its value
+            first = self.variables.get(name, np.zeros((0, 0)))
+            self.variables[name] = self.shared.kept.setdefault(self.kept[name], first)
 
     def knows(self, name: str) -> bool:
         return name in self.local or name == "load" or super().knows(name) or bool(self.shared.files.functions(name))
@@ -367,7 +370,7 @@ class _ScriptRunner(NumericEvaluator):
             return super().call(name, arguments, outputs, place)
         with self.nested_call():
             runner = self.inner(_parameters(function, arguments))
-            runner.name, runner.local = file, local
+            runner.name, runner.local, runner.function = file, local, function.name
             runner.variables |= {"nargin": v.scalar(len(arguments)), "nargout": v.scalar(outputs)}
             with suppress(_JumpError):
                 runner.body(function.body)
