@@ -149,3 +149,18 @@ def test_an_image_is_read_by_the_description_of_the_project(project):
     again = Project.read(project.path)
     [simulated] = again.simulate(again.read_values(folder / "delivery" / "new.hex"))
     np.testing.assert_allclose(simulated["y"].values, [-0.5, 0.5, 2.5])
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_later_initial_file_leaves_what_it_cannot_state_as_an_earlier_one_says(tmp_path, ending):
+    axis = Axis([0.0, 5.0, 10.0], input="x")
+    curve = Curve("C", axis, [0.0, 1.0, 3.0], lower=-1.0, upper=9.0, extrapolation="linear")
+    ParameterSet([curve]).save(tmp_path / "first.json")
+    ParameterSet([Curve("C", axis, [0.0, 2.0, 6.0])]).save(tmp_path / f"second{ending}")
+    (tmp_path / "f.kf").write_text("input x\ny = C(x)\n", encoding="utf-8")
+    (tmp_path / "d.csv").write_text("x,m\n-5,0\n5,1\n15,5\n", encoding="utf-8")
+    text = TOML.partition("[parameters")[0] + f'[calibration]\ninitial = ["first.json", "second{ending}"]\n'
+    (tmp_path / "kennfeld.toml").write_text(text, encoding="utf-8")
+    problem = Project.read(tmp_path / "kennfeld.toml").problem()
+    assert problem.parameters["C"].values.tolist() == [0.0, 2.0, 6.0]
+    assert problem.parameters["C"].extrapolation == "linear"

@@ -76,7 +76,8 @@ class _InitialFiles:
             )
         )
         try:
-            self.merged = self.merged.merged(parameters)
+            # what the format of a later file cannot state, such as limits, stays as an earlier one says
+            self.merged = self.merged.merged(parameters.completed(self.merged))
         except ArgumentError as error:
             remedy = "Files with the same group axis must agree on its breakpoints."
             self._fail(Finding(Location(name), str(error), remedy))
