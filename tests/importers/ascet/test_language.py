@@ -311,3 +311,23 @@ def test_a_dependent_characteristic_of_itself_is_an_error(tmp_path):
     members = 'characteristic real a <- "x", x = b; characteristic real b <- "x", x = a;'
     with pytest.raises(InputError, match="depends on itself"):
         class_model(tmp_path, method("return a * x;", members=members))
+
+
+@pytest.mark.parametrize(
+    ("jump", "expected"),
+    [("continue", [200.0 + 10.0, 200.0]), ("break", [200.0 + 10.0, 200.0]), ("", [200.0 + 10.0, 200.0 + 10 * 11.0])],
+)
+@pytest.mark.parametrize("tested", ["do", "while"])
+def test_a_jump_in_a_loop_within_a_loop_is_one_of_the_inner_one(tmp_path, jump, expected, tested):
+    skip = f"if (x > 10.0) {{ {jump}; }}" if jump else ""
+    inner = f"{{ n = n + 1; {skip} s = s + x; }}"
+    loop = f"do {inner} while (n < 5);" if tested == "do" else f"while (n < 5) {inner}"
+    text = method(f"real s = 0.0; for (i in 0 .. 1) {{ integer n = 0; {loop} s = s + 100.0; }} return s;")
+    assert outputs(tmp_path, text, {"x": [1.0, 11.0]})["calc"].tolist() == expected
+
+
+def test_a_loop_that_tests_last_is_left_in_its_first_pass(tmp_path):
+    text = method(
+        "real s = 0.0; integer n = 0; do { s = s + x; n = n + 1; if (s > 10.0) { break; } } while (n < 5); return s;"
+    )
+    assert outputs(tmp_path, text, {"x": [1.0, 4.0, 11.0]})["calc"].tolist() == [5.0, 12.0, 11.0]

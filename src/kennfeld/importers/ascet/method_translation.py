@@ -154,8 +154,16 @@ class MethodTranslation(CallTranslation):
         condition = self.lazily(lambda: self.operand(statement.condition)).tree
         body = self._block(statement.body)
         loop = m.While(condition, body, place=place)
-        # do-while: the first pass comes before the first test
-        return (*body, loop) if statement.tests_last else (loop,)
+        if not statement.tests_last:
+            return (loop,)
+        if not _leaves_pass(body):
+            return (*body, loop)  # the first pass comes before the first test
+        # a jump of the first pass is one of this loop, too: while true: if not first: test; first = false; body
+        first, yes = m.Name(self._free("first")), m.Number(1.0)
+        leave = m.Branch(m.Unary("~", condition), (m.Jump("break", place=place),), place=place)
+        test = m.If((m.Branch(m.Unary("~", first), (m.If((leave,), place=place),), place=place),), place=place)
+        passed = m.Assign((first,), m.Number(0.0), place=place)
+        return m.Assign((first,), yes, place=place), m.While(yes, (test, passed, *body), place=place)
 
     def _for(self, statement: e.For) -> m.Statements:
         first, last, kind = self._bounds(statement.values)
@@ -375,3 +383,15 @@ def _sizes(dimensions: Sequence[Dimension]) -> list[int | None]:
 def _without_break(body: e.Statements) -> e.Statements:
     """Return the statements of a case without the `break` that ends it."""
     return body[:-1] if body and isinstance(body[-1], e.Jump) and body[-1].kind == "break" else body
+
+
+def _leaves_pass(statements: m.Statements) -> bool:
+    """Return True if statements may jump out of the pass of the loop around them."""
+    for statement in statements:
+        match statement:
+            case m.Jump("break" | "continue"):
+                return True
+            case m.If(branches, otherwise) | m.Switch(_, branches, otherwise):
+                if any(map(_leaves_pass, (otherwise, *(branch.body for branch in branches)))):
+                    return True
+    return False
