@@ -16,7 +16,7 @@ from kennfeld.base.errors import InputWarning
 from kennfeld.files import identify
 from kennfeld.models import importer_registry
 from kennfeld.models.function_files import read_function_file
-from kennfeld.models.importer import Importer
+from kennfeld.models.importer import Importer, ImportRequest
 from kennfeld.models.importer_registry import importer_of, importer_of_format, importers
 from kennfeld.project import Project
 from kennfeld.terminal.file_info import describe_file
@@ -162,3 +162,38 @@ def test_nothing_but_the_public_names_of_kennfeld_names_an_importer_outside_of_i
     others = [path for path in package.rglob("*.py") if "importers" not in path.relative_to(package).parts]
     naming = [path for path in others if re.search(r"kennfeld\.importers\.[a-z]", path.read_text(encoding="utf-8"))]
     assert naming == [package / "__init__.py"]
+
+
+SEVERAL = """
+from kennfeld import files, formula
+from kennfeld.models.import_report import FunctionReport
+from kennfeld.models.importer import Importer, ImportResult
+from kennfeld.models.model_function import FunctionSummary
+
+def import_(request):
+    return ImportResult(formula(f"{request.choice} = 2 * load"), FunctionReport((), (), (), 0.25, ()))
+
+KNOWN = files.FileFormat("sheet", (".sheet",), lambda head: head.text.startswith("SHEET"), role=files.Role.FUNCTION)
+IMPORTER = Importer(
+    "a sheet", (KNOWN,), imports=import_, named=True, lists=lambda path: [FunctionSummary("air", ("load",), ("air",))]
+)
+"""
+
+
+def test_an_importer_of_whole_models_may_list_several_in_a_file(packages, tmp_path):
+    install(packages, "sheets", SEVERAL, "sheets = sheets:IMPORTER", "kennfeld.importers")
+    file = tmp_path / "engine.sheet"
+    file.write_text("SHEET", encoding="utf-8")
+    assert describe_file(file).tables == [[("function", "arguments", "results", ""), ("air", "load", "air", "")]]
+    assert describe_file(f"{file}:air").as_json["import"]["step"] == 0.25
+    importer = importer_of("engine.sheet")
+    assert importer.model(ImportRequest(file, choice="air")).graph.outputs == ("air",)
+    with pytest.raises(kf.InputError, match=r'Name the function: "engine\.sheet:NAME"'):
+        importer.model(ImportRequest(file))
+
+
+@pytest.mark.guests
+def test_a_name_behind_the_file_of_one_function_is_refused():
+    for file in ("plant.slx", "Accu.esdl", "knock.onnx"):
+        with pytest.raises(kf.InputError, match=rf'^{file}:Torque: an? .* holds one function. Write "{file}"'):
+            importer_of(file).model(ImportRequest(Path(file), choice="Torque"))

@@ -73,7 +73,7 @@ def list_functions(path: Path) -> list[FunctionSummary]:
     Raises:
         InputError: the file cannot be read.
     """
-    importer = importer_of_function(str(path))
+    importer = importer_of(str(path))
     if importer is None or not importer.lists:
         raise InputError.of(Location(path.name), "not a file of several functions")
     functions: list[FunctionSummary] = call(importer.lists, path)

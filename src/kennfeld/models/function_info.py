@@ -37,7 +37,7 @@ def describe_functions(file: DescribedFile) -> FileInfo:
 
 def describe_function(importer: Importer, file: DescribedFile) -> FileInfo:
     """Describe the functions of a file, or its only one by the report on its import, if its importer says no more."""
-    if importer.lists:
+    if importer.lists and (importer.reads or not file.choice):
         return describe_functions(file)
     request = ImportRequest(file.path, file.options or NO_OPTIONS, file.choice)
     outline = FileInfo(f"{file.path.name}: {importer.name}", [], [], json_entry("function", file.path))

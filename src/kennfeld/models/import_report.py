@@ -123,14 +123,17 @@ class FunctionReport(ImportReport):
         return asdict(self) | texts | {"whole": self.whole}
 
 
-def describe_import(outline: FileInfo, inspect: Callable[[], ImportReport], *, chosen: bool) -> FileInfo:
+def describe_import(
+    outline: FileInfo, inspect: Callable[[], ImportReport], *, chosen: bool, is_part: bool = False
+) -> FileInfo:
     """Return an outline with what can be calibrated and what prevents it.
 
     Args:
         outline: what the file holds, without importing it.
         inspect: returns the report; raises `InputError` if the file cannot be imported.
-        chosen: whether the user chose a part of the file. If that does not exist, it is an error; otherwise, why
-            the file cannot be imported is one of the notes.
+        chosen: whether the user set an option. If it does not fit, it is an error; otherwise, why the file cannot be
+            imported is one of the notes.
+        is_part: whether the import is of a part of the file, which has other inputs and outputs than the outline.
     """
     try:
         report = inspect()
@@ -138,7 +141,7 @@ def describe_import(outline: FileInfo, inspect: Callable[[], ImportReport], *, c
         if chosen:
             raise
         return FileInfo(outline.summary, outline.tables, [*outline.notes, *map(str, error.findings)], outline.as_json)
-    tables = _with_ports(outline.tables, report, is_known=report.whole or chosen)
+    tables = _with_ports(outline.tables, report, is_known=report.whole or is_part)
     return FileInfo(
         outline.summary,
         [*tables, parameter_table(report.parameters), *report.tables],

@@ -226,6 +226,7 @@ class Importer:
         Raises:
             InputError: the file cannot be read, or has no such part.
         """
+        self.check_choice(request.path.name, request.choice)
         if self.imports:
             result: ImportResult = call(self.imports, request)
             return result

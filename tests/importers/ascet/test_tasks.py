@@ -129,3 +129,16 @@ def test_periods_without_a_practical_common_step_are_refused(application):
     application.write_text(application.read_text().replace("30ms", "30.0001ms"))
     with pytest.raises(InputError, match="have no common step"):
         esdl(application, task="*")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"class_name": "Fast"}, "class requires a class"),
+        ({"methods": iter(["calc"]), "startup": ["init"]}, "methods and startup require a class"),
+    ],
+)
+def test_an_application_chooses_its_methods_itself(application, options, message):
+    with pytest.raises(InputError, match=f"Plant.app: {message}, and this is an application. Name a task"):
+        esdl(application, task="*", **options)
+    assert esdl(application, methods=iter(()), startup=(), task="*").graph.inputs == ("demand",)

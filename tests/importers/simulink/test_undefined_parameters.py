@@ -7,7 +7,9 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.importing import import_simulink, simulink
+from kennfeld.models.importer import ImportOptions
 from kennfeld.models.quantities import UndefinedParameter
+from kennfeld.terminal.file_info import describe_file
 from tests.importers.simulink.simulink_data import entry, sldd
 from tests.importers.simulink.simulink_files import Mask, Model
 from tests.importers.simulink.simulink_runs import alone, imported, run
@@ -103,3 +105,10 @@ def test_an_expression_of_a_variable_leaves_its_size_open(tmp_path):
 def test_a_large_table_gets_one_number():
     text = UndefinedParameter("M", (100, 30), ("Map:Table",)).project_section
     assert text == "# used by Map:Table; 100 x 30 values\n[parameters.M]\ninitial = nan"
+
+
+@pytest.mark.parametrize("options", [ImportOptions(), ImportOptions(step=0.2), ImportOptions(bind=(("G", "u"),))])
+def test_a_file_that_cannot_be_imported_as_a_whole_still_tells_its_ports(tmp_path, options):
+    info = describe_file(drawing().write(tmp_path), options=options)
+    assert [("input", "unit"), ("u", "")] in info.tables
+    assert [("output", "unit"), *((f"y{at}", "") for at in range(1, 5))] in info.tables

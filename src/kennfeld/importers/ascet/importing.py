@@ -1,12 +1,13 @@
 """Public entry of the import of ASCET: classes in ESDL, tasks of applications, and components of ASCET 5 and 6."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.files import DATA, component_stem
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.formatting import join_names
 from kennfeld.calfiles.amd.reader import AmdReference
 from kennfeld.calfiles.esdl.reader import read_esdl
 from kennfeld.calfiles.format import CalibrationSource
@@ -130,6 +131,8 @@ def _import(
     chooser = ComponentMethodChooser(file, [Path(folder) for folder in folders], TaskChoice.of(task), step)
     try:
         if file.suffix.lower() == APPLICATION:
+            choices = {"class": class_name, "methods": tuple(methods), "startup": tuple(startup or ())}
+            _refuse_choice_of_methods(file, choices)
             selection = chooser.of_application()
         elif holds_components(file):
             selection = chooser.of_component(class_name, list(methods), [] if startup is None else list(startup))
@@ -147,6 +150,14 @@ def _import(
         return result
     values = result.model.values.from_origin(_origin(file, result.report.classes))
     return replace(result, model=replace(result.model, values=values))
+
+
+def _refuse_choice_of_methods(file: Path, choices: Mapping[str, object]) -> None:
+    """Raise `InputError` for choices that an application makes itself: its tasks name classes and methods."""
+    if chosen := [name for name, choice in choices.items() if choice]:
+        verb = "requires" if len(chosen) == 1 else "require"
+        message = f"{join_names(chosen, len(chosen), ' and ')} {verb} a class, and this is an application"
+        raise InputError.of(Location(file.name), message, "Name a task, or the file of the class.")
 
 
 def _with_remarks(result: EsdlImport, remarks: tuple[Finding, ...]) -> EsdlImport:

@@ -31,7 +31,7 @@ def describe_simulink(file: DescribedFile) -> FileInfo:
         part = options.subsystem or None
         return inspect_simulink(file.path, part, options.parameters, options.folders, dict(options.bind), options.step)
 
-    return describe_import(info, inspect, chosen=options.chosen(IMPORTER.keys))
+    return describe_import(info, inspect, chosen=options.chosen(IMPORTER.keys), is_part=bool(options.subsystem))
 
 
 def _summary(outline: ModelOutline) -> str:
