@@ -48,7 +48,8 @@ def write_formula(importer: Importer, request: ImportRequest, target: Path) -> t
     result = importer.import_(request)
     model = result.require_model()
     if not is_formula(model.graph):
-        message = "holds machine code or a network, which cannot be written as formula text"
+        content = "layers of a network" if model.graph.layers else "machine code"
+        message = f"holds {content}, which cannot be written as formula text"
         file = toml_text(request.path.name)
         remedy = f"Formula text can call it: write NAME = {file} under [functions] of a project file."
         raise InputError.of(Location(request.path.name), message, remedy)
