@@ -123,8 +123,8 @@ class DroppedFiles(NamedTuple):
     """The treatment of files in the folder of a project of which several make up a function.
 
     Attributes:
-        place: `place(folder, request, names)`, which moves files to where the import searches them, beside those of the
-            present function if there is one, and returns their new names.
+        place: `place(folder, present, names)`, which moves files to where the import searches them, beside the present
+            file of the function unless it is None, and returns their new names.
         main: `main(folder, names)`, which returns the file that is the function; empty for none.
         search: `search(folder)`, which yields the files of a folder that can be the function, by their relative paths.
     """
