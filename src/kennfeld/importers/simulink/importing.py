@@ -87,32 +87,27 @@ def import_simulink(
     return model_import.run()
 
 
+Arguments = tuple[
+    Path, str | None, list[ParameterSource], dict[str, str], list[str], tuple[Path, ...], float | None
+]  # of `simulink`
+
+
 def import_requested(request: ImportRequest) -> SimulinkImport:
-    """Import what a project or a command names; values of the project override those of the files of variables.
+    """Import what a project or a command names."""
+    return import_simulink(*arguments_of(request))
+
+
+def arguments_of(request: ImportRequest) -> Arguments:
+    """Return the arguments of `simulink`; values of the project override those of the files of variables.
 
     Literals of blocks that the project names, such as `Torque/Gain1:Gain`, become parameters.
     """
-    options = request.options
-    return import_simulink(
-        request.path,
-        options.subsystem or None,
-        parameter_sources(request),
-        dict(options.bind),
-        promoted(request),
-        options.folders,
-        options.step,
-    )
-
-
-def parameter_sources(request: ImportRequest) -> list[ParameterSource]:
-    """Return what gives values to the variables of a model, later ones take precedence."""
+    options, initial = request.options, [] if request.initial is None else [request.initial]
     own = {name: np.asarray(value) for name, value in request.values if value is not None}
-    return [*request.options.parameters, *([] if request.initial is None else [request.initial]), own]
-
-
-def promoted(request: ImportRequest) -> list[str]:
-    """Return the fields of blocks that the project names: their literals become parameters."""
-    return [name for name, _ in request.values if ":" in name]
+    sources = [*options.parameters, *initial, own]
+    promoted = [name for name, _ in request.values if ":" in name]
+    part, bound = options.subsystem or None, dict(options.bind)
+    return request.path, part, sources, bound, promoted, options.folders, options.step
 
 
 def _find_misnamed(path: Path, names: Collection[str], blocks: Mapping[str, ModelBlock]) -> Iterator[Finding]:

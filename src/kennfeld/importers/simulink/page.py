@@ -9,7 +9,7 @@ from kennfeld.importers.simulink.diagram import Diagram, read_diagram
 from kennfeld.importers.simulink.formula_export import formula_lines
 from kennfeld.importers.simulink.import_report import ImportableSubsystem, SimulinkReport
 from kennfeld.importers.simulink.importable_subsystems import find_subsystems
-from kennfeld.importers.simulink.importing import parameter_sources, promoted
+from kennfeld.importers.simulink.importing import arguments_of
 from kennfeld.models.import_view import problem_views, report_view
 from kennfeld.models.importer import ImportRequest
 from kennfeld.models.model import Model
@@ -60,16 +60,7 @@ def parts(request: ImportRequest, folder: Path) -> list[dict[str, Any]]:
 def _diagram(request: ImportRequest, folder: Path) -> Diagram:
     """Import the model; files that have not changed are read once."""
     _note_folders(request, folder)
-    options = request.options
-    return read_diagram(
-        request.path,
-        options.subsystem or None,
-        parameter_sources(request),
-        dict(options.bind),
-        promoted(request),
-        options.folders,
-        options.step,
-    )
+    return read_diagram(*arguments_of(request))
 
 
 @while_unchanged(4)
