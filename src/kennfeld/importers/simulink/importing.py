@@ -104,7 +104,7 @@ def arguments_of(request: ImportRequest) -> Arguments:
     """
     options, initial = request.options, [] if request.initial is None else [request.initial]
     own = {name: np.asarray(value) for name, value in request.values if value is not None}
-    sources = [*options.parameters, *initial, own]
+    sources: list[ParameterSource] = [*options.parameters, *initial, own]
     promoted = [name for name, _ in request.values if ":" in name]
     part, bound = options.subsystem or None, dict(options.bind)
     return request.path, part, sources, bound, promoted, options.folders, options.step
