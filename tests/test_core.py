@@ -8,15 +8,18 @@ from pathlib import Path
 
 import pytest
 
+from tests.guests import imports_guest
+
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("models", "project", "terminal")
 
 
 def modules_without_browser():
-    """Yield the test modules of the app that open no page in a browser."""
+    """Yield the test modules of the app that need neither a browser nor an importer."""
     for path in sorted((ROOT / "tests" / "app").glob("test_*.py")):
         text = path.read_text(encoding="utf-8")
-        if "tests.app.browser" not in text and "tests.app.shared_app" not in text:
+        # a module that is named on the command line is collected in any case
+        if "tests.app.browser" not in text and "tests.app.shared_app" not in text and not imports_guest(path):
             yield path
 
 

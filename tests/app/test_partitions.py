@@ -83,7 +83,7 @@ def test_a_run_evaluates_all_partitions_as_the_command_does(tmp_path: Path) -> N
         np.array_equal(result.trust.samples[name], command.trust.samples[name]) for name in command.trust.samples
     )
     head = QUESTIONS["outcome"](session, {}).head["result"]
-    assert head["quality"] == command.table()
+    assert head["quality"] == list(map(list, command.table()))
     assert session.job.trace
 
 
