@@ -90,6 +90,17 @@ def test_an_open_project_is_not_opened_twice(torque: Path) -> None:
     assert workspace.session is session
 
 
+def test_a_change_on_disk_is_news_after_one_of_another_project(torque: Path, exhaust: Path) -> None:
+    workspace, news = AppWorkspace(torque), list[bool]()
+    workspace.subscribe(lambda topic, answer: news.append(answer.head["state"]["changedOnDisk"]), lambda: None)
+    for project in (torque, exhaust):
+        workspace.answer("open", {"path": str(project)})
+        project.write_text(project.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")
+        workspace.watch()
+        workspace.watch()
+    assert news == [False, True, False, True]
+
+
 @pytest.mark.parametrize("demo", DEMOS[:2], ids=lambda demo: demo.name)
 def test_the_facts_on_a_demo_are_those_of_its_project(demo: DemoRow, tmp_path: Path) -> None:
     problem = Project.read(write(demo.name, tmp_path / "demo")).problem()

@@ -10,7 +10,7 @@ from kennfeld import __version__
 from kennfeld.app.answer import Answer
 from kennfeld.app.folders import confined, free_path
 from kennfeld.app.questions import COMMANDS, QUESTIONS
-from kennfeld.app.questions.overview import NoProject, StateNews, overview
+from kennfeld.app.questions.overview import AppState, NoProject, StateNews, overview
 from kennfeld.app.recent import RecentProject, forget, recent_projects, remember, summarise
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.session import Session
@@ -93,7 +93,6 @@ class AppWorkspace:
         """Tell all pages if the files on disk have changed, or are as saved again."""
         changed = self.session is not None and self.session.changed_on_disk
         if changed != self._changed_on_disk:
-            self._changed_on_disk = changed
             self._push("state", self.snapshot())
 
     def close(self) -> None:
@@ -126,7 +125,10 @@ class AppWorkspace:
 
     def snapshot(self) -> Answer:
         """Return the state that every page shows."""
-        return to_answer(StateNews(NoProject() if self.session is None else overview(self.session)))
+        state = NoProject() if self.session is None else overview(self.session)
+        # what pages know, also of a project that was opened in place of another one
+        self._changed_on_disk = isinstance(state, AppState) and state.changed_on_disk
+        return to_answer(StateNews(state))
 
 
 @dataclass(frozen=True)
