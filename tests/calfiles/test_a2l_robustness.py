@@ -67,8 +67,8 @@ def damaged(raw, draw):
         elif kind == 2:
             numbers = list(re.finditer(rb"\d+", raw))
             if numbers:
-                one = draw.choice(numbers)
-                raw = raw[: one.start()] + draw.choice(ABSURD) + raw[one.end() :]
+                number = draw.choice(numbers)
+                raw = raw[: number.start()] + draw.choice(ABSURD) + raw[number.end() :]
         elif kind == 3:
             words = raw.split(b" ")
             i, j = draw.randrange(len(words)), draw.randrange(len(words))

@@ -218,11 +218,11 @@ def test_multipliers_are_those_of_the_best_values_within_the_limits(seed, values
     gram, beyond = rows @ rows.T, rows @ rng.normal(size=values)
     beyond -= np.abs(beyond) * rng.random(samples) * (rng.random(samples) < 0.5)
     pressure = multipliers(gram, beyond)
-    left = (beyond - gram @ pressure) / np.sqrt(np.diag(gram))
+    gain = (beyond - gram @ pressure) / np.sqrt(np.diag(gram))
     size = np.abs(beyond / np.sqrt(np.diag(gram))).max()
     assert np.all(pressure >= 0)
-    assert np.all(left <= 1e-6 * size)
-    assert np.all(np.abs(left[pressure > 0]) <= 1e-6 * size)
+    assert np.all(gain <= 1e-6 * size)
+    assert np.all(np.abs(gain[pressure > 0]) <= 1e-6 * size)
 
 
 def test_each_side_is_told_what_it_holds():

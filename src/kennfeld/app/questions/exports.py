@@ -11,7 +11,6 @@ import numpy as np
 from kennfeld.app.folders import writable
 from kennfeld.app.questions.calibrations import ExistingFile, RoundedRow, rounded
 from kennfeld.app.session.calibration_source import is_image
-from kennfeld.app.session.edited_values import on_same_breakpoints
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
@@ -241,7 +240,7 @@ def _change_since(run: Run, project: Project, now: ParameterSet) -> str:
         if first != second:
             return "The project or its data have changed since"
     for name in problem.free_names:
-        same = name in result and on_same_breakpoints(result[name], now[name])
+        same = name in result and result[name].has_grid_of(now[name])
         if not same or not np.array_equal(result[name].values, now[name].values):
             return "The values differ from those of"
     return ""

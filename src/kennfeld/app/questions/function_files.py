@@ -149,17 +149,18 @@ class CompletionRows:
 def function_file(session: Session) -> ProjectFunction:
     """Return the function of the project in a file of another tool: its source, ports, parameters, states, problems."""
     source = require_function(session)
-    text = _text(source)
+    text, facts = _text(source), _facts(source)
     refused = [f for f in session.findings if f.location.path == "[model] file" and f.severity == "error"]
     try:
         function = source.read()
         model = as_model(function)
-        facts = list(_facts(source).rows)
     except InputError as error:
         findings = [f for f in refused if not source.path.is_file()] or _reasons(source, error)
-        return ProjectFunction(**_file_of(source), source=text, facts=[], whole=False, problems=_problems(findings))
-    own = ProjectFunction(**_file_of(source), source=text, facts=facts, whole=True, problems=[])
-    return _with_function(own, source, function, model)
+        return ProjectFunction(
+            **_file_of(source, facts), source=text, facts=[], whole=False, problems=_problems(findings)
+        )
+    own = ProjectFunction(**_file_of(source, facts), source=text, facts=list(facts.rows), whole=True, problems=[])
+    return replace(_with_function(own, source, function, model), states=_states(facts, model))
 
 
 def _problems(findings: Sequence[Finding]) -> list[ImportProblem]:
@@ -186,7 +187,7 @@ def _lines(source: FunctionSource, model: Model) -> list[FormulaLine]:
     return [] if importer is None else formula_lines(importer, model)
 
 
-def _file_of(source: FunctionSource) -> dict[str, Any]:
+def _file_of(source: FunctionSource, facts: FileFacts) -> dict[str, Any]:
     importer = source.importer
     return {
         "file": source.file,
@@ -195,7 +196,7 @@ def _file_of(source: FunctionSource) -> dict[str, Any]:
         "named": importer is not None and importer.named,
         "function": source.function,
         "functions": list(source.names),
-        "choices": list(_facts(source).choices),
+        "choices": list(facts.choices),
     }
 
 
@@ -228,7 +229,6 @@ def _with_function(
         inputs=[FunctionPort(x.name, x.unit, x.default, x.later) for x in function.inputs if x.name not in CLOCK],
         outputs=[NamedUnit(y.name, y.unit) for y in function.outputs],
         parameters=[calibratable(p) for p in function.values.parameters],
-        states=_states(source, model),
         notes=[str(remark) for remark in function.remarks],
         step=source.step or model.step,
         solver=model.solver,
@@ -237,7 +237,7 @@ def _with_function(
     )
 
 
-def _states(source: FunctionSource, model: Model) -> list[StateRow]:
+def _states(facts: FileFacts, model: Model) -> list[StateRow]:
     """Return the states with their names, as far as the file states them, and their first values.
 
     Functions that are called over a whole trajectory keep theirs to themselves.
@@ -247,7 +247,7 @@ def _states(source: FunctionSource, model: Model) -> list[StateRow]:
         return []
     nodes = [graph.nodes[state.init] for state in graph.states]
     starts = [finite(float(node.payload)) if node.op == "const" else None for node in nodes]
-    names = list(_facts(source).states)
+    names = list(facts.states)
     if len(names) != len(starts):
         names = [f"state {number}" for number in range(1, len(starts) + 1)]
     return [StateRow(name, start) for name, start in zip(names, starts, strict=True)]
@@ -260,7 +260,9 @@ def called_functions(session: Session) -> CallableFunctions:
 
 
 def _called(source: FunctionSource) -> CalledFunction:
-    own = CalledFunction(**_file_of(source), name=source.name, calls=[], parameters=[], notes=[], problems=[])
+    own = CalledFunction(
+        **_file_of(source, _facts(source)), name=source.name, calls=[], parameters=[], notes=[], problems=[]
+    )
     try:
         function = source.read()
     except InputError as error:

@@ -38,11 +38,6 @@ def fit_onto(own: Parameter, other: Parameter) -> Parameter:
     return own.with_values(regrid(other.values, other.axes, own.axes, other.extrapolation))
 
 
-def on_same_breakpoints(first: Parameter, second: Parameter) -> bool:
-    """Return whether the values of two tables have the same shape and stand at the same breakpoints."""
-    return first.has_grid_of(second)
-
-
 def moved_breakpoints(parameters: ParameterSet) -> dict[str, Float]:
     """Return the breakpoints of all free axes, by the names under which they are kept with values."""
     return breakpoints_by_name({key: axis.axis.breakpoints for key, axis in free_axes(parameters).items()})
@@ -70,7 +65,7 @@ def with_edits(
             continue
         own, given = moved[name], tables.get(name)
         try:
-            if given is None or on_same_breakpoints(own, given):
+            if given is None or own.has_grid_of(given):
                 # values whose table is not known are taken only if they fit as they are
                 changed += [own.with_values(array)] if np.shape(array) == own.values.shape else []
                 continue

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints, on_same_breakpoints
+from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints
 from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk, read_exactly, text_or_none
 from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
@@ -107,14 +107,14 @@ class Session:
         """Return the values of a parameter to compare with: those of the last run, or of the start."""
         start = self.require_view().start.parameters[name]
         last = self.runs[-1].result.parameters if self.runs else ParameterSet()
-        return last[name] if name in last and on_same_breakpoints(last[name], self.parameters[name]) else start
+        return last[name] if name in last and last[name].has_grid_of(self.parameters[name]) else start
 
     def deviation(self, name: str) -> Float | None:
         """Return the standard deviation of the values of a parameter after the last run; None if it is unknown."""
         last = self.runs[-1].result if self.runs else None
         if last is None or name not in last.parameters:
             return None
-        same = on_same_breakpoints(last.parameters[name], self.parameters[name])
+        same = last.parameters[name].has_grid_of(self.parameters[name])
         return last.trust.deviation.get(name) if same else None
 
     def do(self, command: Command, drag: str = "", tables: Mapping[str, Parameter] | None = None) -> None:

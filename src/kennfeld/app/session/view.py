@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cached_property
 
-from kennfeld.app.session.edited_values import on_same_breakpoints, with_edits
+from kennfeld.app.session.edited_values import with_edits
 from kennfeld.app.session.evidence import Evidence
 from kennfeld.app.session.live_model import LiveDataset, LiveModel
 from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
@@ -47,7 +47,7 @@ class View:
         self.signals.follow(self.now)
         # a cached property at the values before
         self.__dict__.pop("evidence", None)
-        moved = any(not on_same_breakpoints(table, before[table.name]) for table in parameters.parameters)
+        moved = any(not table.has_grid_of(before[table.name]) for table in parameters.parameters)
         # counts stay the same if no lookup can have moved
         if moved or not self.model.unmoved.issuperset(self.samples):
             self.samples = self.evidence.sample_counts()

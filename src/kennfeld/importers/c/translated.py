@@ -237,13 +237,6 @@ def _initializations(whole: TranslatedFunction, own: Collection[str]) -> Iterato
                 yield f"{name.removesuffix('()')} sets {join_names(written, 3)}, but is not run: edit the first values"
 
 
-def _origin(problem: UnsupportedCError, reasons: Mapping[str, UnsupportedCError]) -> UnsupportedCError:
-    """Return why a variable is not known, if the file declares it: perhaps because of another variable."""
-    for _ in range(10):
-        problem = reasons.get(problem.message, problem)
-    return problem
-
-
 def _called(name: str, translations: Mapping[str, FunctionTranslation]) -> Iterator[str]:
     """Yield the names of a function and of all that it calls."""
     waiting, seen = [name], {name}
