@@ -13,7 +13,7 @@ from kennfeld.models.importer import Importer
 
 
 def importer_of(name: str) -> Importer | None:
-    """Return the importer of a file by its ending; None for formula text and what is no function."""
+    """Return the importer of a file by its ending; None for formula text and for files of other kinds."""
     ending = Path(name).suffix.casefold()
     return next((each for each in _each() if ending in each.endings), None) if ending not in ("", ".kf") else None
 

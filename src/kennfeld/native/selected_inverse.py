@@ -31,7 +31,7 @@ WIDTH = GROUP * BLOCK
 
 
 class BlockLayout:
-    """Where the blocks within a grouped envelope are stored: block row by block row, from the first to the diagonal."""
+    """The places of the blocks within a grouped envelope: block row by block row, from the first to the diagonal."""
 
     def __init__(self, envelope: Envelope) -> None:
         self.place = envelope.place
