@@ -32,7 +32,7 @@ BO_ 500 EngineData: 8 ECU1
             "a fragment of an A2L description, which",
         ),
         ("CANape PAR V3.2: engine.a2l 1 0 ECU\n;Parameter file\nK 1 2 3\n", "a parameter file of CANape"),
-        (gzip.compress(DBC.encode()), "a CAN database (DBC)"),
+        (gzip.compress(DBC.encode(), mtime=0), "a CAN database (DBC)"),
     ],
 )
 def test_a_file_of_another_kind_is_named(csv, content, message):
