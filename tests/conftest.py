@@ -40,6 +40,8 @@ os.environ.setdefault(
 
 pytest_plugins = ["tests.costs", "tests.doctests", "tests.guests"]
 
+MACHINE_CODE = {"native", "machine_code"}  # folders of tests
+
 PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
 settings.register_profile("same", derandomize=True, **PATIENT)
@@ -85,6 +87,16 @@ def do_not_wait_for_disks():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("os.fsync", lambda descriptor: None)
         yield
+
+
+@pytest.fixture(autouse=True)
+def compile_quickly(request, monkeypatch):
+    """Select instructions as for long code, in a fifth of the time.
+
+    Slow tests and those of the machine code itself compile as users do.
+    """
+    if not (request.node.get_closest_marker("slow") or MACHINE_CODE & set(request.path.parts)):
+        monkeypatch.setattr("kennfeld.base.machine_code.engine.BEST", 0)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,13 +1,17 @@
 """Threads: one for each processor where work can be divided, fewer in linear algebra (BLAS)."""
 
 import os
+import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, wraps
 from threading import RLock
-from typing import TypeVar, TypeVarTuple
+from typing import TYPE_CHECKING, TypeVar, TypeVarTuple
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 LARGE = 1500  # values; above, a factorisation gains from a second thread
 
@@ -39,10 +43,19 @@ def blas_threads(values: int) -> Iterator[None]:
     BLAS threads wait for each other by spinning: with other load on the machine, a Cholesky factorisation of 500
     values took thirty times as long on two threads as on one.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=None if values > LARGE else 1, user_api="blas"):
+    with _blas_libraries("scipy.linalg._fblas" in sys.modules).limit(limits=None if values > LARGE else 1):
         yield
+
+
+@cache
+def _blas_libraries(scipy: bool) -> "ThreadpoolController":
+    """Return the BLAS libraries that are loaded: that of numpy, and another one with scipy.
+
+    To look for them among all loaded libraries takes milliseconds, as long as a small fit.
+    """
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().select(user_api="blas")
 
 
 def map_in_order(work: Callable[[_Item], _Outcome], items: Sequence[_Item]) -> Iterator[_Outcome]:

@@ -66,12 +66,19 @@ def _entry_points() -> "Iterator[EntryPoint]":
     """
     from importlib.metadata import distributions  # 30 ms, which files of a known signature do not need
 
-    here, names = Path.cwd().resolve(), set()
+    here = Path.cwd().resolve()
     places = [place for place in sys.path if place and Path(place).resolve() != here]
-    for distribution in distributions(path=places):
+    installed = [
+        (each, [entry for entry in each.entry_points if entry.group in _WORDS]) for each in distributions(path=places)
+    ]
+    # names stand in metadata with whole documents, which take longer to parse than all else
+    if not any(entries for _, entries in installed):
+        return
+    names = set()
+    for distribution, entries in installed:
         if distribution.name not in names:  # the first one of a name is imported
             names.add(distribution.name)
-            yield from (entry for entry in distribution.entry_points if entry.group in _WORDS)
+            yield from entries
 
 
 def _loaded(entry: "EntryPoint", kind: type[_T]) -> _T:

@@ -25,6 +25,7 @@ from kennfeld.base.threads import computed_once
 NativeFunction = Callable[..., None]
 Functions = Sequence[FunctionWriter]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
+BEST = 2  # level at which LLVM selects instructions; 0 takes a fifth of the time, for code that runs longer
 _WORTH = 0.004  # s of writing and compiling from which code is kept
 
 _loading = threading.Lock()  # of LLVM, which compiles and loads
@@ -148,7 +149,7 @@ def _module(write: Callable[[], Functions], content: str | None, loops: bool) ->
         return _compile(write(), loops)
     # code for another processor may have instructions that this one lacks
     target = f"{_target().triple} {llvm.get_host_cpu_name()} {_features()}"
-    key = key_of(llvmlite.__version__, target, str(loops), content)
+    key = key_of(llvmlite.__version__, target, str(BEST), str(loops), content)
     kept = read_code(key)
     if kept is not None:
         return ObjectModule.of_bytes(kept)
@@ -180,7 +181,7 @@ def _load(code: bytes) -> Any:
 
 
 def _object_code(text: str, loops: bool) -> bytes:
-    machine = _machine(0 if len(text) > LONG else 2)
+    machine = _machine(0 if len(text) > LONG else BEST)
     module = llvm.parse_assembly(_DECLARATIONS + text)
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
