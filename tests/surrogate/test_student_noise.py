@@ -1,22 +1,22 @@
 import numpy as np
 import pytest
-from scipy import optimize, stats
+import scipy
 
 from kennfeld.surrogate.student_noise import FREEDOM, student_gain, student_scale
 
 
 def test_the_scale_is_the_one_of_highest_likelihood():
     residual = np.random.default_rng(0).standard_t(3, size=200)
-    likelihood = lambda scale: -stats.t.logpdf(residual, FREEDOM, scale=scale).sum()  # noqa: E731
-    best = optimize.minimize_scalar(likelihood, bounds=(0.1, 10), method="bounded", options={"xatol": 1e-8})
+    likelihood = lambda scale: -scipy.stats.t.logpdf(residual, FREEDOM, scale=scale).sum()  # noqa: E731
+    best = scipy.optimize.minimize_scalar(likelihood, bounds=(0.1, 10), method="bounded", options={"xatol": 1e-8})
     assert student_scale(residual) == pytest.approx(best.x, rel=1e-5)
 
 
 def test_the_gain_is_that_of_the_densities_of_scipy():
     residual = np.random.default_rng(0).standard_t(3, size=200)
-    wide = stats.t.logpdf(residual, FREEDOM, scale=student_scale(residual))
-    normal = stats.norm.logpdf(residual, scale=np.sqrt(np.mean(residual**2)))
-    assert student_gain(residual, residual) == pytest.approx(stats.trim_mean(wide - normal, 0.1))
+    wide = scipy.stats.t.logpdf(residual, FREEDOM, scale=student_scale(residual))
+    normal = scipy.stats.norm.logpdf(residual, scale=np.sqrt(np.mean(residual**2)))
+    assert student_gain(residual, residual) == pytest.approx(scipy.stats.trim_mean(wide - normal, 0.1))
 
 
 def test_few_rows_do_not_decide():
