@@ -45,7 +45,7 @@ def test_a_change_takes_the_error_away(name: str, request: pytest.FixtureRequest
     assert abs(after) < 2e-3 * abs(answer["difference"]["now"])
 
 
-def test_a_locked_table_and_one_at_its_bounds_are_out_of_reach(torque: Path) -> None:
+def test_tables_that_are_locked_or_at_their_bounds_have_no_correction(torque: Path) -> None:
     session = Session(torque)
     keys = [
         (("parameters", "MapOptTorque", "lock"), True),

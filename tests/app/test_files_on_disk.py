@@ -1,4 +1,4 @@
-"""What another program, or another app, writes to the files of a project is not overwritten unseen."""
+"""Files that another program, or another app, writes are not overwritten unseen."""
 
 import itertools
 from pathlib import Path
@@ -15,8 +15,8 @@ from tests.app.serving import served
 from tests.project.hostile_projects import write_project
 
 
-def ask(session: Session, question: str, **given: Any) -> dict[str, Any]:
-    return dict((QUESTIONS.get(question) or COMMANDS[question])(session, given).head)
+def ask(session: Session, question: str, **arguments: Any) -> dict[str, Any]:
+    return dict((QUESTIONS.get(question) or COMMANDS[question])(session, arguments).head)
 
 
 @pytest.fixture
@@ -123,8 +123,8 @@ def test_recovered_edits_are_saved_if_nothing_changed(project: Path) -> None:
 def test_a_recovery_file_of_a_stranger_edits_formulas_alone(project: Path, name: str) -> None:
     session = Session(project)
     set_seed(session, 5)
-    kept = session.recovery.path
-    kept.write_text(kept.read_text().replace('"kennfeld.toml"', f'"{name}"', 1))
+    recovery = session.recovery.path
+    recovery.write_text(recovery.read_text().replace('"kennfeld.toml"', f'"{name}"', 1))
     session = Session(project)
     ask(session, "recover")
     assert name not in session.state.texts
@@ -134,9 +134,9 @@ def test_a_recovery_file_of_a_stranger_edits_formulas_alone(project: Path, name:
 def test_files_of_a_recovery_without_their_beginning_are_compared(project: Path) -> None:
     session = Session(project)
     set_seed(session, 5)
-    kept = session.recovery.path
-    content = kept.read_text()
-    kept.write_text(content[: content.index(', "known"')] + "}")
+    recovery = session.recovery.path
+    content = recovery.read_text()
+    recovery.write_text(content[: content.index(', "known"')] + "}")
     session = Session(project)
     ask(session, "recover")
     assert [each["file"] for each in ask(session, "save")["conflicts"]] == ["kennfeld.toml"]

@@ -126,7 +126,7 @@ def test_dropped_files_are_stored_by_package_and_the_application_is_the_function
     assert "Signals/Messages.esdl" not in listed
 
 
-def test_of_several_classes_the_one_that_no_other_uses_is_the_function(empty: Session) -> None:
+def test_the_class_that_no_other_class_uses_is_the_function(empty: Session) -> None:
     drop(empty, BATTERY, "Accu", "Sensor", "Messages", "Types")
     assert empty.settings["model"]["file"] == "Cell/Sensor.esdl"
     assert program(empty)["whole"]

@@ -37,8 +37,8 @@ class Waiting:
 def bench(torque: Path) -> Waiting:
     """Return a session of the torque demo with a training file for an engine of few centres, which nothing calls."""
     own = Waiting(torque)
-    given = {"name": "engine", "inputs": ["Speed", "Rel_Airmass", "Ignition"], "output": "Torque"}
-    COMMANDS["new-surrogate"](own.session, given)
+    arguments = {"name": "engine", "inputs": ["Speed", "Rel_Airmass", "Ignition"], "output": "Torque"}
+    COMMANDS["new-surrogate"](own.session, arguments)
     path = torque.parent / "engine.toml"
     path.write_text(
         path.read_text("utf-8").replace("[surrogate]\n", '[surrogate]\nmethod = "expansion"\ncentres = 5\n')
