@@ -98,7 +98,7 @@ def test_data_points_of_a_table_are_where_samples_look_it_up(exhaust: Path) -> N
     recorded = np.column_stack([channels.channel("Speed"), channels.channel("Injection")])
     axes = session.parameters["MapSettled"].axes
     recorded = np.clip(recorded, [axis.breakpoints[0] for axis in axes], [axis.breakpoints[-1] for axis in axes])
-    drawn = np.column_stack([answer.arrays["x"], answer.arrays["y"]])
-    assert 500 < len(drawn) <= 2500
-    for point in drawn[::100]:
+    points = np.column_stack([answer.arrays["x"], answer.arrays["y"]])
+    assert 500 < len(points) <= 2500
+    for point in points[::100]:
         assert np.abs(recorded - point).max(axis=1).min() < 1e-2
