@@ -1,4 +1,4 @@
-"""Files of ASCET 6: archives that are not harmless are refused, components are found by their folders."""
+"""Files of ASCET 6: harmful archives are refused, components are found by their folders."""
 
 import warnings
 import zipfile

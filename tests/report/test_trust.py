@@ -121,8 +121,8 @@ def test_fitted_breakpoints_are_a_table(shop, opened, tmp_path):
     project = shop.project("y = C(x)\n", toml, {"x": x, "m": np.abs(x - 1.3) + 0.01 * np.sin(99 * x)})
     result = project.calibrate()
     write(result, project, tmp_path / "results")
-    for page in (opened(page_of(project, result)), opened(from_folder(project, tmp_path / "results"))):
-        words = page.words_in_a_row
+    for report in (opened(page_of(project, result)), opened(from_folder(project, tmp_path / "results"))):
+        words = report.words_in_a_row
         assert "Breakpoints axis breakpoint unit before after change std deviation samples" in words
         assert f"{result.trust.deviation['C.x'][1]:.3g}" in words
 
