@@ -114,7 +114,7 @@ def test_ticked_labels_are_merged_into_a_file(session: Session, bench: str) -> N
     assert merged["CurveEtaDeltaSpark"].values == pytest.approx(now["CurveEtaDeltaSpark"].values)
 
 
-def test_a_file_is_converted_with_what_the_format_loses(session: Session) -> None:
+def test_a_file_is_converted_with_warnings_of_lost_properties(session: Session) -> None:
     head = ask(session, "write-calibration", first=START, target="start.csv").head
     assert any("descriptions are left out" in text for text in head["findings"])
     assert ask(session, "differences", first=START, second=file("start.csv")).head["rows"] == []
@@ -175,7 +175,7 @@ def flash(torque: Path) -> Path:
     return torque
 
 
-def test_a_file_written_as_an_image_says_what_was_rounded(flash: Path) -> None:
+def test_a_file_written_as_an_image_lists_rounded_values(flash: Path) -> None:
     session = Session(flash)
     head = ask(session, "calibrations").head
     assert {"name": "ecu.hex", "format": "HEX", "image": True} in head["files"]

@@ -268,7 +268,7 @@ def test_a_target_that_is_a_node_follows_edits(project: Path) -> None:
     assert picture["start"][-1] == picture["now"][-1] == 1.0
 
 
-def test_saving_keeps_what_was_saved_before(project: Path) -> None:
+def test_saving_keeps_values_saved_before(project: Path) -> None:
     project.with_name("m.kf").write_text("input x\nm = C(x) + k\n", encoding="utf-8")
     project.write_text(f"{TOML}[parameters.k]\ninitial = 1.0\n", encoding="utf-8")
     session = Session(project)

@@ -91,7 +91,7 @@ def test_the_mean_error_at_a_grid_point_is_that_of_its_samples(exhaust: Path) ->
     assert np.isnan(answer.arrays["error"][without]).all()
 
 
-def test_data_points_of_a_table_are_where_samples_look_it_up(exhaust: Path) -> None:
+def test_data_points_of_a_table_are_lookups_of_samples(exhaust: Path) -> None:
     session = Session(exhaust)
     answer = QUESTIONS["coverage"](session, {"name": "MapSettled"})
     channels = session.require_view().model.recordings[0]

@@ -77,7 +77,7 @@ def test_the_same_change_is_not_a_conflict(project: Path) -> None:
     assert ask(session, "save") == {}
 
 
-def test_two_apps_overwrite_nothing_of_each_other(project: Path) -> None:
+def test_two_apps_do_not_overwrite_files_of_each_other(project: Path) -> None:
     first, second = Session(project), Session(project)
     set_seed(first, 1)
     set_value(second, 7.0)
@@ -96,7 +96,7 @@ def test_two_apps_overwrite_nothing_of_each_other(project: Path) -> None:
     assert float(Session(project).parameters["K"].values) == 8.0
 
 
-def test_recovered_edits_do_not_overwrite_what_changed_before_the_restart(project: Path) -> None:
+def test_recovered_edits_do_not_overwrite_changes_before_the_restart(project: Path) -> None:
     set_seed(Session(project), 5)
     project.write_text(project.read_text("utf-8").replace("initial = 1.0", "initial = 2.0"), encoding="utf-8")
     session = Session(project)
@@ -160,7 +160,7 @@ def test_the_page_shows_both_texts_and_asks(project: Path) -> None:
         assert "seed = 5" in project.read_text("utf-8")
 
 
-def test_a_clock_that_goes_backwards_loses_nothing(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_that_goes_backwards_loses_no_change(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = itertools.count(2_000_000_000, -3600)
     monkeypatch.setattr("time.time", lambda: float(next(now)))
     monkeypatch.setattr("time.time_ns", lambda: next(now) * 1_000_000_000)

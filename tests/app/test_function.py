@@ -147,7 +147,7 @@ def test_a_solver_is_named_for_models_with_continuous_states(sensor: Session, tm
 
 
 @pytest.mark.guests
-def test_a_missing_dictionary_is_named_with_what_stops_the_import(tmp_path: Path) -> None:
+def test_a_missing_dictionary_is_named_as_the_reason_of_a_stopped_import(tmp_path: Path) -> None:
     own = QUESTIONS["diagram"](Session(write_model(tmp_path, dictionary="plant.sldd")), {}).head
     assert [each["name"] for each in own["undefined"]] == ["K"]
     assert [problem["message"] for problem in own["stopped"]] == ["needs plant.sldd, which was not found"]
@@ -225,7 +225,7 @@ def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
 
 
 @pytest.mark.guests
-def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> None:
+def test_the_flow_names_the_inputs_of_each_node(torque: Path, sensor: Session) -> None:
     nodes = {node["name"]: node for node in QUESTIONS["flow"](Session(torque), {}).head["nodes"]}
     assert nodes["etaSpark"]["sources"] == ["deltaSpark"]
     assert (nodes["etaSpark"]["tables"], nodes["etaSpark"]["kind"]) == (["CurveEtaDeltaSpark"], "curve")

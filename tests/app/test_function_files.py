@@ -226,7 +226,7 @@ def test_a_changed_file_does_not_run_on_a_consent_to_its_former_content(tmp_path
     assert not (tmp_path / "ran").exists()
 
 
-def test_a_damaged_memory_of_consents_allows_nothing(tmp_path: Path, home: Path) -> None:
+def test_a_damaged_file_of_consents_allows_no_code(tmp_path: Path, home: Path) -> None:
     (home / ".kennfeld").mkdir(parents=True)
     (home / ".kennfeld/allowed-code.json").write_text("{")
     session = Session(write_functions(tmp_path, "y = K * table(u)\n", CALLS))

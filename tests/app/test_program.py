@@ -67,7 +67,7 @@ def set_keys(session: Session, *changes: tuple[tuple[str, ...], object]) -> None
     session.do(SetKeys("changed", session.path.name, changes))
 
 
-def test_a_class_is_shown_with_its_source_and_what_it_calculates(accu: Session) -> None:
+def test_a_class_is_shown_with_its_source_and_its_outputs(accu: Session) -> None:
     own = program(accu)
     assert own["whole"]
     assert [each["file"] for each in own["sources"]] == ["Battery/Cell/Accu.esdl"]

@@ -75,7 +75,7 @@ def test_the_command_line_resumes_a_run_of_the_app(torque: Path) -> None:
     assert points.findings == ()
 
 
-def test_a_run_that_converges_leaves_nothing_to_resume(exhaust: Path) -> None:
+def test_a_converged_run_cannot_be_resumed(exhaust: Path) -> None:
     session = Session(exhaust)
     ask(session, "run")
     wait_for_end(session)

@@ -60,7 +60,7 @@ def test_the_project_of_the_page_is_opened_again(torque: Path, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_page_that_cannot_prove_itself_says_what_to_do(torque: Path, tmp_path: Path) -> None:
+def test_a_page_without_a_proof_shows_a_remedy(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
         page.wait_for_selector(READY)
         kill(process, page)

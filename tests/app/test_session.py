@@ -52,7 +52,7 @@ def test_undo_and_redo_restore_the_numbers(torque: Path) -> None:
     assert session.require_view().now.scores == edited
 
 
-def test_a_run_gives_what_the_command_line_gives(exhaust: Path) -> None:
+def test_a_run_gives_the_same_values_as_the_command_line(exhaust: Path) -> None:
     session = Session(exhaust)
     session.run()
     wait_for_end(session)
@@ -106,7 +106,7 @@ def test_a_worker_that_dies_is_reported_and_the_session_continues(torque: Path) 
     assert session.job.state == "converged"
 
 
-def test_a_project_that_cannot_be_read_says_why(torque: Path) -> None:
+def test_a_project_that_cannot_be_read_shows_the_reason(torque: Path) -> None:
     torque.write_text(torque.read_text(encoding="utf-8").replace('"torque.kf"', '"missing.kf"'), encoding="utf-8")
     session = Session(torque)
     assert session.view is None

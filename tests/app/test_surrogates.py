@@ -82,7 +82,7 @@ def test_training_ends_with_a_surrogate_that_the_formula_can_call(bench: Waiting
     assert "outside its training data" in training["text"]
 
 
-def test_a_training_that_is_stopped_writes_nothing(bench: Waiting) -> None:
+def test_a_training_that_is_stopped_writes_no_surrogate(bench: Waiting) -> None:
     session = bench.session
     COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
     COMMANDS["stop-training"](session, {})
@@ -92,7 +92,7 @@ def test_a_training_that_is_stopped_writes_nothing(bench: Waiting) -> None:
     assert bench.wait() == "trained"
 
 
-def test_a_training_that_fails_says_why(bench: Waiting) -> None:
+def test_a_training_that_fails_shows_the_reason(bench: Waiting) -> None:
     path = bench.session.path.parent / "engine.toml"
     path.write_text(path.read_text("utf-8").replace('"Speed"', '"Sped"'))
     COMMANDS["train-surrogate"](bench.session, {"file": "engine.toml"})

@@ -163,7 +163,7 @@ def test_a_calibration_without_a_criterion_is_refused():
         kf.calibrate(TEXT, LINE, START)
 
 
-def test_a_pattern_that_frees_nothing_is_refused():
+def test_a_pattern_that_frees_no_parameter_is_refused():
     with pytest.raises(kf.InputError, match="free"):
         kf.calibrate(TEXT, LINE, START, target="y", free=["q*"])
 

@@ -241,7 +241,7 @@ def test_bounds_locks_and_pins_hold_while_factors_are_chosen():
 
 
 @pytest.mark.slow
-def test_a_model_with_memory_is_smoothed_too():
+def test_a_model_with_memory_is_smoothed():
     rng = np.random.default_rng(5)
     time = np.arange(3000) * 0.1
     x = 3 + 2.8 * np.sin(time / 7) * np.cos(time / 31)

@@ -96,7 +96,7 @@ def test_slopes_at_a_sample_are_those_of_the_formula(calls, text):
 
 @pytest.mark.guests
 @pytest.mark.parametrize("calls", mostly_slow(["algebra", "lagged", "kinked"], 2))
-def test_a_calibration_ends_where_that_of_the_formula_does(calls):
+def test_a_calibration_ends_at_the_values_of_the_formula(calls):
     measured = kf.simulate(kf.formula(PAIRS[calls][1], parameters=list(values())), DATA, values())["y"].values
     data = kf.Dataset.of("drive", {"u": U, "z": measured}, time=DATA.time)
     initial = values()

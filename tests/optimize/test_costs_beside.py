@@ -22,7 +22,7 @@ def test_a_flat_minimum_is_detected_by_longer_distances():
 
 
 @pytest.mark.parametrize("value", [-3.0, 0.0, 1.2, 2.0])
-def test_a_value_beside_a_lower_cost_is_not_at_a_minimum(value):
+def test_a_value_next_to_a_lower_cost_is_not_at_a_minimum(value):
     # the costs at twice the value and at 0 are higher than that at 1.2
     assert certificate(lambda p: (p[0] - 1) ** 2 + 1e-3, value, size=max(abs(value), 1.0)) is None
 

@@ -43,7 +43,7 @@ def test_the_exact_lag_recovers_the_time_constant(dt):
     assert not sentences
 
 
-def test_time_constants_of_a_table_are_examined_where_there_are_data():
+def test_time_constants_of_a_table_are_examined_at_values_with_data():
     low = kf.Curve("L", [0.0, 1.0, 9.0], [0.2, 3.0, 0.01])
     _, sentences = warnings(
         "y = PT1(u, L(w), 0) * k", lag(0.1), kf.ParameterSet([low, kf.Scalar("k", 1.0)]), free=["L"]

@@ -28,7 +28,7 @@ def test_a_rising_curve_with_few_data_rises():
 
 @pytest.mark.parametrize("seed", seeds(1, 20))
 @pytest.mark.parametrize("draw", [curve_fit, map_fit])
-def test_random_fits_within_limits_end_where_those_of_cvxpy_do(draw, seed):
+def test_random_fits_within_limits_agree_with_cvxpy(draw, seed):
     random = np.random.default_rng([seed, 13])
     for _ in range(3):
         fit = draw(random)

@@ -44,7 +44,7 @@ def doubled_samples(compiled):
 
 @pytest.mark.parametrize("text", ["m = C(u)", "m = prev(C(u), 0) + u"], ids=["steady", "with memory"])
 @pytest.mark.parametrize("missing", [0, 50])
-def test_targets_that_are_changed_in_place_are_read_anew(text, missing):
+def test_targets_that_are_changed_in_place_are_read_again(text, missing):
     model = kf.formula(text, parameters=["C"])
     aimed = Aimed(model, several(missing), START, (Criterion("m", "y"),))
     compiled = CompiledProblem(aimed)
@@ -58,7 +58,7 @@ def test_targets_that_are_changed_in_place_are_read_anew(text, missing):
 
 
 @pytest.mark.parametrize("missing", mostly_slow([0, 50], [50]))
-def test_a_limit_holds_over_several_datasets_some_points_of_which_are_dropped(missing):
+def test_a_limit_holds_over_several_datasets_with_dropped_points(missing):
     problem = Problem(
         kf.formula("m = C(u)", parameters=["C"]),
         several(missing),

@@ -250,7 +250,7 @@ def quantised():
     return "y = round(C(x) / 0.5) * 0.5", {"x": x, "y_measured": y}, start
 
 
-def test_quantised_code_is_calibrated_where_derivatives_are_zero():
+def test_quantised_code_is_calibrated_although_derivatives_are_zero():
     text, data, start = quantised()
     assert kf.calibrate(text, data, start, target="y_measured").quality[0].rmse_after > 1
     options = kf.Options(method="global", max_evaluations=1000)

@@ -65,7 +65,7 @@ def test_synchronous_channels_of_a_torque_bench_are_not_moved():
 
 
 @pytest.mark.slow
-def test_an_input_of_a_torque_bench_may_be_late_too():
+def test_an_input_of_a_torque_bench_may_be_late():
     data = bench(0)
     late = shift_channels(data, {"Ignition": 2.0})
     assert calibrated(late, {"Ignition": "auto"}).shifts == {"training 0": {"Ignition": -2.0}}

@@ -75,7 +75,7 @@ def test_costs_of_datasets_add_up_with_their_weights():
     "uneven",
     [pytest.param(False, id="even steps", marks=pytest.mark.slow), pytest.param(True, id="uneven steps")],
 )
-def test_datasets_with_memory_in_several_pieces_cost_what_the_interpreter_says(uneven):
+def test_datasets_with_memory_in_several_pieces_have_the_cost_of_the_interpreter(uneven):
     random = np.random.default_rng(5)
     data = []
     for i in range(2):

@@ -80,7 +80,7 @@ def test_small_programs_end_at_the_best_active_set(seed, equalities):
 
 @pytest.mark.parametrize("seed", mostly_slow(range(15), 2))
 @pytest.mark.parametrize("equalities", [0, 1])
-def test_a_wrong_guess_of_active_bounds_changes_nothing(seed, equalities):
+def test_a_wrong_guess_of_active_bounds_does_not_change_the_solution(seed, equalities):
     random = np.random.default_rng([seed, equalities, 7])
     matrix, gradient = convex(5, random)
     at, limits = some_limits(5, random, equalities)

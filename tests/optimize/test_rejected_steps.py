@@ -85,7 +85,7 @@ def test_overflow_of_squares_is_distinguished_from_overflow_of_nodes():
     assert "the errors overflowed" in result.message
 
 
-def test_a_division_by_zero_is_traced_to_its_node_not_to_what_follows():
+def test_a_division_by_zero_is_traced_to_its_own_node():
     data = kf.Dataset.of("bench", {"x": [1.0, 0.0, 2.0], "m": [1.0, 2.0, 3.0]})
     result = kf.calibrate("last = 2 * share\nshare = a / x", data, {"a": 1.0}, "m", node="last")
     assert "share was not finite at sample 2 of bench" in result.message

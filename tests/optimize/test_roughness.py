@@ -118,7 +118,7 @@ def with_pairs(*places):
 
 
 @pytest.mark.parametrize("places", [[3], [0], [6], [0, 6], [2, 3], [1, 4, 5]], ids=str)
-def test_pairs_of_close_breakpoints_cost_what_the_formula_costs_at_its_least_slope_between_them(places):
+def test_pairs_of_close_breakpoints_have_the_cost_of_the_formula_at_its_least_slope(places):
     x = with_pairs(*places)
     rng = np.random.default_rng(3)
     slopes = rng.standard_normal(x.size - 1)

@@ -61,7 +61,7 @@ def test_the_fewest_parameters_leave_zero(text, parameters, stuck, levels):
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_a_square_at_zero_is_fitted_whatever_its_size(scale):
+def test_a_square_of_any_size_at_zero_is_fitted(scale):
     result = fitted(f"y = {scale} * a^2 * u", SCALARS[0], data=DATA | {"t": 4 * U})
     assert result.converged
     assert abs(result.parameters["a"].value) == pytest.approx(2 / np.sqrt(scale), rel=1e-6)
@@ -146,7 +146,7 @@ def test_zeros_that_no_move_within_the_bounds_improves_stay():
     assert "could not move" not in result.message
 
 
-def test_a_value_at_its_bound_that_switches_another_off_is_no_saddle():
+def test_a_value_at_its_bound_that_switches_another_off_does_not_count_as_a_saddle():
     data = DATA | {"t": 2 * U}
     result = fitted("y = a * u + b * c * (v - 10)^2", *SCALARS[:2], kf.Scalar("c", 1.0), data=data)
     assert result.converged

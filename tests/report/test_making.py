@@ -25,7 +25,7 @@ from tests.report.report_projects import (
 )
 
 
-def test_every_report_stands_alone_and_says_what_the_result_says(project, opened):
+def test_every_report_is_self_contained_and_agrees_with_its_result(project, opened):
     result, page = project.result, opened(project.report)
     assert page.addresses
     assert all(address.startswith("#") for address in page.addresses)
@@ -139,7 +139,7 @@ def test_a_report_lists_recordings_worst_first_and_folds_long_lists(calibrated, 
     assert str(worst) in rows
 
 
-def test_a_report_on_the_start_values_lists_recordings_too(calibrated, opened):
+def test_a_report_on_the_start_values_lists_recordings(calibrated, opened):
     rows = recording_rows(opened(document(calibrated(several_files).project)))
     assert "RMSE before" not in rows
     assert rows.count("drive_") == 15
