@@ -103,7 +103,7 @@ def end_forking_process() -> None:
 
 
 class ForkingSubprocess:
-    """Takes the place of the module `subprocess` where workers are started by `python -c`."""
+    """Replaces the module `subprocess` where workers are started by `python -c`."""
 
     PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 

@@ -85,10 +85,10 @@ class Page:
             self.state = head["state"]
         return head, arrays
 
-    def ask(self, question: str, **given: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def ask(self, question: str, **arguments: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Ask, and return the answer."""
         self._count += 1
-        self.socket.send(json.dumps({"id": self._count, "ask": question, "with": given}))
+        self.socket.send(json.dumps({"id": self._count, "ask": question, "with": arguments}))
         while True:
             head, arrays = self.receive()
             if head.get("id") == self._count:

@@ -41,7 +41,7 @@ def test_the_bundle_was_built_from_these_sources(bundle: Path) -> None:
 
 @needs_sources
 @pytest.mark.parametrize("folder", ["drawing", "report"])
-def test_drawing_and_report_import_nothing_of_the_app(folder: str) -> None:
+def test_drawing_and_report_do_not_import_the_app(folder: str) -> None:
     texts = {path: path.read_text(encoding="utf-8") for path in files([f"src/{folder}"]) if path.suffix == ".ts"}
     imports = [(path, name) for path, text in texts.items() for name in re.findall(r'(?:from|import) "([^"]+)"', text)]
     assert len(imports) > 5
@@ -59,7 +59,7 @@ def test_the_page_loads_little_before_it_can_be_used() -> None:
     assert sum(path.stat().st_size for path in first) < 300_000
 
 
-def test_nothing_is_loaded_from_elsewhere() -> None:
+def test_bundles_load_no_external_resources() -> None:
     page = (STATIC / "index.html").read_text(encoding="utf-8")
     assert "http:" not in page
     assert "https:" not in page

@@ -67,7 +67,7 @@ def test_a_run_has_a_row_for_each_file_the_worst_first(tmp_path: Path, files: in
     assert head["rows"] == [list(row) for row in session.runs[-1].result.recordings_table()]
 
 
-def test_before_a_run_there_is_nothing_to_list(tmp_path: Path) -> None:
+def test_nothing_is_listed_before_a_run(tmp_path: Path) -> None:
     head = ask(Session(write_project(tmp_path, 2)))
     assert (head["run"], len(head["rows"]), head["several"]) == (None, 1, False)
 

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "calfiles"))
 NOW, START = {"from": "now"}, {"from": "start"}
 
 
-def ask(session: Session, question: str, **given: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, given)
+def ask(session: Session, question: str, **arguments: Any) -> Answer:
+    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def file(name: str, a2l: str = "") -> dict[str, str]:
@@ -105,22 +105,22 @@ def test_a_parameter_of_another_kind_is_refused(session: Session) -> None:
 
 
 def test_ticked_labels_are_merged_into_a_file(session: Session, bench: str) -> None:
-    given = {"first": NOW, "second": file(bench), "names": ["MapOptTorque"], "target": "both.cdfx"}
-    head = ask(session, "write-calibration", **given).head
+    arguments = {"first": NOW, "second": file(bench), "names": ["MapOptTorque"], "target": "both.cdfx"}
+    head = ask(session, "write-calibration", **arguments).head
     assert head["changes"] == [{"name": "MapOptTorque", "action": "replaced", "details": head["changes"][0]["details"]}]
-    both = kf.read_parameters(session.path.parent / "both.cdfx")
+    merged = kf.read_parameters(session.path.parent / "both.cdfx")
     now = session.parameters
-    assert both["MapOptTorque"].values == pytest.approx(now["MapOptTorque"].values + 3.0)
-    assert both["CurveEtaDeltaSpark"].values == pytest.approx(now["CurveEtaDeltaSpark"].values)
+    assert merged["MapOptTorque"].values == pytest.approx(now["MapOptTorque"].values + 3.0)
+    assert merged["CurveEtaDeltaSpark"].values == pytest.approx(now["CurveEtaDeltaSpark"].values)
 
 
-def test_a_file_is_converted_with_what_the_format_loses(session: Session) -> None:
+def test_a_file_is_converted_with_warnings_of_lost_properties(session: Session) -> None:
     head = ask(session, "write-calibration", first=START, target="start.csv").head
     assert any("descriptions are left out" in text for text in head["findings"])
     assert ask(session, "differences", first=START, second=file("start.csv")).head["rows"] == []
 
 
-def test_no_file_is_replaced_unless_told(session: Session, bench: str) -> None:
+def test_a_file_is_replaced_only_on_request(session: Session, bench: str) -> None:
     content = (session.path.parent / bench).read_bytes()
     assert ask(session, "write-calibration", first=START, target=bench).head == {"exists": bench}
     assert (session.path.parent / bench).read_bytes() == content
@@ -175,7 +175,7 @@ def flash(torque: Path) -> Path:
     return torque
 
 
-def test_a_file_written_as_an_image_says_what_was_rounded(flash: Path) -> None:
+def test_a_file_written_as_an_image_lists_rounded_values(flash: Path) -> None:
     session = Session(flash)
     head = ask(session, "calibrations").head
     assert {"name": "ecu.hex", "format": "HEX", "image": True} in head["files"]
@@ -183,8 +183,8 @@ def test_a_file_written_as_an_image_says_what_was_rounded(flash: Path) -> None:
     curve = kf.read_parameters(flash.parent / "ecu.hex")["CurveEtaDeltaSpark"]
     assert curve.values[0] == pytest.approx(0.80)
     kf.ParameterSet([curve.with_values(curve.values + 0.0142)]).save(flash.parent / "new.json")
-    given = {"first": file("new.json"), "target": "new.hex", "image": "ecu.hex", "a2l": "ecu.a2l"}
-    answer = ask(session, "write-calibration", **given).head
+    arguments = {"first": file("new.json"), "target": "new.hex", "image": "ecu.hex", "a2l": "ecu.a2l"}
+    answer = ask(session, "write-calibration", **arguments).head
     (row,) = answer["rounded"]
     assert (row["name"], row["differ"], row["total"]) == ("CurveEtaDeltaSpark", 12, 12)
     assert row["largest"] == pytest.approx(0.0042, rel=1e-6)

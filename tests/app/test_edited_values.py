@@ -33,8 +33,8 @@ initial = 1.0
 X = np.linspace(0.0, 3.0, 25)
 
 
-def ask(session: Session, question: str, **given: Any) -> dict[str, Any]:
-    return dict((QUESTIONS.get(question) or COMMANDS[question])(session, given).head)
+def ask(session: Session, question: str, **arguments: Any) -> dict[str, Any]:
+    return dict((QUESTIONS.get(question) or COMMANDS[question])(session, arguments).head)
 
 
 def record(path: Path, y: np.ndarray, z: np.ndarray = X) -> None:
@@ -88,7 +88,7 @@ def test_values_follow_breakpoints_that_another_program_changes(project: Path) -
     assert not session.findings
 
 
-def test_values_follow_breakpoints_that_become_more(project: Path) -> None:
+def test_values_follow_additional_breakpoints(project: Path) -> None:
     session = Session(project)
     edit(session, [0, 2, 4, 6])
     session.do(SetText("finer", project.name, TOML.replace("[0, 1, 2, 3]", "[0, 0.5, 1, 2, 3]")))
@@ -191,8 +191,8 @@ def test_a_plot_does_not_mix_a_recording_with_its_successor(project: Path) -> No
 def test_recovered_values_whose_breakpoints_are_damaged_are_not_guessed(project: Path, tables: str) -> None:
     edit(Session(project), [0, 2, 4, 6])
     path = Session(project).recovery.path
-    kept = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps(kept | {"tables": tables}), encoding="utf-8")
+    recovery = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(recovery | {"tables": tables}), encoding="utf-8")
     session = Session(project)
     ask(session, "recover")
     expected = [0, 2, 4, 6] if tables == "{}" else [1, 1, 1, 1]  # earlier versions kept no breakpoints
@@ -228,7 +228,7 @@ def test_an_excerpt_is_read_again_from_a_recording_of_the_same_size_and_time(pro
 
 
 @pytest.mark.usefixtures("forked_workers")
-def test_an_export_says_what_changed_since_the_run(project: Path) -> None:
+def test_an_export_states_changes_since_the_run(project: Path) -> None:
     session, file = Session(project), project.with_name("results") / "result.json"
 
     def exported() -> dict[str, Any]:
@@ -268,7 +268,7 @@ def test_a_target_that_is_a_node_follows_edits(project: Path) -> None:
     assert picture["start"][-1] == picture["now"][-1] == 1.0
 
 
-def test_saving_keeps_what_was_saved_before(project: Path) -> None:
+def test_saving_keeps_values_saved_before(project: Path) -> None:
     project.with_name("m.kf").write_text("input x\nm = C(x) + k\n", encoding="utf-8")
     project.write_text(f"{TOML}[parameters.k]\ninitial = 1.0\n", encoding="utf-8")
     session = Session(project)
@@ -290,6 +290,6 @@ def test_values_of_an_expansion_with_other_kinks_are_not_taken():
     for unlike in (other, matern):
         with pytest.raises(ArgumentError, match="F has another kernel or other kinks in the file"):
             fit_onto(own, unlike)
-        kept, findings = with_edits(ParameterSet([own]), {"F": own.values + 1}, {"F": unlike})
-        assert kept["F"].values.tolist() == own.values.tolist()
+        parameters, findings = with_edits(ParameterSet([own]), {"F": own.values + 1}, {"F": unlike})
+        assert parameters["F"].values.tolist() == own.values.tolist()
         assert "its unsaved values are not used" in str(findings[0])

@@ -45,7 +45,7 @@ def test_no_peak_of_many_samples_is_lost() -> None:
 
 
 @pytest.mark.parametrize("values", [np.zeros(0), np.full(5, np.nan)])
-def test_nothing_to_draw(values: np.ndarray) -> None:
+def test_a_signal_without_values_has_no_extremes(values: np.ndarray) -> None:
     low, high = PixelEnvelope(values).extremes(np.array([0, values.size]))
     assert np.isnan(low).all()
     assert np.isnan(high).all()

@@ -13,7 +13,7 @@ from kennfeld.app.session.state import SetKeys, SetTables
 from tests.draws import mostly_slow
 
 
-def asked(session: Session, sample: int) -> dict[str, object]:
+def split_at(session: Session, sample: int) -> dict[str, object]:
     position = session.require_view().model.recordings[0].position[sample]
     return dict(QUESTIONS["split"](session, {"dataset": 0, "position": float(position)}).head)
 
@@ -23,10 +23,10 @@ def test_nodes_and_error_are_those_of_the_evaluation(name: str, request: pytest.
     session = Session(request.getfixturevalue(name))
     view = session.require_view()
     names, recording = list(view.model.problem.model.graph.names), view.model.recordings[0]
-    whole = view.model.nodes(recording, names, session.parameters)
+    nodes = view.model.nodes(recording, names, session.parameters)
     for sample in (40, recording.count // 2, recording.count - 1):
-        answer = asked(session, sample)
-        assert [node["now"] for node in answer["nodes"]] == pytest.approx(whole[:, sample], rel=1e-9)
+        answer = split_at(session, sample)
+        assert [node["now"] for node in answer["nodes"]] == pytest.approx(nodes[:, sample], rel=1e-9)
         assert answer["difference"]["now"] == finite(view.now.errors[0][0][sample])
         assert answer["sample"] == sample
 
@@ -36,7 +36,7 @@ def test_a_change_takes_the_error_away(name: str, request: pytest.FixtureRequest
     session = Session(request.getfixturevalue(name))
     view = session.require_view()
     sample = view.model.recordings[0].count - 1
-    answer = asked(session, sample)
+    answer = split_at(session, sample)
     table = next(row for row in answer["corrections"] if row["parameter"] in ("MapOptTorque", "MapSettled"))
     assert table["obstacle"] == ""
     values = session.parameters[table["parameter"]].values + table["change"]
@@ -45,7 +45,7 @@ def test_a_change_takes_the_error_away(name: str, request: pytest.FixtureRequest
     assert abs(after) < 2e-3 * abs(answer["difference"]["now"])
 
 
-def test_a_locked_table_and_one_at_its_bounds_are_out_of_reach(torque: Path) -> None:
+def test_tables_that_are_locked_or_at_their_bounds_have_no_correction(torque: Path) -> None:
     session = Session(torque)
     keys = [
         (("parameters", "MapOptTorque", "lock"), True),
@@ -53,7 +53,7 @@ def test_a_locked_table_and_one_at_its_bounds_are_out_of_reach(torque: Path) -> 
     ]
     session.do(SetKeys("limited", "kennfeld.toml", keys))
     assert not session.stale, session.findings
-    rows = {row["parameter"]: row for row in asked(session, 1000)["corrections"]}
+    rows = {row["parameter"]: row for row in split_at(session, 1000)["corrections"]}
     assert rows["MapOptTorque"]["obstacle"] == "locked"
     assert rows["MapDragTorque"]["obstacle"] == "bounds"
     assert abs(rows["MapDragTorque"]["allowed"]) == pytest.approx(1.0)

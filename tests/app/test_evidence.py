@@ -22,8 +22,8 @@ def test_samples_that_inform_a_value_are_those_whose_result_moves_with_it(torque
     values.flat[value] += 5.0
     session.do(SetValues("raised", name, values))
     for recording, old, new in zip(view.model.recordings, before, session.require_view().now.errors, strict=True):
-        moved = np.flatnonzero(np.abs(np.nan_to_num(new - old)).max(axis=0) > 1e-9)
-        assert set(moved) <= set(informing[recording.number].samples.tolist())
+        samples = np.flatnonzero(np.abs(np.nan_to_num(new - old)).max(axis=0) > 1e-9)
+        assert set(samples) <= set(informing[recording.number].samples.tolist())
         assert informing[recording.number].weights.max(initial=0.0) <= 1.0
 
 
@@ -71,7 +71,7 @@ def test_a_correction_takes_the_error_away(torque: Path) -> None:
     assert abs(after) < 1e-6 * abs(error) + 1e-6
 
 
-def test_a_table_that_does_not_act_is_out_of_reach(torque: Path) -> None:
+def test_a_table_without_effect_has_no_correction(torque: Path) -> None:
     parameters = Session(torque).parameters
     [correction] = corrections(1.0, {"MapOptTorque": np.zeros(parameters["MapOptTorque"].values.shape)}, parameters)
     assert correction.obstacle == "does not act"
@@ -91,14 +91,14 @@ def test_the_mean_error_at_a_grid_point_is_that_of_its_samples(exhaust: Path) ->
     assert np.isnan(answer.arrays["error"][without]).all()
 
 
-def test_data_points_of_a_table_are_where_samples_look_it_up(exhaust: Path) -> None:
+def test_data_points_of_a_table_are_lookups_of_samples(exhaust: Path) -> None:
     session = Session(exhaust)
     answer = QUESTIONS["coverage"](session, {"name": "MapSettled"})
     channels = session.require_view().model.recordings[0]
     recorded = np.column_stack([channels.channel("Speed"), channels.channel("Injection")])
     axes = session.parameters["MapSettled"].axes
     recorded = np.clip(recorded, [axis.breakpoints[0] for axis in axes], [axis.breakpoints[-1] for axis in axes])
-    drawn = np.column_stack([answer.arrays["x"], answer.arrays["y"]])
-    assert 500 < len(drawn) <= 2500
-    for point in drawn[::100]:
+    points = np.column_stack([answer.arrays["x"], answer.arrays["y"]])
+    assert 500 < len(points) <= 2500
+    for point in points[::100]:
         assert np.abs(recorded - point).max(axis=1).min() < 1e-2

@@ -1,4 +1,4 @@
-"""What another program, or another app, writes to the files of a project is not overwritten unseen."""
+"""Files that another program, or another app, writes are not overwritten unseen."""
 
 import itertools
 from pathlib import Path
@@ -15,8 +15,8 @@ from tests.app.serving import served
 from tests.project.hostile_projects import write_project
 
 
-def ask(session: Session, question: str, **given: Any) -> dict[str, Any]:
-    return dict((QUESTIONS.get(question) or COMMANDS[question])(session, given).head)
+def ask(session: Session, question: str, **arguments: Any) -> dict[str, Any]:
+    return dict((QUESTIONS.get(question) or COMMANDS[question])(session, arguments).head)
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_the_same_change_is_not_a_conflict(project: Path) -> None:
     assert ask(session, "save") == {}
 
 
-def test_two_apps_overwrite_nothing_of_each_other(project: Path) -> None:
+def test_two_apps_do_not_overwrite_files_of_each_other(project: Path) -> None:
     first, second = Session(project), Session(project)
     set_seed(first, 1)
     set_value(second, 7.0)
@@ -96,7 +96,7 @@ def test_two_apps_overwrite_nothing_of_each_other(project: Path) -> None:
     assert float(Session(project).parameters["K"].values) == 8.0
 
 
-def test_recovered_edits_do_not_overwrite_what_changed_before_the_restart(project: Path) -> None:
+def test_recovered_edits_do_not_overwrite_changes_before_the_restart(project: Path) -> None:
     set_seed(Session(project), 5)
     project.write_text(project.read_text("utf-8").replace("initial = 1.0", "initial = 2.0"), encoding="utf-8")
     session = Session(project)
@@ -123,8 +123,8 @@ def test_recovered_edits_are_saved_if_nothing_changed(project: Path) -> None:
 def test_a_recovery_file_of_a_stranger_edits_formulas_alone(project: Path, name: str) -> None:
     session = Session(project)
     set_seed(session, 5)
-    kept = session.recovery.path
-    kept.write_text(kept.read_text().replace('"kennfeld.toml"', f'"{name}"', 1))
+    recovery = session.recovery.path
+    recovery.write_text(recovery.read_text().replace('"kennfeld.toml"', f'"{name}"', 1))
     session = Session(project)
     ask(session, "recover")
     assert name not in session.state.texts
@@ -134,9 +134,9 @@ def test_a_recovery_file_of_a_stranger_edits_formulas_alone(project: Path, name:
 def test_files_of_a_recovery_without_their_beginning_are_compared(project: Path) -> None:
     session = Session(project)
     set_seed(session, 5)
-    kept = session.recovery.path
-    content = kept.read_text()
-    kept.write_text(content[: content.index(', "known"')] + "}")
+    recovery = session.recovery.path
+    content = recovery.read_text()
+    recovery.write_text(content[: content.index(', "known"')] + "}")
     session = Session(project)
     ask(session, "recover")
     assert [each["file"] for each in ask(session, "save")["conflicts"]] == ["kennfeld.toml"]
@@ -160,7 +160,7 @@ def test_the_page_shows_both_texts_and_asks(project: Path) -> None:
         assert "seed = 5" in project.read_text("utf-8")
 
 
-def test_a_clock_that_goes_backwards_loses_nothing(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_that_goes_backwards_loses_no_change(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = itertools.count(2_000_000_000, -3600)
     monkeypatch.setattr("time.time", lambda: float(next(now)))
     monkeypatch.setattr("time.time_ns", lambda: next(now) * 1_000_000_000)

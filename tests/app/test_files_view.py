@@ -52,8 +52,8 @@ def test_a_dropped_file_is_merged_and_converted(torque: Path, bench: Path, tmp_p
         page.click("#replace-file")
         page.wait_for_selector("#replace-file", state="detached")
         page.wait_for_selector(READY)
-    both = kf.read_parameters(torque.parent / "both.cdfx")
-    assert both["MapOptTorque"].values == pytest.approx(own["MapOptTorque"].values * 2)
+    merged = kf.read_parameters(torque.parent / "both.cdfx")
+    assert merged["MapOptTorque"].values == pytest.approx(own["MapOptTorque"].values * 2)
 
 
 @pytest.mark.slow

@@ -49,7 +49,7 @@ def test_the_diagram_has_all_blocks_and_the_lines_that_come_from_them(sensor: Se
 
 
 @pytest.mark.guests
-def test_without_its_binding_and_its_script_the_diagram_says_what_is_missing(sensor: Session) -> None:
+def test_a_diagram_without_binding_and_script_names_the_missing_values(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None), (("model", "parameters"), None))
     own = QUESTIONS["diagram"](sensor, {}).head
     assert [block["path"] for block in own["blocking"]] == ["Sensor/Radiation"]
@@ -83,7 +83,7 @@ def test_a_part_can_be_imported_alone(sensor: Session) -> None:
 @pytest.mark.guests
 @pytest.mark.guests
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         pytest.param("text.slx", b"hello", "is not a Simulink file", marks=pytest.mark.slow),
         ("cut.slx", b"PK\x03\x04 and no more", "damaged"),
@@ -92,13 +92,13 @@ def test_a_part_can_be_imported_alone(sensor: Session) -> None:
     ],
 )
 def test_a_file_that_cannot_be_read_is_one_message(
-    sensor: Session, name: str, content: bytes | None, said: str
+    sensor: Session, name: str, content: bytes | None, message: str
 ) -> None:
     if content is not None:
         (sensor.path.parent / name).write_bytes(content)
     COMMANDS["choose-function"](sensor, {"file": name})
     [problem] = QUESTIONS["diagram"](sensor, {}).head["problems"]
-    assert said in problem["text"]
+    assert message in problem["text"]
     assert sensor.stale
     assert sensor.view is not None
 
@@ -147,7 +147,7 @@ def test_a_solver_is_named_for_models_with_continuous_states(sensor: Session, tm
 
 
 @pytest.mark.guests
-def test_a_missing_dictionary_is_named_with_what_stops_the_import(tmp_path: Path) -> None:
+def test_a_missing_dictionary_is_named_as_the_reason_of_a_stopped_import(tmp_path: Path) -> None:
     own = QUESTIONS["diagram"](Session(write_model(tmp_path, dictionary="plant.sldd")), {}).head
     assert [each["name"] for each in own["undefined"]] == ["K"]
     assert [problem["message"] for problem in own["stopped"]] == ["needs plant.sldd, which was not found"]
@@ -162,7 +162,7 @@ def test_an_unknown_block_is_named_and_the_blocks_are_still_shown(sensor: Sessio
 
 
 @pytest.mark.guests
-def test_settings_of_another_kind_are_no_reason_to_fail(sensor: Session) -> None:
+def test_settings_of_another_kind_are_ignored(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), 3), (("model", "parameters"), 4), (("calibration", "initial"), 5))
     source = ImportSource.of(sensor.settings, sensor.path)
     assert source is not None
@@ -170,7 +170,7 @@ def test_settings_of_another_kind_are_no_reason_to_fail(sensor: Session) -> None
 
 
 @pytest.mark.guests
-def test_formula_text_that_a_model_is_converted_to_gives_the_same_errors(sensor: Session) -> None:
+def test_formula_text_of_a_converted_model_gives_the_same_errors(sensor: Session) -> None:
     before = sensor.require_view().now
     answer = COMMANDS["convert-function"](sensor, {})
     assert answer.head["file"] == sensor.formula_file == "exhaust.kf"
@@ -186,7 +186,7 @@ def test_formula_text_that_a_model_is_converted_to_gives_the_same_errors(sensor:
 
 
 @pytest.mark.guests
-def test_a_model_that_is_stopped_cannot_be_converted(sensor: Session) -> None:
+def test_a_model_that_cannot_run_cannot_be_converted(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None))
     with pytest.raises(InputError, match="Sensor/Radiation"):
         COMMANDS["convert-function"](sensor, {})
@@ -225,7 +225,7 @@ def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
 
 
 @pytest.mark.guests
-def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> None:
+def test_the_flow_names_the_inputs_of_each_node(torque: Path, sensor: Session) -> None:
     nodes = {node["name"]: node for node in QUESTIONS["flow"](Session(torque), {}).head["nodes"]}
     assert nodes["etaSpark"]["sources"] == ["deltaSpark"]
     assert (nodes["etaSpark"]["tables"], nodes["etaSpark"]["kind"]) == (["CurveEtaDeltaSpark"], "curve")
@@ -235,7 +235,7 @@ def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> N
     assert "T_sensor" in nodes["T_sensor"]["sources"]  # a state reads itself
 
 
-def test_a_misspelt_name_is_found_at_its_character(torque: Path) -> None:
+def test_a_misspelt_name_is_located_at_its_character(torque: Path) -> None:
     session = Session(torque)
     text = session.text_of("torque.kf").rstrip("\n")
     session.do(

@@ -30,8 +30,8 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
-def ask(session: Session, question: str, **given: Any) -> dict[str, Any]:
-    return dict({**QUESTIONS, **COMMANDS}[question](session, given).head)
+def ask(session: Session, question: str, **arguments: Any) -> dict[str, Any]:
+    return dict({**QUESTIONS, **COMMANDS}[question](session, arguments).head)
 
 
 def allow(session: Session) -> None:
@@ -55,7 +55,7 @@ def test_a_c_function_is_shown_with_its_text_ports_and_states(tmp_path: Path) ->
     assert any(line["text"].startswith("lag = ") for line in own["lines"])
 
 
-def test_without_its_name_a_function_is_to_be_chosen(tmp_path: Path) -> None:
+def test_a_function_must_be_chosen_if_it_is_not_named(tmp_path: Path) -> None:
     session = Session(write_functions(tmp_path, file="engine.c"))
     own = ask(session, "function-file")
     assert (own["function"], own["functions"], own["problems"]) == ("", ["lag", "twice"], [])
@@ -87,7 +87,7 @@ def test_the_only_function_of_a_file_is_chosen(tmp_path: Path) -> None:
         ("missing.c:f", None, "does not exist"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_a_message(tmp_path: Path, file: str, content: str | None, message: str) -> None:
+def test_errors_of_a_file_are_messages(tmp_path: Path, file: str, content: str | None, message: str) -> None:
     project = write_functions(tmp_path, file=file)
     if content is not None:
         (tmp_path / file.partition(":")[0]).write_text(content)
@@ -205,11 +205,11 @@ def test_code_does_not_run_to_find_breakpoints_or_grid_points_without_data(tmp_p
     assert (tmp_path / "ran").exists()
 
 
-def test_code_of_functions_that_are_not_called_is_not_asked_for(tmp_path: Path) -> None:
+def test_code_of_unused_functions_needs_no_consent(tmp_path: Path) -> None:
     assert Session(write_functions(tmp_path, functions=CALLS)).undecided == ()
 
 
-def test_what_was_allowed_is_remembered_until_the_file_changes(tmp_path: Path) -> None:
+def test_consent_is_remembered_until_the_file_changes(tmp_path: Path) -> None:
     project = write_functions(tmp_path, "y = K * table(u)\n", CALLS)
     allow(Session(project))
     assert Session(project).undecided == ()
@@ -226,7 +226,7 @@ def test_a_changed_file_does_not_run_on_a_consent_to_its_former_content(tmp_path
     assert not (tmp_path / "ran").exists()
 
 
-def test_a_damaged_memory_of_consents_allows_nothing(tmp_path: Path, home: Path) -> None:
+def test_a_damaged_file_of_consents_allows_no_code(tmp_path: Path, home: Path) -> None:
     (home / ".kennfeld").mkdir(parents=True)
     (home / ".kennfeld/allowed-code.json").write_text("{")
     session = Session(write_functions(tmp_path, "y = K * table(u)\n", CALLS))
@@ -255,7 +255,7 @@ def test_an_fmu_is_shown_and_runs_once_it_is_allowed(tmp_path: Path) -> None:
         ask(session, "convert-function")
 
 
-def test_an_fmu_for_co_simulation_keeps_its_states_to_itself(tmp_path: Path) -> None:
+def test_an_fmu_for_co_simulation_shows_no_states(tmp_path: Path) -> None:
     project = write_functions(tmp_path, file="tank.fmu:co_simulation")
     tank_fmu.build(tmp_path, 2)
     session = Session(project)

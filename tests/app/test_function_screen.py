@@ -90,7 +90,7 @@ def test_a_simulink_model_is_unbound_bound_and_converted(tmp_path: Path) -> None
 
 @pytest.mark.guests
 @pytest.mark.slow
-def test_a_broken_model_is_one_message_and_the_page_lives_on(torque: Path) -> None:
+def test_a_broken_model_is_one_message_and_the_page_stays_open(torque: Path) -> None:
     broken = torque.parent / "engine.slx"
     broken.write_text("not a model")
     with project_page(torque, "function") as page:

@@ -27,26 +27,26 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def serve_at(address: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Let the server begin at an address and end; return the tickets that it takes, and what the file had."""
-    seen: list[str] = []
+    contents: list[str] = []
 
     def serve(workspace: object, port: int, ready: object, project: object, ticket: str) -> None:
         ready(address)  # type: ignore[operator]
         [file] = launch.servers_folder().glob("*.html")
-        seen.extend([ticket, file.read_text()])
+        contents.extend([ticket, file.read_text()])
         if os.name == "posix":
             assert stat.S_IMODE(file.stat().st_mode) == 0o600
             assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
 
     monkeypatch.setattr(launch, "serve", serve)
-    return seen
+    return contents
 
 
-def test_the_browser_is_given_a_file_and_no_token(
+def test_the_browser_gets_a_file_without_the_token(
     home: Path, opened: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    seen = serve_at("http://127.0.0.1:8765/?token=secret", monkeypatch)
+    contents = serve_at("http://127.0.0.1:8765/?token=secret", monkeypatch)
     launch.launch(None)
-    ticket, content = seen
+    ticket, content = contents
     assert f"url=http://127.0.0.1:8765/?open={ticket}" in content
     assert "secret" not in content
     [address] = opened

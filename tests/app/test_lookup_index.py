@@ -31,12 +31,12 @@ def test_lookups_near_a_value_are_those_of_a_search_through_all(shape):
         expected = np.zeros(SAMPLES)
         for lookup in lookups(table, 3):
             for at, share in lookup.corners:
-                here = np.where(at == value, share, 0.0)
-                np.maximum(expected[lookup.samples], here, out=expected[lookup.samples])
+                weights = np.where(at == value, share, 0.0)
+                np.maximum(expected[lookup.samples], weights, out=expected[lookup.samples])
         np.testing.assert_allclose(index.weights(value, SAMPLES), expected, atol=2e-6)
 
 
-def test_near_returns_where_the_table_is_looked_up():
+def test_lookups_near_a_value_have_their_coordinates_and_weights():
     table = parameter("Curve", np.zeros(3), [Axis([0.0, 1.0, 3.0], "x")])
     lookup = Lookup(table, 10, np.array([True, False, True]), (np.array([0, 0, 1]),), (np.array([0.25, 0.5, 0.5]),))
     samples, coordinates, weights = LookupIndex(table, [lookup]).near(1, 1)
@@ -45,7 +45,7 @@ def test_near_returns_where_the_table_is_looked_up():
     np.testing.assert_allclose(weights, [0.25, 0.5])
 
 
-def test_a_table_without_lookups_has_none_near():
+def test_a_table_without_lookups_has_no_lookups_near_a_value():
     samples, coordinates, weights = LookupIndex(parameter("Gain", 2.0), []).near(0, 1)
     assert (samples.size, coordinates.shape, weights.size) == (0, (0, 0), 0)
 

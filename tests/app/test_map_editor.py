@@ -137,7 +137,7 @@ def test_an_edit_redraws_the_cells_that_look_different_and_no_other(editor: Any)
 
 
 @pytest.mark.slow
-def test_what_a_point_rests_on_is_shown_for_a_curve_too(editor: Any, exhaust: Path) -> None:
+def test_samples_that_inform_a_point_are_shown_for_a_curve_too(editor: Any, exhaust: Path) -> None:
     points = Project.read(exhaust).problem().parameters["CurveTimeConstant"].axes[0].breakpoints
     editor.click("[data-parameter=CurveTimeConstant]")
     editor.wait_for_selector(f"[data-cell='{len(points) - 1},0']")

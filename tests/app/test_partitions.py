@@ -60,13 +60,13 @@ def tables(result: Result) -> list[np.ndarray]:
 def test_screens_show_an_excerpt_and_say_so(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path))
     state = overview.overview(session)
-    shown, whole = state.excerpt
-    assert whole == SAMPLES
-    assert shown == sum(dataset.samples for dataset in state.datasets) < 0.2 * whole
-    assert state.scores[0].samples < shown
+    excerpt, samples = state.excerpt
+    assert samples == SAMPLES
+    assert excerpt == sum(dataset.samples for dataset in state.datasets) < 0.2 * samples
+    assert state.scores[0].samples < excerpt
 
 
-def test_a_project_whose_excerpt_is_everything_says_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_complete_excerpt_is_not_mentioned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(partitioned_loading, "EXCERPT", 10**6)
     assert overview.overview(Session(write_project(tmp_path))).excerpt is None
     plain = write_project(tmp_path, cluster="")
@@ -139,8 +139,8 @@ def test_processes_of_a_run_end_with_the_session(tmp_path: Path) -> None:
     wait(session, lambda: not any(process.is_running() for process in started))
 
 
-def export_of(session: Session, **given: bool) -> Page:
-    QUESTIONS["export"](session, given)
+def export_of(session: Session, **arguments: bool) -> Page:
+    QUESTIONS["export"](session, arguments)
     return Page((session.path.parent / "results" / "report.html").read_text(encoding="utf-8"))
 
 
@@ -153,8 +153,8 @@ def test_reports_and_results_are_those_of_all_samples(tmp_path: Path) -> None:
         assert page.figures(kind) == expected.figures(kind)
     folder = session.path.parent / "results"
     assert not (folder / "simulation.parquet").exists()
-    written = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    assert [row["samples"] for row in written["quality"]] == [row.samples for row in result.quality]
+    summary = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    assert [row["samples"] for row in summary["quality"]] == [row.samples for row in result.quality]
 
 
 @pytest.mark.slow

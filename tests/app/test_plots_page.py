@@ -64,7 +64,7 @@ def test_a_signal_is_searched_and_added_and_kept_for_the_project(exhaust: Path) 
 
 
 @pytest.mark.slow
-def test_a_kept_signal_that_is_gone_does_not_hide_the_others(exhaust: Path) -> None:
+def test_a_removed_signal_does_not_hide_the_others(exhaust: Path) -> None:
     strips = [{"weight": 1, "lines": [{"kind": "channel", "name": name}]} for name in ("Gone", "Speed")]
     with project_page(exhaust) as page:
         script = "([key, value]) => localStorage.setItem(key, value)"
@@ -111,12 +111,12 @@ def test_keys_zoom_and_move_the_cursor_sample_by_sample(exhaust: Path) -> None:
         page.keyboard.press("Backspace")
         page.wait_for_selector(".tool .of")
         assert page.inner_text(".tool .span") == zoomed
-        shown = "value => Math.abs(Number(document.querySelector(`[data-strip='2'] .v b`).innerText) - value) < 0.6"
+        condition = "value => Math.abs(Number(document.querySelector(`[data-strip='2'] .v b`).innerText) - value) < 0.6"
         page.keyboard.press("Home")
-        page.wait_for_function(shown, arg=float(speed[0]))
+        page.wait_for_function(condition, arg=float(speed[0]))
         for key, sample in (("ArrowRight", 1), ("Shift+ArrowRight", 11), ("ArrowLeft", 10), ("End", -1)):
             page.keyboard.press(key)
-            page.wait_for_function(shown, arg=float(speed[sample]))
+            page.wait_for_function(condition, arg=float(speed[sample]))
 
 
 @pytest.mark.slow
@@ -169,7 +169,7 @@ def test_a_rectangle_in_a_scatter_becomes_a_condition_a_weight_and_a_view(exhaus
 
 
 @pytest.mark.slow
-def test_what_cannot_be_a_condition_says_why(torque: Path) -> None:
+def test_a_stretch_without_time_stamps_names_the_reason_against_a_condition(torque: Path) -> None:
     with project_page(torque) as page:
         page.click("[data-screen=plots]")
         page.wait_for_selector("[data-strip='0']")
@@ -195,7 +195,7 @@ def test_a_clicked_sample_shows_its_error_and_corrections(torque: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_grid_point_lights_up_its_samples_in_the_plots(exhaust: Path) -> None:
+def test_a_grid_point_highlights_its_samples_in_the_plots(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
     with project_page(exhaust) as page:
         page.click("[data-cell='6,4']")

@@ -67,7 +67,7 @@ def set_keys(session: Session, *changes: tuple[tuple[str, ...], object]) -> None
     session.do(SetKeys("changed", session.path.name, changes))
 
 
-def test_a_class_is_shown_with_its_source_and_what_it_calculates(accu: Session) -> None:
+def test_a_class_is_shown_with_its_source_and_its_outputs(accu: Session) -> None:
     own = program(accu)
     assert own["whole"]
     assert [each["file"] for each in own["sources"]] == ["Battery/Cell/Accu.esdl"]
@@ -126,7 +126,7 @@ def test_dropped_files_are_stored_by_package_and_the_application_is_the_function
     assert "Signals/Messages.esdl" not in listed
 
 
-def test_of_several_classes_the_one_that_no_other_uses_is_the_function(empty: Session) -> None:
+def test_the_class_that_no_other_class_uses_is_the_function(empty: Session) -> None:
     drop(empty, BATTERY, "Accu", "Sensor", "Messages", "Types")
     assert empty.settings["model"]["file"] == "Cell/Sensor.esdl"
     assert program(empty)["whole"]

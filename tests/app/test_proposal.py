@@ -31,7 +31,7 @@ def test_tables_get_round_axes_that_cover_the_data() -> None:
     assert table["smoothness"] > 0
 
 
-def test_what_the_project_has_is_not_proposed() -> None:
+def test_existing_parameters_are_not_proposed() -> None:
     assert proposals("y = Gain * n", {"parameters": {"Gain": {}}, "criterion": [{}]}) == {}
     assert proposals("y = C(n)", {"criterion": [{}]}, ("C",)) == {}
 

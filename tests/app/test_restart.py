@@ -37,7 +37,7 @@ def test_a_server_is_known_again_by_its_project(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files exist on POSIX")
-def test_nobody_else_can_read_the_file(tmp_path: Path) -> None:
+def test_only_the_owner_can_read_the_file(tmp_path: Path) -> None:
     remember_server(tmp_path, KnownServer(4321, KEY))
     (file,) = restart.servers_folder().iterdir()
     assert file.stat().st_mode & 0o777 == 0o600
@@ -84,7 +84,7 @@ def test_both_sides_prove_the_key() -> None:
 
 
 @pytest.mark.parametrize(("key", "side", "port"), [("x" * 43, "page", 4321), (KEY, "server", 4321), (KEY, "page", 99)])
-def test_another_key_side_or_port_proves_nothing(key: str, side: str, port: int) -> None:
+def test_a_proof_with_another_key_side_or_port_is_refused(key: str, side: str, port: int) -> None:
     handshake = Handshake(4321, KEY)
     answer = handshake.challenge(NONCE)
     assert answer is not None
@@ -154,7 +154,7 @@ PROOFS: list[object] = [
 QUESTIONS = ["", "{", "[]", "null", '{"nonce": 1}', '{"nonce": "short"}', "[" * 1900, json.dumps({"nonce": "x" * 1900})]
 
 
-def test_nobody_else_is_let_in(server: Served) -> None:
+def test_requests_without_a_proof_are_refused(server: Served) -> None:
     for content in PROOFS:
         status, headers, body = prove(server, content)
         assert (status, body) == (403, b"")
@@ -172,8 +172,8 @@ def test_nobody_else_is_let_in(server: Served) -> None:
 def test_a_taken_port_gives_another_port_and_another_key(server: Served, torque: Path, tmp_path: Path) -> None:
     with served(torque, tmp_path) as other:
         assert other.port != server.port
-        known = known_server(torque)
-        assert known is not None
-        assert known.port == other.port
+        record = known_server(torque)
+        assert record is not None
+        assert record.port == other.port
         page = server.request("GET", "/", {"Cookie": server.cookie})[2].decode()
-        assert known.key not in page
+        assert record.key not in page

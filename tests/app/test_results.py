@@ -18,8 +18,8 @@ from tests.app.app_processes import FORKS, fork_workers, forking_process
 from tests.app.function_samples import write_product
 
 
-def ask(session: Session, question: str, **given: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, given)
+def ask(session: Session, question: str, **arguments: Any) -> Answer:
+    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -46,21 +46,21 @@ def run(session: Session) -> Session:
 
 
 @pytest.mark.parametrize("axis", [0, 2, 4])
-def test_the_deviation_of_a_pinned_fit_is_foretold(axis: int) -> None:
+def test_the_deviation_of_a_pinned_fit_is_predicted(axis: int) -> None:
     rng = np.random.default_rng(5)
     x = rng.uniform(0, 4, 4000)
     data = {"x": x, "y": np.sin(x) + 0.1 * rng.standard_normal(x.size)}
     start = kf.ParameterSet([kf.Curve("C", np.arange(5.0), np.zeros(5))])
-    given: dict[str, Any] = {"target": "y", "smoothness": {"C": 0.5}}
-    free = kf.calibrate("m = C(x)", data, start, **given)
+    options: dict[str, Any] = {"target": "y", "smoothness": {"C": 0.5}}
+    free = kf.calibrate("m = C(x)", data, start, **options)
     value = float(free.parameters["C"].values[axis])
-    held = kf.calibrate("m = C(x)", data, start, pins=[kf.Pin("C", (float(axis),), value)], **given)
-    foretold = pinned_deviation(free.trust, "C", (axis,))["C"]
-    assert foretold == pytest.approx(held.trust.deviation["C"], rel=0.02, abs=1e-12)
-    assert foretold[axis] == 0.0
+    pinned = kf.calibrate("m = C(x)", data, start, pins=[kf.Pin("C", (float(axis),), value)], **options)
+    predicted = pinned_deviation(free.trust, "C", (axis,))["C"]
+    assert predicted == pytest.approx(pinned.trust.deviation["C"], rel=0.02, abs=1e-12)
+    assert predicted[axis] == 0.0
 
 
-def test_a_value_that_nothing_determines_foretells_nothing() -> None:
+def test_an_undetermined_value_has_no_predicted_deviation() -> None:
     x = np.linspace(0, 1, 50)
     start = kf.ParameterSet([kf.Scalar("a", 0.0), kf.Scalar("b", 0.0)])
     trust = kf.calibrate("m = (a + b) * x", {"x": x, "y": x}, start, target="y").trust

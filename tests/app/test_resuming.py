@@ -18,8 +18,8 @@ from kennfeld.project import Project
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
 
-def ask(session: Session, question: str, **given: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, given)
+def ask(session: Session, question: str, **arguments: Any) -> Answer:
+    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def wait_until(session: Session, condition: Callable[[], bool]) -> None:
@@ -68,14 +68,14 @@ def test_an_interrupted_run_is_resumed_in_another_session(torque: Path, every: i
     assert ask(session, "outcome").head["result"]["resumed"] == list(result.resumed)
 
 
-def test_what_the_app_keeps_the_command_line_resumes(torque: Path) -> None:
+def test_the_command_line_resumes_a_run_of_the_app(torque: Path) -> None:
     interrupt(torque, save_every=1)
     points = Project.read(torque).saves().resume_points()
     assert 1 in points.states
     assert points.findings == ()
 
 
-def test_a_run_that_converges_leaves_nothing_to_resume(exhaust: Path) -> None:
+def test_a_converged_run_cannot_be_resumed(exhaust: Path) -> None:
     session = Session(exhaust)
     ask(session, "run")
     wait_for_end(session)
@@ -100,11 +100,11 @@ def test_cross_validation_scores_held_out_data_and_keeps_the_values(exhaust: Pat
     assert "on held-out data" in folds["summary"][0]
 
 
-@pytest.mark.parametrize("given", [{"folds": 1}, {"folds": 3, "parts": "halves"}, {"workers": 0}])
-def test_settings_of_a_run_that_make_no_sense_are_refused(torque: Path, given: dict[str, Any]) -> None:
+@pytest.mark.parametrize("settings", [{"folds": 1}, {"folds": 3, "parts": "halves"}, {"workers": 0}])
+def test_invalid_settings_of_a_run_are_refused(torque: Path, settings: dict[str, Any]) -> None:
     session = Session(torque)
     with pytest.raises(ArgumentError):
-        ask(session, "run", **given)
+        ask(session, "run", **settings)
     assert session.job.state == "idle"
 
 
@@ -120,7 +120,7 @@ def test_every_step_of_a_sequence_has_a_row(exhaust: Path) -> None:
     assert all(row["iterations"] > 0 and row["rmse"] > 0 for row in rows)
 
 
-def test_the_outcome_says_what_the_command_line_says(exhaust: Path) -> None:
+def test_the_outcome_has_the_messages_of_the_command_line(exhaust: Path) -> None:
     session = Session(exhaust)
     ask(session, "set-keys", changes=[[["parameters", "MapSettled", "smoothness"], "auto"]], title="auto")
     ask(session, "run")

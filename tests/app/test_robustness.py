@@ -1,4 +1,4 @@
-"""What the page and the server survive: a restart, a dying worker, and an upload that breaks off."""
+"""Events that the page and the server survive: a restart, a dying worker, and an upload that breaks off."""
 
 import json
 import os
@@ -48,7 +48,7 @@ def test_a_restarted_server_is_picked_up_with_unsaved_edits(torque: Path, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_project_that_the_page_had_opened_is_opened_again(torque: Path, tmp_path: Path) -> None:
+def test_the_project_of_the_page_is_opened_again(torque: Path, tmp_path: Path) -> None:
     with started(None, tmp_path) as (address, process), browser_page(address) as page:
         page.fill("[aria-label='Path of a project']", str(torque))
         page.keyboard.press("Enter")
@@ -60,7 +60,7 @@ def test_a_project_that_the_page_had_opened_is_opened_again(torque: Path, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_page_that_cannot_prove_itself_says_what_to_do(torque: Path, tmp_path: Path) -> None:
+def test_a_page_without_a_proof_shows_a_remedy(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
         page.wait_for_selector(READY)
         kill(process, page)
@@ -120,7 +120,7 @@ def wait_for(condition: Any) -> None:
         time.sleep(0.01)
 
 
-def test_an_upload_that_breaks_off_leaves_nothing(server: Served, torque: Path) -> None:
+def test_an_interrupted_upload_leaves_no_file(server: Served, torque: Path) -> None:
     before = {path.name for path in torque.parent.iterdir()}
     connection = begin_upload(server, "new.csv")
     wait_for(lambda: list(torque.parent.glob("*.upload.part")))
@@ -128,7 +128,7 @@ def test_an_upload_that_breaks_off_leaves_nothing(server: Served, torque: Path) 
     wait_for(lambda: {path.name for path in torque.parent.iterdir()} == before)
 
 
-def test_what_a_killed_server_left_is_removed_at_the_next_start(server: Served, torque: Path, tmp_path: Path) -> None:
+def test_files_of_a_killed_server_are_removed_at_the_next_start(server: Served, torque: Path, tmp_path: Path) -> None:
     connection = begin_upload(server, "new.csv")
     wait_for(lambda: list(torque.parent.glob("*.upload.part")))
     server.process.kill()
@@ -148,7 +148,7 @@ def test_two_uploads_of_one_name_are_two_files(server: Served, torque: Path) -> 
     assert (torque.parent / "new-2.csv").read_bytes() == b"a\n2\n"
 
 
-def test_a_client_that_sends_its_request_slowly_stops_nobody(server: Served) -> None:
+def test_a_slow_client_does_not_block_the_others(server: Served) -> None:
     slow = [begin_upload(server, f"slow{number}.csv") for number in range(20)]
     half = socket.create_connection(("127.0.0.1", server.port))
     half.sendall(b"GET / HTTP/1.1\r\nHost: ")
@@ -194,7 +194,7 @@ def test_a_symbolic_link_out_of_the_folder_is_not_followed(server: Served, torqu
     assert b"folder/" not in archived
 
 
-def test_an_upload_that_is_too_large_is_refused_and_leaves_nothing(torque: Path, tmp_path: Path) -> None:
+def test_an_upload_that_is_too_large_is_refused_and_leaves_no_file(torque: Path, tmp_path: Path) -> None:
     before = {path.name for path in torque.parent.iterdir()} | {".kennfeld"}  # the cache of what is slow to read
     with served(torque, tmp_path, "import kennfeld.app.server.server as own; own.MAX_UPLOAD = 1000") as own:
         headers = {"Cookie": own.cookie, "Origin": f"http://{own.host}"}
@@ -203,7 +203,7 @@ def test_an_upload_that_is_too_large_is_refused_and_leaves_nothing(torque: Path,
         assert own.request("PUT", "/upload/small.csv", headers, b"x" * 1000)[0] == 200
 
 
-def test_a_page_that_never_reads_is_closed_and_the_others_live(server: Served) -> None:
+def test_a_page_that_never_reads_is_closed_and_the_others_stay_open(server: Served) -> None:
     with server.page() as slow:
         slow.socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         question = {"id": 1, "ask": "table", "with": {"name": "MapOptTorque"}}

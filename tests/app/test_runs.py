@@ -28,15 +28,17 @@ def counted(monkeypatch: pytest.MonkeyPatch, kind: type, method: str) -> list[ob
     calls: list[object] = []
     plain = getattr(kind, method)
 
-    def record(self: object, *given: Any) -> object:
-        calls.append(given)
-        return plain(self, *given)
+    def record(self: object, *arguments: Any) -> object:
+        calls.append(arguments)
+        return plain(self, *arguments)
 
     monkeypatch.setattr(kind, method, record)
     return calls
 
 
-def test_start_and_now_are_compared_without_another_evaluation(ended: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_start_and_present_values_are_compared_without_another_evaluation(
+    ended: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
     name = ended.require_view().model.problem.free_names[0]
     ended.do(SetValues("raise", name, ended.parameters[name].values + 1.0))
     calls = counted(monkeypatch, LiveModel, "evaluate")

@@ -25,13 +25,13 @@ RECTANGLE = {
 }
 
 
-def selection_of(given: dict) -> SampleSelection:
-    selection: SampleSelection = from_json(SampleSelection, given, "brush")
+def selection_of(arguments: dict) -> SampleSelection:
+    selection: SampleSelection = from_json(SampleSelection, arguments, "brush")
     return selection
 
 
-def ask(session: Session, question: str, **given: object) -> tuple[dict, dict]:
-    answer = QUESTIONS[question](session, {"dataset": 0, **given})
+def ask(session: Session, question: str, **arguments: object) -> tuple[dict, dict]:
+    answer = QUESTIONS[question](session, {"dataset": 0, **arguments})
     return dict(answer.head), dict(answer.arrays)
 
 
@@ -53,7 +53,7 @@ def test_a_rectangle_as_a_condition_scores_the_samples_within_or_beyond(exhaust:
     np.testing.assert_array_equal(np.isfinite(session.require_view().now.errors[0][0]), expected)
 
 
-def test_a_stretch_as_a_condition_scores_its_samples_and_keeps_the_condition_before(exhaust: Path) -> None:
+def test_a_stretch_as_a_condition_scores_its_samples_and_keeps_the_former_condition(exhaust: Path) -> None:
     session = Session(exhaust)
     limit(session, 0, "Speed > 1500 or Speed < 900")
     view = session.require_view()
@@ -78,7 +78,7 @@ def test_a_region_gives_the_samples_a_weight(exhaust: Path) -> None:
     np.testing.assert_array_equal(weights, np.where(chosen, 3.0, 1.0))
 
 
-def test_what_the_function_computes_cannot_be_a_condition(exhaust: Path) -> None:
+def test_outputs_of_the_function_cannot_be_a_condition(exhaust: Path) -> None:
     head, _ = ask(
         Session(exhaust),
         "conditions",
@@ -111,7 +111,7 @@ def test_a_stretch_of_several_recordings_cannot_be_a_condition(exhaust: Path) ->
     assert "several such pieces" in head["reason"]
 
 
-def test_a_stretch_is_no_region_if_other_datasets_share_the_criterion(exhaust: Path) -> None:
+def test_a_stretch_cannot_be_a_region_if_other_datasets_share_the_criterion(exhaust: Path) -> None:
     session = Session(exhaust)
     assert len(session.require_view().model.recordings) > 1
     head, _ = ask(session, "conditions", brush={"begin": 10.0, "end": 20.0})
@@ -131,8 +131,8 @@ def test_a_view_of_some_samples_leaves_gaps_for_the_others(exhaust: Path) -> Non
     view = Session(exhaust).require_view()
     recording, speed = view.model.recordings[0], SignalName("channel", "Speed")
     only = SampleSelection((SignalRange(speed, 1500.0, 2500.0),))
-    drawn = strip(view.signals, recording, [speed], 100.0, 140.0, 2000, only)
-    values = drawn.lines[0]
+    section = strip(view.signals, recording, [speed], 100.0, 140.0, 2000, only)
+    values = section.lines[0]
     assert np.isnan(values).any()
     assert values[np.isfinite(values)].min() >= 1500.0
 
@@ -147,10 +147,10 @@ def test_a_brush_of_errors_follows_an_edit(exhaust: Path) -> None:
     assert int(view.signals.selected(view.model.recordings[0], brush).sum()) < before
 
 
-def test_points_light_up_what_is_brushed(exhaust: Path) -> None:
+def test_brushed_samples_are_highlighted_in_a_scatter(exhaust: Path) -> None:
     session = Session(exhaust)
-    given = {"signals": [SPEED, {"kind": "error", "name": "0"}, {"kind": "channel", "name": "nothing"}]}
-    head, arrays = ask(session, "points", **given, brush=RECTANGLE, most=500)
+    arguments = {"signals": [SPEED, {"kind": "error", "name": "0"}, {"kind": "channel", "name": "nothing"}]}
+    head, arrays = ask(session, "points", **arguments, brush=RECTANGLE, most=500)
     lit = arrays["lit"] > 0
     assert 0 < lit.sum() < lit.size
     assert arrays["0"][lit].min() >= 1500

@@ -113,7 +113,7 @@ MALFORMED = [
 
 
 @pytest.mark.parametrize("message", MALFORMED)
-def test_a_malformed_question_gets_an_answer_and_the_socket_lives_on(server: Served, message: str) -> None:
+def test_a_malformed_question_gets_an_answer_and_the_socket_stays_open(server: Served, message: str) -> None:
     with server.page() as page:
         page.socket.send(message)
         head, _ = page.receive()
@@ -200,7 +200,7 @@ def test_a_port_that_is_taken_is_refused_in_one_line(server: Served, tmp_path: P
         launch(None, server.port, browser=False)
 
 
-def test_a_run_that_reports_after_the_server_has_ended_is_no_error() -> None:
+def test_a_run_may_report_after_the_server_has_ended() -> None:
     from kennfeld.app.server.server import Server
     from kennfeld.app.workspace import AppWorkspace
 

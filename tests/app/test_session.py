@@ -40,7 +40,7 @@ def test_an_edit_is_followed_as_the_command_line_would_score_it(torque: Path) ->
     assert training.rmse == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=1e-12)
 
 
-def test_undo_takes_back_the_numbers_and_redo_brings_them_again(torque: Path) -> None:
+def test_undo_and_redo_restore_the_numbers(torque: Path) -> None:
     session = Session(torque)
     start = session.require_view().now.scores
     raise_value(session, "MapOptTorque", 10.0)
@@ -52,7 +52,7 @@ def test_undo_takes_back_the_numbers_and_redo_brings_them_again(torque: Path) ->
     assert session.require_view().now.scores == edited
 
 
-def test_a_run_gives_what_the_command_line_gives(exhaust: Path) -> None:
+def test_a_run_gives_the_same_values_as_the_command_line(exhaust: Path) -> None:
     session = Session(exhaust)
     session.run()
     wait_for_end(session)
@@ -61,13 +61,15 @@ def test_a_run_gives_what_the_command_line_gives(exhaust: Path) -> None:
     for name, table in expected.parameters.items():
         np.testing.assert_array_equal(session.parameters[name].values, table.values)
     assert session.deviation("MapSettled") is not None
-    (shown,) = [row for row in QUESTIONS["progress"](session, {}).head["tables"] if row["name"] == "CurveTimeConstant"]
+    (progress,) = [
+        row for row in QUESTIONS["progress"](session, {}).head["tables"] if row["name"] == "CurveTimeConstant"
+    ]
     final = expected.parameters["CurveTimeConstant"].values
-    np.testing.assert_allclose(np.ravel(shown["values"]), final, rtol=1e-6)  # not those of an earlier step
+    np.testing.assert_allclose(np.ravel(progress["values"]), final, rtol=1e-6)  # not those of an earlier step
 
 
 @forked
-def test_a_second_run_is_refused_while_one_is_on(exhaust: Path) -> None:
+def test_a_second_run_is_refused_during_the_first(exhaust: Path) -> None:
     session = Session(exhaust)
     session.run()
     with pytest.raises(ArgumentError, match="a run is in progress"):
@@ -91,7 +93,7 @@ def test_a_run_can_be_stopped_and_keeps_its_best_values(torque: Path) -> None:
 
 
 @forked
-def test_a_worker_that_dies_is_reported_and_the_session_goes_on(torque: Path) -> None:
+def test_a_worker_that_dies_is_reported_and_the_session_continues(torque: Path) -> None:
     session = Session(torque)
     session.run()
     session.close()  # kills the process
@@ -104,7 +106,7 @@ def test_a_worker_that_dies_is_reported_and_the_session_goes_on(torque: Path) ->
     assert session.job.state == "converged"
 
 
-def test_a_project_that_cannot_be_read_says_why(torque: Path) -> None:
+def test_a_project_that_cannot_be_read_shows_the_reason(torque: Path) -> None:
     torque.write_text(torque.read_text(encoding="utf-8").replace('"torque.kf"', '"missing.kf"'), encoding="utf-8")
     session = Session(torque)
     assert session.view is None
@@ -114,7 +116,7 @@ def test_a_project_that_cannot_be_read_says_why(torque: Path) -> None:
 
 
 @forked
-def test_a_recording_that_is_replaced_is_noticed_and_read_before_a_run(exhaust: Path) -> None:
+def test_a_replaced_recording_is_noticed_and_read_before_a_run(exhaust: Path) -> None:
     session = Session(exhaust)
     assert not session.changed_on_disk
     drive = exhaust.parent / "drive.csv"
@@ -129,7 +131,7 @@ def test_a_recording_that_is_replaced_is_noticed_and_read_before_a_run(exhaust: 
     assert not session.changed_on_disk
 
 
-def test_what_the_app_saves_has_not_changed_on_disk(torque: Path) -> None:
+def test_files_saved_by_the_app_do_not_count_as_changed_on_disk(torque: Path) -> None:
     session = Session(torque)
     for _ in range(2):
         raise_value(session, "MapOptTorque", 1.0)

@@ -72,7 +72,7 @@ def test_formula_text_is_followed_before_it_is_saved(torque: Path) -> None:
     )
 
 
-def test_saved_values_come_back(torque: Path) -> None:
+def test_saved_values_are_read_again(torque: Path) -> None:
     session = Session(torque)
     table = session.parameters["MapOptTorque"]
     session.do(SetValues("raise", "MapOptTorque", table.values + 3.0))
@@ -152,7 +152,7 @@ def test_exported_files_hold_the_present_values(torque: Path) -> None:
     compile((torque.parent / "calibrate.py").read_text(), "calibrate.py", "exec")
 
 
-def test_the_files_of_the_data_screen_say_what_is_in_them(torque: Path) -> None:
+def test_the_data_screen_lists_the_channels_of_files(torque: Path) -> None:
     head = QUESTIONS["files"](Session(torque), {}).head
     bench = head["datasets"][0]["files"][0]
     assert (bench["name"], bench["samples"]) == ("bench.csv", 2812)

@@ -32,7 +32,7 @@ def test_the_last_project_is_the_first_of_the_list(torque: Path, exhaust: Path) 
     assert [each.path for each in recent_projects()] == [exhaust]
 
 
-def test_a_project_that_is_gone_is_not_listed(torque: Path) -> None:
+def test_a_removed_project_is_not_listed(torque: Path) -> None:
     remember(torque)
     torque.unlink()
     assert recent_projects() == []
@@ -74,7 +74,7 @@ def test_a_project_with_problems_says_so(torque: Path) -> None:
     assert "missing.kf" in summary["problem"]
 
 
-def test_the_start_page_lists_what_was_open(torque: Path, exhaust: Path) -> None:
+def test_the_start_page_lists_recent_projects(torque: Path, exhaust: Path) -> None:
     workspace = AppWorkspace(torque)
     workspace.answer("open", {"path": str(exhaust)})
     rows = workspace.answer("projects", {}).head["recent"]
@@ -90,7 +90,7 @@ def test_an_open_project_is_not_opened_twice(torque: Path) -> None:
     assert workspace.session is session
 
 
-def test_a_change_on_disk_is_news_after_one_of_another_project(torque: Path, exhaust: Path) -> None:
+def test_a_change_on_disk_is_noticed_after_one_of_another_project(torque: Path, exhaust: Path) -> None:
     workspace, news = AppWorkspace(torque), list[bool]()
     workspace.subscribe(lambda topic, answer: news.append(answer.head["state"]["changedOnDisk"]), lambda: None)
     for project in (torque, exhaust):
@@ -121,7 +121,7 @@ def write_files(folder: Path) -> None:
     (folder / "ecu.hex").write_text("")
 
 
-def test_dropped_files_become_what_they_are() -> None:
+def test_dropped_files_are_assigned_by_their_content() -> None:
     workspace = AppWorkspace()
     workspace.answer("new", {"name": "../bench.csv", "free": True})
     folder = workspace.folder()
@@ -140,7 +140,7 @@ def test_dropped_files_become_what_they_are() -> None:
     assert workspace.session.undo() == "Added bench.csv, start.csv, late.dcm"
 
 
-def test_recordings_that_a_project_gets_later_are_test_data() -> None:
+def test_recordings_added_later_are_test_data() -> None:
     workspace = AppWorkspace()
     workspace.answer("new", {"name": "bench.csv", "free": True})
     write_files(workspace.folder())
@@ -165,7 +165,7 @@ def test_databases_decode_the_recordings_that_come_with_them() -> None:
     assert (file["missing"], file["sparsest"]) == (0.0, "time")
 
 
-def test_a_database_that_comes_later_decodes_the_logs_that_are_there() -> None:
+def test_a_database_added_later_decodes_the_existing_logs() -> None:
     workspace = AppWorkspace()
     workspace.answer("new", {"name": "drive.mf4", "free": True})
     folder = workspace.folder()

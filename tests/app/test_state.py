@@ -42,8 +42,8 @@ def test_undo_and_redo_walk_through_the_same_states(sequence: list[Command], dat
         states.append(history.state)
     at = len(sequence)
     for back in data.draw(st.lists(st.booleans(), max_size=30)):
-        moved = history.undo() if back else history.redo()
-        at += (-1 if back else 1) if moved else 0
+        title = history.undo() if back else history.redo()
+        at += (-1 if back else 1) if title else 0
         assert history.state is states[at]
         assert bool(history.undoable) == (at > 0)
         assert bool(history.redoable) == (at < len(sequence))
@@ -61,7 +61,7 @@ def test_the_moves_of_a_drag_are_one_entry() -> None:
     assert history.undo() == ""
 
 
-def test_a_command_forgets_what_was_undone() -> None:
+def test_a_new_command_clears_the_undone_ones() -> None:
     history = History(SessionState())
     history.do(SetText("first", "a", "1"))
     history.undo()
@@ -69,7 +69,7 @@ def test_a_command_forgets_what_was_undone() -> None:
     assert (history.redo(), history.state.texts["a"]) == ("", "2")
 
 
-def test_titles_since_the_saved_state() -> None:
+def test_titles_are_those_of_commands_since_the_saved_state() -> None:
     history = History(SessionState())
     history.do(SetText("first", "a", "1"))
     saved = history.state
@@ -79,6 +79,6 @@ def test_titles_since_the_saved_state() -> None:
     assert history.titles_since(saved) == []
 
 
-def test_restoring_none_takes_the_initial_values_again() -> None:
+def test_restoring_without_a_table_takes_the_initial_values() -> None:
     state = SessionState({}, {"Kp": np.array(1.0), "Ki": np.array(2.0)})
     assert list(Restore("", values={"Kp": None}).apply(state).values) == ["Ki"]

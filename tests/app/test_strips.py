@@ -13,24 +13,24 @@ from kennfeld.app.session.strips import statistics, strip
 def test_a_zoom_shows_the_samples_themselves(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
     recording = view.model.recordings[0]
-    drawn = strip(view.signals, recording, [SignalName("channel", "Speed")], 100.0, 110.0, 600)
-    assert drawn.raw
-    positions = drawn.positions + drawn.begin
-    here = np.isin(recording.position, positions)
-    np.testing.assert_array_equal(drawn.lines[0], recording.channel("Speed")[here])
+    section = strip(view.signals, recording, [SignalName("channel", "Speed")], 100.0, 110.0, 600)
+    assert section.raw
+    positions = section.positions + section.begin
+    inside = np.isin(recording.position, positions)
+    np.testing.assert_array_equal(section.lines[0], recording.channel("Speed")[inside])
     assert positions[0] <= 100.0
     assert positions[-1] >= 110.0
 
 
-def test_the_whole_shows_every_extreme(exhaust: Path) -> None:
+def test_a_strip_of_the_whole_recording_shows_every_extreme(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
     recording = view.model.recordings[0]
     signals = [SignalName("target", "0"), SignalName("node", "TemperaturePredict"), SignalName("error", "0")]
     begin, end = recording.position[[0, -1]]
-    drawn = strip(view.signals, recording, signals, begin, end, 500)
-    assert not drawn.raw
-    assert drawn.positions.size == 1000
-    for line, signal in zip(drawn.lines, signals, strict=True):
+    section = strip(view.signals, recording, signals, begin, end, 500)
+    assert not section.raw
+    assert section.positions.size == 1000
+    for line, signal in zip(section.lines, signals, strict=True):
         values = view.signals.envelope(recording, signal).values
         assert np.nanmax(line) == np.nanmax(values)
         assert np.nanmin(line) == np.nanmin(values)
@@ -59,7 +59,7 @@ def test_an_unknown_signal_is_refused(exhaust: Path) -> None:
         view.signals.envelope(view.model.recordings[0], SignalName("node", "nothing"))
 
 
-def test_pieces_follow_each_other(torque: Path, tmp_path: Path) -> None:
+def test_positions_increase_from_file_to_file(torque: Path, tmp_path: Path) -> None:
     rows = "\n".join(f"{k * 0.1:.1f},{k}" for k in range(50))
     for name in ("a", "b"):
         (torque.parent / f"{name}.csv").write_text(f"time,u\n{rows}\n")

@@ -37,8 +37,8 @@ class Waiting:
 def bench(torque: Path) -> Waiting:
     """Return a session of the torque demo with a training file for an engine of few centres, which nothing calls."""
     own = Waiting(torque)
-    given = {"name": "engine", "inputs": ["Speed", "Rel_Airmass", "Ignition"], "output": "Torque"}
-    COMMANDS["new-surrogate"](own.session, given)
+    arguments = {"name": "engine", "inputs": ["Speed", "Rel_Airmass", "Ignition"], "output": "Torque"}
+    COMMANDS["new-surrogate"](own.session, arguments)
     path = torque.parent / "engine.toml"
     path.write_text(
         path.read_text("utf-8").replace("[surrogate]\n", '[surrogate]\nmethod = "expansion"\ncentres = 5\n')
@@ -82,7 +82,7 @@ def test_training_ends_with_a_surrogate_that_the_formula_can_call(bench: Waiting
     assert "outside its training data" in training["text"]
 
 
-def test_a_training_that_is_stopped_writes_nothing(bench: Waiting) -> None:
+def test_a_training_that_is_stopped_writes_no_surrogate(bench: Waiting) -> None:
     session = bench.session
     COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
     COMMANDS["stop-training"](session, {})
@@ -92,7 +92,7 @@ def test_a_training_that_is_stopped_writes_nothing(bench: Waiting) -> None:
     assert bench.wait() == "trained"
 
 
-def test_a_training_that_fails_says_why(bench: Waiting) -> None:
+def test_a_training_that_fails_shows_the_reason(bench: Waiting) -> None:
     path = bench.session.path.parent / "engine.toml"
     path.write_text(path.read_text("utf-8").replace('"Speed"', '"Sped"'))
     COMMANDS["train-surrogate"](bench.session, {"file": "engine.toml"})

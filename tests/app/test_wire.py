@@ -43,7 +43,7 @@ class Asked:
 QUESTION = {"from": "now", "cells": [1, 2.0], "pair": ["x", 1]}
 
 
-def test_what_a_page_sends_becomes_a_typed_value() -> None:
+def test_json_of_a_page_becomes_a_typed_value() -> None:
     details = {**QUESTION, "either": 3, "parts": {"a": {"name": "A", "atBound": 2}, "b": None}, "force": True}
     asked = from_json(Asked, {**details, "changes": [[["dataset", 1, "use"], None], [["x"], {"y": [1]}]]}, "ask")
     changes = ((("dataset", 1, "use"), None), (("x",), {"y": [1]}))
@@ -96,7 +96,7 @@ class Reply:
     y: Float | None = None
 
 
-def test_arrays_travel_beside_the_json_and_absent_fields_not_at_all() -> None:
+def test_arrays_are_sent_beside_the_json_and_absent_fields_are_omitted() -> None:
     answer = to_answer(Reply(3, (Row("A"),), np.zeros(2), {"0": np.ones(1)}))
     assert answer.head == {"freeValues": 3, "rows": [{"name": "A", "atBound": 0}]}
     assert [*answer.arrays] == ["x", "0"]
@@ -131,7 +131,7 @@ def test_every_question_refuses_an_unknown_key(name: str) -> None:
             ALL[name](None, 3)  # type: ignore[arg-type]
 
 
-def test_an_answer_says_what_is_wrong_with_a_question(torque: Path) -> None:
+def test_an_answer_explains_the_error_of_a_question(torque: Path) -> None:
     workspace = AppWorkspace(torque)
     with pytest.raises(ArgumentError, match=r"strip.signals\[0\]: kind, name are missing"):
         workspace.answer("strip", {"dataset": 0, "signals": [{}], "begin": 0, "end": 1, "pixels": 10})
@@ -168,7 +168,7 @@ def test_a_record_with_defaults_is_asked_or_replied(wire_types: ModuleType) -> N
         wire_types.module({"ask-it": Question("ask-it", ask)})
 
 
-def test_types_of_the_page_in_detail(wire_types: ModuleType) -> None:
+def test_types_of_fields_are_written_in_typescript(wire_types: ModuleType) -> None:
     def ask(session: None, asked: Asked) -> Reply:
         """Answer."""
 

@@ -1,4 +1,4 @@
-"""Files of ASCET 6: archives that are not harmless are refused, components are found by their folders."""
+"""Files of ASCET 6: harmful archives are refused, components are found by their folders."""
 
 import warnings
 import zipfile
@@ -46,7 +46,7 @@ def test_the_files_of_a_folder_begin_where_the_name_space_begins(tmp_path):
     assert set(files.paths) == {"A/B/C.main.amd", "A/D.main.amd"}
 
 
-def test_files_of_a_folder_of_another_name_are_those_beside(tmp_path):
+def test_files_of_a_folder_with_another_name_are_its_siblings(tmp_path):
     (tmp_path / "C.main.amd").write_bytes(MAIN)
     files, own = open_folder(tmp_path / "C.amd")
     assert own == "C"
@@ -61,9 +61,9 @@ def test_files_of_a_folder_of_another_name_are_those_beside(tmp_path):
         ([MAIN], -10, "not a readable archive"),
         ([], 4, "not a readable archive"),
     ],
-    ids=["bomb", "twins", "cut off", "few bytes"],
+    ids=["bomb", "equal names", "cut off", "few bytes"],
 )
-def test_archives_that_are_not_harmless_are_refused(members, length, part, monkeypatch):
+def test_harmful_archives_are_refused(members, length, part, monkeypatch):
     monkeypatch.setattr("kennfeld.base.archives._PER_BYTE", 40)
     raw = archive(*(("a.main.amd", content) for content in members))
     with pytest.raises(InputError, match=part):
@@ -82,7 +82,7 @@ def test_a_member_with_a_wrong_sum_is_reported():
 @pytest.mark.parametrize(
     "name", ["C.main.amd", "C.data.dp.amd", "C.specification.amd", "C.implementation.dp.amd", "C.amd", "C.project.amd"]
 )
-def test_all_files_of_a_component_have_its_stem(name):
+def test_files_of_a_component_share_its_stem(name):
     assert component_stem(name) == "C"
 
 

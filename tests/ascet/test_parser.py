@@ -94,7 +94,7 @@ def test_types_keep_their_range_and_labels():
     assert row == e.ArrayType((e.Number(3.0, False),), e.TypeName("real"))
 
 
-def test_members_of_a_class_are_sorted_by_kind():
+def test_members_of_a_class_are_grouped_by_kind():
     cell = class_of(PLANT)
     assert cell.modifiers == {"singleton"}
     assert cell.reads == ("Signals.speed",)
@@ -128,8 +128,8 @@ def test_state_machines_have_states_junctions_and_actions():
 def test_multiplication_binds_tighter_than_comparison_and_logic():
     tree = expression("a + b * c < d && !e || f")
     product = e.Binary("+", e.Name("a"), e.Binary("*", e.Name("b"), e.Name("c")))
-    both = e.Binary("&&", e.Binary("<", product, e.Name("d")), e.Unary("!", e.Name("e")))
-    assert tree == e.Binary("||", both, e.Name("f"))
+    conjunction = e.Binary("&&", e.Binary("<", product, e.Name("d")), e.Unary("!", e.Name("e")))
+    assert tree == e.Binary("||", conjunction, e.Name("f"))
 
 
 def test_a_number_keeps_its_kind_and_unit():
@@ -143,7 +143,7 @@ def test_a_conditional_extends_as_far_as_possible():
     assert tree == e.Conditional(e.Name("a"), e.Number(1.0), e.Binary("+", e.Name("b"), e.Number(2.0)))
 
 
-def test_a_documentation_comment_belongs_to_what_follows():
+def test_a_documentation_comment_belongs_to_the_next_declaration():
     tokens = tokens_of("/** one */ a /* two */ b // three\nc")
     assert [(token.text, token.description) for token in tokens] == [("a", "one"), ("b", ""), ("c", ""), ("", "")]
 
@@ -160,7 +160,7 @@ def test_all_errors_are_reported_with_line_and_column():
     assert last.name == "B"
 
 
-def test_an_error_names_the_file_and_what_was_expected():
+def test_an_error_names_the_file_and_the_expected_token():
     with pytest.raises(InputError, match=r"a\.esdl line 1, column 20: expected an expression, got ';'"):
         parse_esdl("class A { real x = ; }", "a.esdl")
 

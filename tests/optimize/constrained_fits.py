@@ -28,7 +28,7 @@ class ConstrainedFit:
 
     @property
     def least_cost(self):
-        """What Clarabel reaches."""
+        """The least cost by Clarabel."""
         import cvxpy as cp
 
         values = cp.Variable(self.table.size)
@@ -46,7 +46,7 @@ class ConstrainedFit:
         return problem.value
 
     def violation(self, parameters):
-        """How far the table misses its limits, in units of its largest value; bounds count without a unit."""
+        """The distance of the table from its limits, in units of its largest value; bounds count without a unit."""
         values = parameters["C"].values
         size = np.abs(values).max()
         lower, upper = self._bounds()
@@ -100,7 +100,7 @@ def map_fit(random):
 
 
 def least_cost(problem: Problem):
-    """What Clarabel reaches for a problem that is linear in its values, roughness among its costs."""
+    """The least cost by Clarabel for a problem that is linear in its values, roughness among its costs."""
     import cvxpy as cp
 
     compiled = CompiledProblem(problem)

@@ -46,7 +46,7 @@ def own_targets(compiled):
 
 
 def outputs(compiled, full):
-    """What the model gives at each visit: its residual against targets of 0, which no weight changes."""
+    """Outputs of the model at each visit: its residual against targets of 0, which no weight changes."""
     assert all(c.weight == c.scale == 1.0 and c.loss == "square" for c in compiled.problem.criteria)
     residual, _ = compiled.sums.rows(full)
     return residual.reshape(-1, len(compiled.problem.criteria)).T.copy()
@@ -79,8 +79,11 @@ def _agree_roughly(covariance, ends):
         squares / freedom
     )
     values, vectors = np.linalg.eigh(covariance[np.ix_(moving, moving)] / np.outer(units, units))
-    kept = values > 1e-9 * values[-1]
-    whole, freedoms = np.sum((away @ vectors[:, kept]) ** 2 / values[kept]), freedom * int(kept.sum())
+    significant = values > 1e-9 * values[-1]
+    whole, freedoms = (
+        np.sum((away @ vectors[:, significant]) ** 2 / values[significant]),
+        freedom * int(significant.sum()),
+    )
     assert scipy.stats.chi2.ppf(1e-4, freedoms) < whole < scipy.stats.chi2.isf(1e-4, freedoms), whole / freedoms
     return int(moving.sum())
 
@@ -97,10 +100,10 @@ def _agree_closely(covariance, ends):
     assert ratio.mean() == pytest.approx(1.0, abs=0.08)
     assert np.all(np.abs(ratio - 1) < 4.5 * spread), ratio
     values, vectors = np.linalg.eigh(covariance[np.ix_(moving, moving)] / np.outer(units, units))
-    kept = values > 1e-9 * values[-1]
-    mixtures = (ends[:, moving] / units) @ (vectors[:, kept] / np.sqrt(values[kept]))
+    significant = values > 1e-9 * values[-1]
+    mixtures = (ends[:, moving] / units) @ (vectors[:, significant] / np.sqrt(values[significant]))
     eigenvalues = np.linalg.eigvalsh(np.cov(mixtures.T))
-    edge = np.sqrt(kept.sum() / count)  # of Marchenko and Pastur
+    edge = np.sqrt(significant.sum() / count)  # of Marchenko and Pastur
     assert (1 - edge) ** 2 * 0.8 < eigenvalues[0]
     assert eigenvalues[-1] < (1 + edge) ** 2 * 1.2
     return size

@@ -78,7 +78,7 @@ def test_an_axis_may_stay_rough():
 
 
 @pytest.mark.parametrize(
-    ("smoothness", "said"),
+    ("smoothness", "message"),
     [
         ({"Cc": 1.0}, "Cc"),
         ({"M": (1.0,)}, "M"),
@@ -90,8 +90,8 @@ def test_an_axis_may_stay_rough():
     ],
     ids=["unknown name", "too few", "too many", "negative", "nan", "negative on an axis", "a dict"],
 )
-def test_smoothness_that_means_nothing_is_refused(smoothness, said):
-    with pytest.raises(kf.KennfeldError, match=said):
+def test_invalid_smoothness_is_refused(smoothness, message):
+    with pytest.raises(kf.KennfeldError, match=message):
         rough(smoothness=smoothness)
 
 
@@ -105,7 +105,7 @@ def test_free_may_not_be_a_bare_text():
         kf.calibrate("m = alpha * x", LINE, {"alpha": 0.0}, target="y", free="alpha")
 
 
-def test_every_missing_thing_is_named_at_once():
+def test_all_missing_names_are_reported_at_once():
     with pytest.raises(kf.InputError) as caught:
         kf.calibrate("m = C(speed) + load", {"sped": X, "y": X}, tables(), target="yy")
     text = str(caught.value)
@@ -131,12 +131,12 @@ def test_crossed_limits_are_refused():
         kf.calibrate(TEXT, LINE, START, target="y", limits={"a": (1, 0)})
 
 
-def test_an_output_must_be_chosen_among_several():
+def test_an_output_must_be_chosen_if_there_are_several():
     with pytest.raises(ArgumentError, match="node="):
         kf.calibrate("m = a * x\nn = b * x", LINE, START, target="y")
 
 
-def test_a_target_that_no_data_have_is_named():
+def test_a_target_that_is_missing_in_all_data_is_named():
     with pytest.raises(kf.InputError, match="unknown node or channel Torq"):
         kf.calibrate(TEXT, LINE, START, target="Torq")
 
@@ -158,12 +158,12 @@ def test_training_data_without_a_sample_are_refused(data):
         kf.calibrate(TEXT, data, START, target="y")
 
 
-def test_nothing_to_reach_is_refused():
+def test_a_calibration_without_a_criterion_is_refused():
     with pytest.raises(kf.InputError, match="criteria"):
         kf.calibrate(TEXT, LINE, START)
 
 
-def test_a_pattern_that_frees_nothing_is_refused():
+def test_a_pattern_that_frees_no_parameter_is_refused():
     with pytest.raises(kf.InputError, match="free"):
         kf.calibrate(TEXT, LINE, START, target="y", free=["q*"])
 
@@ -172,12 +172,12 @@ def test_a_pattern_that_frees_nothing_is_refused():
     "pin",
     [kf.Pin("Cc", (0.0,), 1.0), kf.Pin("C", (0.0, 1.0), 1.0), kf.Pin("C", (np.nan,), 1.0), kf.Pin("C", (0.0,), np.nan)],
 )
-def test_a_pin_that_means_nothing_is_refused(pin):
+def test_an_invalid_pin_is_refused(pin):
     with pytest.raises(kf.KennfeldError, match="pin"):
         rough(pins=[pin])
 
 
-def test_memory_without_time_stamps_says_what_to_do():
+def test_memory_without_time_stamps_is_refused_with_a_remedy():
     with pytest.raises(kf.InputError, match="time stamps"):
         kf.calibrate("m = PT1(x, a) + b", LINE, START, target="y")
 
@@ -188,5 +188,5 @@ def test_simulate_gives_the_named_nodes():
     assert simulation["m"].values.tolist() == [2.0, 3.0]
 
 
-def test_simulating_nothing_gives_nothing():
+def test_a_simulation_without_nodes_is_empty():
     assert kf.simulate("m = x + k", {"x": []}, {"k": 1.0}).samples == 0

@@ -78,7 +78,7 @@ def test_deviations_hold_and_the_error_vanishes_with_the_number_of_samples(sampl
     assert squares[0] <= 1.1**2 * squares[1:].min()
 
 
-def test_the_start_does_not_matter_to_what_the_data_determine():
+def test_values_that_the_data_determine_do_not_depend_on_the_start():
     """A pull towards it that grows with the data would bias the values by many of their deviations."""
     rng = np.random.default_rng(0)
     x = rng.uniform(0, 6, 8_000)
@@ -88,14 +88,14 @@ def test_the_start_does_not_matter_to_what_the_data_determine():
     assert np.abs(high - low).max() < 0.02 * results[0].trust.deviation["C"].min()
 
 
-def test_a_constant_is_met_exactly():
+def test_a_constant_is_fitted_exactly():
     x = np.random.default_rng(0).uniform(0, 6, 300)
     values = fitted({"x": x, "wanted": np.full(300, 7.0)}, start=curve(9)).parameters["C"].values
     assert values == pytest.approx(np.full(9, 7.0), abs=1e-12)
 
 
 @pytest.mark.slow
-def test_many_values_and_few_points_take_matrices_of_their_blocks_only():
+def test_many_values_and_few_points_need_matrices_of_their_blocks_only():
     """Dense matrices of 3600 values would take 100 MB each."""
     points = np.linspace(0, 1, 60)
     x, y = np.random.default_rng(0).uniform(0, 1, (2, 10))
@@ -109,7 +109,7 @@ def test_many_values_and_few_points_take_matrices_of_their_blocks_only():
     assert peak < 80e6
 
 
-def test_more_noise_asks_for_more_smoothness():
+def test_more_noise_leads_to_more_smoothness():
     quiet, loud = (fitted(noisy(150, noise)).smoothness["C"]["x"] for noise in (0.02, 0.5))
     assert loud > 10 * quiet
 
@@ -120,22 +120,22 @@ def test_a_straight_line_under_noise_becomes_one():
     assert np.abs(np.diff(values, 2)).max() < 0.05
 
 
-def test_data_without_noise_are_met():
+def test_data_without_noise_are_fitted():
     truth = curve().with_parameters(kf.Curve("C", np.linspace(0, 6, 25), np.cos(np.arange(25.0))))["C"]
     x = np.random.default_rng(1).uniform(0, 6, 400)
     data = {"x": x, "wanted": np.interp(x, truth.axes[0].breakpoints, truth.values)}
     assert fitted(data).parameters["C"].values == pytest.approx(truth.values, abs=1e-3)
 
 
-def test_each_axis_has_its_own_factor_and_given_ones_stay():
+def test_each_axis_has_its_own_factor_and_stated_factors_stay():
     rng = np.random.default_rng(3)
     x, y = rng.uniform(0, 6, (2, 300))
     data = {"x": x, "y": y, "wanted": np.sin(2 * x) + 0.5 * y + 0.2 * rng.normal(size=300)}
     start = kf.ParameterSet([kf.Map("M", np.linspace(0, 6, 7), np.linspace(0, 6, 7), np.zeros((7, 7)))])
-    for given, kept in (("auto", None), (("auto", 7.0), 7.0)):
-        result = kf.calibrate("z = M(x, y)", data, start, target="wanted", smoothness={"M": given})
+    for setting, expected in (("auto", None), (("auto", 7.0), 7.0)):
+        result = kf.calibrate("z = M(x, y)", data, start, target="wanted", smoothness={"M": setting})
         factors = result.smoothness["M"]
-        assert factors["y"] == kept if kept else factors["y"] > 10 * factors["x"]
+        assert factors["y"] == expected if expected else factors["y"] > 10 * factors["x"]
         assert result.converged
         assert result.as_json()["smoothness"] == {"M": factors}
 
@@ -167,7 +167,7 @@ def tables():
     return kf.ParameterSet([*maps, kf.Curve("E", points, 1 - 0.1 * points)])
 
 
-def test_the_last_search_goes_on_from_the_fit_with_the_chosen_factors():
+def test_the_last_search_continues_from_the_fit_with_the_chosen_factors():
     """Tables that multiply each other take many steps from their start; the chosen fit has taken them."""
     rng = np.random.default_rng(0)
     x, y = rng.uniform(0, 1, (2, 200))
@@ -219,7 +219,7 @@ def test_a_plane_through_noise_is_not_twisted_beyond_the_data(samples, seed):
     assert -1 < values.min() <= values.max() < 5
 
 
-def test_where_data_end_the_curve_goes_on_smoothly():
+def test_a_curve_continues_smoothly_beyond_the_data():
     result = fitted(noisy(200, 0.05, low=2.0))
     values = result.parameters["C"].values
     assert np.abs(np.diff(values[:8], 2)).max() < 0.02
@@ -241,7 +241,7 @@ def test_bounds_locks_and_pins_hold_while_factors_are_chosen():
 
 
 @pytest.mark.slow
-def test_a_model_with_memory_is_smoothed_too():
+def test_a_model_with_memory_is_smoothed():
     rng = np.random.default_rng(5)
     time = np.arange(3000) * 0.1
     x = 3 + 2.8 * np.sin(time / 7) * np.cos(time / 31)
@@ -268,7 +268,7 @@ def drives(count, seed=0, resembling=0.3, samples=600):
         yield kf.Dataset.of(f"drive {i}", {"x": x, "wanted": np.sin(x) + error}, time=0.1 * np.arange(samples))
 
 
-def test_stretches_are_held_back_where_errors_last_and_the_result_says_so():
+def test_stretches_are_held_out_if_errors_persist_and_the_result_says_so():
     lasting = fitted(list(drives(2, samples=200)), start=curve(9))
     assert "by 20 held-out blocks of the recordings: the factors with the least predicted" in lasting.message
     quick = kf.Dataset.of("d", noisy(600, 0.2), time=0.1 * np.arange(600))
@@ -280,7 +280,7 @@ def test_stretches_are_held_back_where_errors_last_and_the_result_says_so():
 
 
 @pytest.mark.slow
-def test_lasting_errors_are_not_followed():
+def test_persistent_errors_are_not_fitted():
     """On data with such errors, the choice is about as good as the best fixed factor, and far smoother than most."""
     ratios = []
     for seed in range(4):
@@ -303,7 +303,7 @@ def levels(count, seed=0):
 
 
 @pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.slow)])
-def test_blocks_decide_alone_where_errors_last_as_long_as_recordings(seeds):
+def test_blocks_decide_alone_if_errors_persist_as_long_as_recordings(seeds):
     """Hardly a sample is independent of the others, too few for generalised cross-validation of 25 values."""
     factors = (*FACTORS[::3], "auto")
     errors = np.zeros(len(factors))
@@ -328,12 +328,12 @@ def few(samples, scalars, seed=9):
     return kf.calibrate(formula, data, start, target="wanted", smoothness={"C": "auto"})
 
 
-def test_few_samples_beside_many_values_ask_for_larger_factors():
+def test_few_samples_with_many_values_lead_to_larger_factors():
     """At equal weight of roughness and data no residual would be left to judge by."""
     assert np.abs(np.diff(few(9, 4).parameters["C"].values, 2)).max() < 0.01
 
 
-def test_factors_that_no_sample_can_judge_are_told():
+def test_factors_that_no_sample_can_judge_are_reported():
     result = few(8, 7)
     assert "Smoothness could not be chosen, because too few samples are independent" in result.message
 
@@ -378,7 +378,7 @@ def test_stopping_keeps_the_best_values_so_far():
     assert result.cost_after < result.cost_before
 
 
-def test_several_starts_share_the_factors_and_the_account_is_whole():
+def test_several_starts_share_the_factors_and_their_times_add_up():
     result = fitted(noisy(100, 0.1), options=kf.Options(starts=3, workers=1))
     spent = result.seconds
     assert len(result.starts) == 3
@@ -402,14 +402,14 @@ def stepwise(*steps, seed=0, smoothness=0.0, **options):
 
 def test_a_step_may_choose_its_factors():
     whole = fitted(noisy(150, 0.1))
-    one = stepwise(kf.Step(smoothness="auto"))
-    assert one.status == "converged"
-    assert one.smoothness["C"]["x"] == pytest.approx(whole.smoothness["C"]["x"], rel=0.1)
-    assert one.parameters["C"].values == pytest.approx(whole.parameters["C"].values, abs=0.02)
-    assert any("step 1: smoothness 1" in line.stage for line in one.trace)
+    single = stepwise(kf.Step(smoothness="auto"))
+    assert single.status == "converged"
+    assert single.smoothness["C"]["x"] == pytest.approx(whole.smoothness["C"]["x"], rel=0.1)
+    assert single.parameters["C"].values == pytest.approx(whole.parameters["C"].values, abs=0.02)
+    assert any("step 1: smoothness 1" in line.stage for line in single.trace)
 
 
-def test_a_factor_chosen_on_a_coarse_grid_is_told_for_the_full_one():
+def test_a_factor_chosen_on_a_coarse_grid_is_reported_for_the_full_one():
     """The same surface has the same penalty, so that the factors of both grids compare."""
     coarse = stepwise(kf.Step(grid_reduction=2, smoothness="auto"))
     fine = stepwise(kf.Step(smoothness="auto"))
@@ -425,29 +425,29 @@ def test_a_step_on_the_full_grid_chooses_like_the_first_one():
     assert again.quality[1].rmse_after < 1.1 * fine.quality[1].rmse_after
 
 
-def test_a_choice_of_a_step_is_of_this_step_alone():
+def test_a_step_does_not_pass_its_factors_to_the_next():
     """The next step smooths by what the problem says, here not at all."""
     two = stepwise(kf.Step(smoothness="auto"), kf.Step())
     plain = fitted(noisy(150, 0.1), 0.0)
     assert two.parameters["C"].values == pytest.approx(plain.parameters["C"].values, abs=1e-4)
 
 
-def test_a_step_that_says_a_number_needs_no_choice():
+def test_a_step_with_a_stated_factor_makes_no_choice():
     result = fitted(noisy(150, 0.1), options=kf.Options(steps=[kf.Step(smoothness=5.0)]))
     five = fitted(noisy(150, 0.1), 5.0)
     assert result.parameters["C"].values == pytest.approx(five.parameters["C"].values, abs=1e-4)
 
 
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
-def test_every_start_chooses_for_itself_and_the_same_again(workers):
-    here, there = (
+def test_every_start_makes_its_own_reproducible_choice(workers):
+    first, second = (
         stepwise(kf.Step(smoothness="auto"), workers=number, starts=2, spread=2.0) for number in (1, workers)
     )
-    assert here.smoothness == there.smoothness != {}
-    assert np.array_equal(here.parameters["C"].values, there.parameters["C"].values)
+    assert first.smoothness == second.smoothness != {}
+    assert np.array_equal(first.parameters["C"].values, second.parameters["C"].values)
 
 
-def test_a_step_stopped_while_factors_are_chosen_keeps_what_it_has():
+def test_a_step_stopped_while_factors_are_chosen_keeps_its_best_values():
     def stop(line):
         raise kf.Stop
 
@@ -457,13 +457,13 @@ def test_a_step_stopped_while_factors_are_chosen_keeps_what_it_has():
     assert result.cost_after < result.cost_before
 
 
-@pytest.mark.parametrize("given", ["automatic", -1.0, {"C": "many"}, {"C": (1.0, -2.0)}, float("nan"), True])
-def test_what_is_no_factor_of_a_step_is_named(given):
+@pytest.mark.parametrize("factor", ["automatic", -1.0, {"C": "many"}, {"C": (1.0, -2.0)}, float("nan"), True])
+def test_an_invalid_factor_of_a_step_is_refused(factor):
     with pytest.raises(ArgumentError, match="smoothness of a step must be >= 0"):
-        kf.Step(smoothness=given)
+        kf.Step(smoothness=factor)
 
 
-def test_limits_of_outputs_and_of_slopes_hold_with_it():
+def test_limits_of_outputs_hold_while_factors_are_chosen():
     data = noisy(200, 0.1, function=lambda x: np.sqrt(x))
     rising = kf.calibrate("y = C(x)", data, curve(), target="wanted", smoothness="auto", limits={"y": (-9.0, 2.0)})
     values = rising.parameters["C"].values
@@ -477,7 +477,7 @@ def test_the_same_choice_comes_from_the_same_data():
     assert fitted(data).smoothness == fitted(data).smoothness
 
 
-@pytest.mark.parametrize("given", ["automatic", {"C": ("auto", 1.0)}, {"C": -1.0}, {"C": "many"}, {"C": None}])
-def test_what_is_no_factor_is_named(given):
+@pytest.mark.parametrize("factor", ["automatic", {"C": ("auto", 1.0)}, {"C": -1.0}, {"C": "many"}, {"C": None}])
+def test_an_invalid_factor_is_refused(factor):
     with pytest.raises(ArgumentError, match=r'must be >= 0 or "auto", or one such value for each of its 1 axes'):
-        fitted(noisy(10, 0.1), given)
+        fitted(noisy(10, 0.1), factor)

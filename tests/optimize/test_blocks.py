@@ -1,4 +1,4 @@
-"""Stretches of recordings held back in turn: what is cut, and what each adds to the linearised problem."""
+"""Stretches of recordings held out in turn: their bounds, and the sums of each for the linearised problem."""
 
 from dataclasses import replace
 
@@ -33,24 +33,24 @@ def compiled(*datasets, text="memory", **changes):
 @pytest.mark.parametrize("text", TEXTS)
 def test_the_parts_add_up_to_the_whole(text):
     data = recording(300, gaps=range(40, 90)), recording(170, 1, name="other")
-    made = compiled(*data, text=text)
-    blocks = HoldoutBlocks.of(made)
-    linear_blocks = list(blocks.linearise(made.start))
-    whole = made.sums.normal(made.start)
+    problem = compiled(*data, text=text)
+    blocks = HoldoutBlocks.of(problem)
+    linear_blocks = list(blocks.linearise(problem.start))
+    whole = problem.sums.normal(problem.start)
     assert blocks.sizes.size == len(linear_blocks) == BLOCKS
     assert sum(block.share for block in linear_blocks) == pytest.approx(1)
-    assert sum(block.misfit for block in linear_blocks) == pytest.approx(made.sums.cost(made.start))
+    assert sum(block.misfit for block in linear_blocks) == pytest.approx(problem.sums.cost(problem.start))
     np.testing.assert_allclose(sum(block.gradient for block in linear_blocks), whole.gradient, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(sum(block.matrix for block in linear_blocks), whole.matrix, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_a_block_adds_what_its_samples_alone_would(text):
+def test_a_block_adds_the_sums_of_its_samples(text):
     """The states of a block come from what went before it, although nothing of that is scored."""
     data = recording(200)
-    made = compiled(data, text=text)
-    blocks = HoldoutBlocks.of(made)
-    for number, block in list(enumerate(blocks.linearise(made.start)))[:: BLOCKS // 3]:
+    problem = compiled(data, text=text)
+    blocks = HoldoutBlocks.of(problem)
+    for number, block in list(enumerate(blocks.linearise(problem.start)))[:: BLOCKS // 3]:
         alone = compiled(replace(data, scored=blocks.numbers == number), text=text)
         expected = alone.sums.normal(alone.start)
         assert block.misfit == pytest.approx(alone.sums.cost(alone.start))
@@ -59,7 +59,7 @@ def test_a_block_adds_what_its_samples_alone_would(text):
 
 
 @few_or_many(st.lists(st.integers(1, 400), min_size=1, max_size=60), st.integers(0, 2**31), few=10, many=60)
-def test_every_scored_sample_is_held_back_once_in_blocks_that_do_not_cross_recordings(lengths, seed):
+def test_every_scored_sample_is_held_out_once_in_blocks_that_do_not_cross_recordings(lengths, seed):
     total = sum(lengths)
     rng = np.random.default_rng(seed)
     wanted = np.where(rng.random(total) < 0.2, np.nan, rng.normal(size=total))
@@ -84,7 +84,7 @@ def test_every_scored_sample_is_held_back_once_in_blocks_that_do_not_cross_recor
         assert whole or len(set(owner[mine].tolist())) == 1
 
 
-def test_steady_points_are_never_held_back():
+def test_steady_points_are_never_held_out():
     steady = recording(50, name="map", timed=False)
     assert HoldoutBlocks.of(compiled(steady, text="none")) is None
     mixed = HoldoutBlocks.of(compiled(steady, recording(200), text="none"))

@@ -49,7 +49,7 @@ def test_exact_kinks_are_recovered_exactly():
 
 
 @pytest.mark.parametrize("seed", mostly_slow(range(6), [1]))
-def test_the_end_is_that_of_a_start_at_the_truth(seed):
+def test_the_end_equals_that_of_a_start_at_the_truth(seed):
     random = np.random.default_rng(seed)
     while True:
         kinks = np.array([0, *np.sort(random.uniform(0, 10, 4)), 10])
@@ -69,7 +69,7 @@ def test_the_ends_stay_bit_for_bit_and_the_start_is_not_changed():
     assert result.start["C"].axes[0] == start.axes[0]
 
 
-def test_the_result_says_where_breakpoints_went():
+def test_the_result_lists_moved_breakpoints():
     result = fitted(even())
     before, after = result.moved["C.x"]
     assert before.tolist() == [0.0, 2.5, 5.0, 7.5, 10.0]
@@ -109,7 +109,7 @@ def test_breakpoints_keep_their_distance_and_the_result_says_so():
     assert result.status == "converged"
 
 
-def test_more_breakpoints_than_kinks_do_no_harm():
+def test_more_breakpoints_than_kinks_still_fit():
     result = fitted(even(9), bent(samples=300))
     assert result.status == "converged"
     assert result.quality[0].rmse_after < 0.051
@@ -127,7 +127,7 @@ def test_a_group_axis_moves_in_all_its_tables_together():
     assert list(result.moved) == ["AxisX"]
 
 
-def test_a_table_that_is_not_fitted_keeps_a_group_axis_from_moving():
+def test_a_table_that_is_not_fitted_prevents_a_group_axis_from_moving():
     axis = kf.Axis(np.linspace(0, 10, 5), name="AxisX", free=True)
     start = kf.ParameterSet([kf.Curve("C", axis, np.zeros(5)), kf.Curve("Other", axis, np.zeros(5))])
     with pytest.raises(InputError, match="axis AxisX: its breakpoints are free, but Other on it is not fitted"):
@@ -171,7 +171,7 @@ def test_the_cost_after_is_that_of_the_breakpoints_after():
     assert after.cost_before == pytest.approx(result.cost_after, rel=1e-9)
 
 
-def test_a_map_finds_the_breakpoints_of_both_axes():
+def test_breakpoints_of_both_axes_of_a_map_are_recovered():
     random = np.random.default_rng(1)
     x, y = random.uniform(0, 10, (2, 1000))
     target = np.interp(x, [0, 2, 3, 10], [0, 3, 0, 1]) * np.interp(y, [0, 6, 7.5, 10], [1, 1, 2, 0])
@@ -185,7 +185,7 @@ def test_a_map_finds_the_breakpoints_of_both_axes():
     np.testing.assert_allclose(points(result, "M", 1), [0, 6, 7.5, 10], atol=0.05)
 
 
-def test_breakpoints_of_a_lookup_of_a_lookup_are_found():
+def test_breakpoints_of_nested_lookups_are_recovered():
     random = np.random.default_rng(2)
     u = random.uniform(0, 10, 1500)
     inner = np.interp(u, [0, 5, 10], [0, 8, 10])
@@ -201,7 +201,7 @@ def test_breakpoints_of_a_lookup_of_a_lookup_are_found():
     np.testing.assert_allclose(points(result, "B"), [0, 3, 10], atol=0.01)
 
 
-def test_breakpoints_behind_a_memory_are_found():
+def test_breakpoints_before_a_memory_are_recovered():
     random = np.random.default_rng(3)
     x = np.repeat(random.uniform(0, 10, 120), 10)
     data = kf.Dataset.of("drive", {"x": x}, time=0.1 * np.arange(x.size))
@@ -230,29 +230,29 @@ def test_slope_limits_hold_between_breakpoints_that_move():
     assert "C.x" in result.moved
 
 
-def test_rows_of_slope_limits_say_the_same_as_the_slopes():
-    made = problem(Shape("C", 0, "slope", -1.0, 2.0))
-    compiled = CompiledProblem(made)
-    limits = linear_limits(made, compiled.values)
+def test_rows_of_slope_limits_agree_with_the_slopes():
+    posed = problem(Shape("C", 0, "slope", -1.0, 2.0))
+    compiled = CompiledProblem(posed)
+    limits = linear_limits(posed, compiled.values)
     at = compiled.values.offsets["C"]
-    for steep, kept in ((2.1, False), (1.9, True), (-1.1, False), (-0.9, True)):
+    for steep, allowed in ((2.1, False), (1.9, True), (-1.1, False), (-0.9, True)):
         values = compiled.start.copy()
         values[at : at + 5] = steep * np.linspace(0, 10, 5)
-        assert (limits.violation(values) == 0) == kept
+        assert (limits.violation(values) == 0) == allowed
 
 
-def test_a_limit_of_the_curvature_needs_breakpoints_that_stay():
-    made = problem(Shape("C", 0, "curvature", 0.0))
+def test_a_limit_of_the_curvature_requires_fixed_breakpoints():
+    posed = problem(Shape("C", 0, "curvature", 0.0))
     with pytest.raises(InputError, match="the breakpoints along this axis are free"):
-        linear_limits(made, CompiledProblem(made).values)
+        linear_limits(posed, CompiledProblem(posed).values)
 
 
-def test_breakpoints_around_an_equality_stay():
-    made = problem(Equality([Term("C", (2.5,)), Term("C", (6.0,), -1.0)]))
-    axis = made.free_axes[AxisKey("C", "x")]
-    lower, upper = breakpoint_bounds(axis, made.parameters, made.held)
+def test_breakpoints_around_an_equality_do_not_move():
+    posed = problem(Equality([Term("C", (2.5,)), Term("C", (6.0,), -1.0)]))
+    axis = posed.free_axes[AxisKey("C", "x")]
+    lower, upper = breakpoint_bounds(axis, posed.parameters, posed.held)
     assert (lower == upper).tolist() == [True, True, True, True, True]
-    lower, upper = breakpoint_bounds(axis, made.parameters, [("C", (2.5,))])
+    lower, upper = breakpoint_bounds(axis, posed.parameters, [("C", (2.5,))])
     assert (lower == upper).tolist() == [True, True, False, False, True]
 
 
@@ -269,14 +269,14 @@ def test_a_stop_ends_with_the_best_breakpoints_so_far():
     assert result.cost_after == min(line.cost for line in lines if line.stage != "dense")
 
 
-def test_no_data_between_breakpoints_is_no_obstacle():
+def test_breakpoints_move_across_intervals_without_data():
     data = {"x": np.repeat([0.0, 1.0, 2.0, 9.0, 10.0], 20), "y": np.repeat([0.0, 1.0, 2.0, 9.0, 1.0], 20)}
     result = fitted(even(6), data)
     assert result.status == "converged"
     assert result.quality[0].rmse_after < 1e-6
 
 
-def test_limits_of_outputs_hold_where_breakpoints_move():
+def test_limits_of_outputs_hold_while_breakpoints_move():
     result = run(problem(limits=(kf.Limit("m", upper=6.0),)), kf.Options())
     assert result.status == "converged"
     reached = kf.simulate("m = C(x)", bent(), result.parameters)["m"].values
@@ -318,7 +318,7 @@ def test_several_starts_keep_the_breakpoints_of_the_best(workers):
     assert best.cost_after == pytest.approx(result.cost_after, rel=1e-9)
 
 
-def test_breakpoints_stand_still_in_a_step_that_reduces_the_grid_and_move_in_the_next():
+def test_breakpoints_do_not_move_in_a_step_that_reduces_the_grid_but_in_the_next():
     steps = (kf.Step(name="few", grid_reduction=2), kf.Step(name="all"), kf.Step(name="again"))
     result = fitted(even(), options=kf.Options(steps=steps))
     stages = {line.stage.split(": ")[1] for line in result.trace if line.stage.startswith("few")}
@@ -327,7 +327,7 @@ def test_breakpoints_stand_still_in_a_step_that_reduces_the_grid_and_move_in_the
     assert cost_of(result) == pytest.approx(result.cost_after, rel=1e-9)
 
 
-def test_breakpoints_that_a_step_left_behind_stay_where_they_are_in_the_next():
+def test_breakpoints_fitted_by_a_step_stay_in_place_in_the_next():
     data = bent()
     data["y"] += 3.0
     start = kf.ParameterSet([even(), kf.Scalar("k", 0.0)])

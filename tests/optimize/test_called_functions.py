@@ -50,10 +50,10 @@ DATA = kf.Dataset.of("drive", {"u": U, "z": 2 * U}, time=np.where(TIME < 15.0, T
 
 
 def problem(text, datasets=(DATA,)):
-    given = values()
+    initial = values()
     functions = {"f": smooth_step, "w": kf.function(wave, outputs=["s", "q"])}
-    model = kf.formula(text, parameters=list(given), functions=functions)
-    return Problem(model, datasets, given, (kf.Criterion("y", "z"),))
+    model = kf.formula(text, parameters=list(initial), functions=functions)
+    return Problem(model, datasets, initial, (kf.Criterion("y", "z"),))
 
 
 def order_of(compiled):
@@ -67,11 +67,11 @@ def assert_equal_sums(own, reference, factor=1.0, tolerance=1e-8):
     ours, theirs = (each.values.pack(each.problem.parameters) * factor for each in (own, reference))
     assert own.sums.cost(ours) == pytest.approx(reference.sums.cost(theirs), rel=1e-10)
     a, b = own.sums.normal(ours), reference.sums.normal(theirs)
-    one, two = order_of(own), order_of(reference)
+    first, second = order_of(own), order_of(reference)
     scale = np.abs(b.gradient).max(), np.abs(b.matrix).max()
-    assert np.allclose(a.gradient[one], b.gradient[two], rtol=tolerance, atol=tolerance * scale[0])
+    assert np.allclose(a.gradient[first], b.gradient[second], rtol=tolerance, atol=tolerance * scale[0])
     assert np.allclose(
-        a.matrix[np.ix_(one, one)], b.matrix[np.ix_(two, two)], rtol=tolerance, atol=tolerance * scale[1]
+        a.matrix[np.ix_(first, first)], b.matrix[np.ix_(second, second)], rtol=tolerance, atol=tolerance * scale[1]
     )
 
 
@@ -86,9 +86,9 @@ def test_cost_and_derivatives_are_those_of_the_formula(calls, text):
 @pytest.mark.guests
 @pytest.mark.parametrize(("calls", "text"), PAIRS.values(), ids=PAIRS)
 def test_slopes_at_a_sample_are_those_of_the_formula(calls, text):
-    given, slopes = values(), []
+    initial, slopes = values(), []
     for each in (problem(calls), problem(text)):
-        at = SampleSlopes(each, given).at(each.bind(DATA), 123, given)
+        at = SampleSlopes(each, initial).at(each.bind(DATA), 123, initial)
         slopes.append(dict(at))
     for name, slope in slopes[1].items():
         assert slopes[0][name] == pytest.approx(slope, rel=1e-7, abs=1e-9)
@@ -96,17 +96,17 @@ def test_slopes_at_a_sample_are_those_of_the_formula(calls, text):
 
 @pytest.mark.guests
 @pytest.mark.parametrize("calls", mostly_slow(["algebra", "lagged", "kinked"], 2))
-def test_a_calibration_ends_where_that_of_the_formula_does(calls):
+def test_a_calibration_ends_at_the_values_of_the_formula(calls):
     measured = kf.simulate(kf.formula(PAIRS[calls][1], parameters=list(values())), DATA, values())["y"].values
     data = kf.Dataset.of("drive", {"u": U, "z": measured}, time=DATA.time)
-    given = values()
-    start = given.with_parameters(given["a"].with_values(0.6), given["b"].with_values(0.9))
+    initial = values()
+    start = initial.with_parameters(initial["a"].with_values(0.6), initial["b"].with_values(0.9))
     results = [
         run(replace(problem(text, (data,)), parameters=start, free=("a", "b")), Options()) for text in PAIRS[calls]
     ]
     assert [result.status for result in results] == ["converged"] * 2
     for name in ("a", "b"):
-        assert results[0].parameters[name].value == pytest.approx(given[name].value, rel=1e-6)
+        assert results[0].parameters[name].value == pytest.approx(initial[name].value, rel=1e-6)
 
 
 # calls of a function that keeps memory, and the same in formula text
@@ -118,10 +118,10 @@ TRAJECTORIES = {
 }
 
 
-def trajectory_problem(text, free=("*",), datasets=(DATA,), given=None):
-    given = given or values().with_parameters(kf.Scalar("k", 1.5))
-    model = read("lag.kf", list(given), text=text, functions=[lag_function()])
-    return Problem(model, datasets, given, (kf.Criterion("y", "z"),), free)
+def trajectory_problem(text, free=("*",), datasets=(DATA,), initial=None):
+    initial = initial or values().with_parameters(kf.Scalar("k", 1.5))
+    model = read("lag.kf", list(initial), text=text, functions=[lag_function()])
+    return Problem(model, datasets, initial, (kf.Criterion("y", "z"),), free)
 
 
 @pytest.mark.parametrize(("calls", "text"), TRAJECTORIES.values(), ids=TRAJECTORIES)
@@ -185,7 +185,7 @@ def test_slopes_that_do_not_fit_into_memory_are_refused(monkeypatch):
 
 
 @pytest.mark.guests
-def test_a_call_in_a_loop_is_remarked():
+def test_a_call_in_a_loop_is_a_remark():
     [remark] = problem(PAIRS["loop"][0]).model.remarks
     assert str(remark) == "formula: f is called in a loop, so its code runs sample by sample, which is slow"
     assert not problem(PAIRS["lagged"][0]).model.remarks

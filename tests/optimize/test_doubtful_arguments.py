@@ -23,7 +23,7 @@ def warnings(text, data, start, **options):
 
 
 @pytest.mark.parametrize(("dt", "T"), [(0.1, 0.951), (0.3, 0.857), (1.0, 0.582)])
-def test_a_time_constant_below_five_steps_is_told_with_that_of_the_lag(dt, T):
+def test_a_time_constant_below_five_steps_is_a_warning_with_that_of_the_lag(dt, T):
     result, sentences = warnings("y = PT1(u, T, 0)", lag(dt), {"T": 2.0})
     assert result.parameters["T"].value == pytest.approx(T, abs=1e-3)
     assert len(sentences) == (dt > T / 5)
@@ -37,13 +37,13 @@ def test_a_time_constant_below_five_steps_is_told_with_that_of_the_lag(dt, T):
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.3, 1.0])
-def test_the_exact_lag_finds_the_time_constant(dt):
+def test_the_exact_lag_recovers_the_time_constant(dt):
     result, sentences = warnings("y = PT1exact(u, T, 0)", lag(dt), {"T": 2.0})
     assert result.parameters["T"].value == pytest.approx(1.0, rel=1e-3)
     assert not sentences
 
 
-def test_time_constants_of_a_table_are_examined_where_there_are_data():
+def test_time_constants_of_a_table_are_examined_at_values_with_data():
     low = kf.Curve("L", [0.0, 1.0, 9.0], [0.2, 3.0, 0.01])
     _, sentences = warnings(
         "y = PT1(u, L(w), 0) * k", lag(0.1), kf.ParameterSet([low, kf.Scalar("k", 1.0)]), free=["L"]
@@ -75,7 +75,7 @@ def test_a_corner_frequency_is_examined_on_uneven_time():
         ("y = k * ratelimit(u, up, down)", {"up": -1.0, "down": 1.0}, "limits that depend on down, up are crossed"),
     ],
 )
-def test_limits_that_parameters_cross_are_told(text, start, expected):
+def test_limits_that_parameters_cross_are_a_warning(text, start, expected):
     _, sentences = warnings(text, lag(0.1), {**start, "k": 1.0}, free=["k"])
     crossed = [sentence for sentence in sentences if "crossed" in sentence]
     assert len(crossed) == bool(expected)

@@ -49,12 +49,12 @@ def test_neurons_are_equal_if_those_that_use_them_do_so_by_equal_weights():
     assert equal_neurons(network(), weights(first, LAST[[0, 1, 1, 2, 3]])) == {"first": (2, 4)}
 
 
-def test_a_layer_that_uses_one_of_two_equal_neurons_tells_them_apart():
+def test_a_layer_that_uses_one_of_two_equal_neurons_distinguishes_them():
     b = GraphBuilder()
     hidden = b.dense(DenseLayer("hidden", 1, 2, "tanh"), b.input("x"))
     (short,) = b.dense(DenseLayer("short", 1, 1), hidden[0])
-    (both,) = b.dense(DenseLayer("both", 2, 1), *hidden)
-    graph = b.finish({"y": b.call("add", short, both)}, {}, ("y",))
+    (mixed,) = b.dense(DenseLayer("both", 2, 1), *hidden)
+    graph = b.finish({"y": b.call("add", short, mixed)}, {}, ("y",))
     equal = [Block("hidden", np.array([[0.5, 0.5], [0.1, 0.1]])), Block("both", np.ones((3, 1)))]
     assert equal_neurons(graph, ParameterSet([*equal, Block("short", np.array([[2.0], [0.0]]))])) == {}
     assert equal_neurons(graph, ParameterSet([*equal, Block("short", np.zeros((2, 1)))])) == {"hidden": (2, 2)}
@@ -67,7 +67,7 @@ def test_mirrored_neurons_are_equal_if_the_activation_is_odd(activation, counts)
     assert equal_neurons(network(activation), weights(first, last)) == counts
 
 
-def test_an_activation_that_is_written_out_hides_no_equal_neurons():
+def test_equal_neurons_are_counted_if_their_activation_is_an_operation():
     ones = np.ones((3, 4)), np.ones((5, 1))
     assert equal_neurons(network("identity", "cos"), weights(*ones)) == {"first": (4, 4)}
 

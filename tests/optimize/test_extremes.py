@@ -31,12 +31,12 @@ QUICK = dict.fromkeys(["x", "target", "scale"], 1e-300)  # not slow, as the larg
     ],
 )
 def test_a_calibration_of_extreme_numbers_ends_without_a_warning(way, size):
-    given = {"data": {"x": X, "z": Z}, "smoothness": 0.0, "level": 1.0} | WAYS[way](size)
-    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 10, 5), np.full(5, given["level"])), kf.Scalar("k", 1.0)])
-    criteria = given.get("criteria") or [kf.Criterion("m", "z")]
+    arguments = {"data": {"x": X, "z": Z}, "smoothness": 0.0, "level": 1.0} | WAYS[way](size)
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 10, 5), np.full(5, arguments["level"])), kf.Scalar("k", 1.0)])
+    criteria = arguments.get("criteria") or [kf.Criterion("m", "z")]
     try:
         options = kf.Options(max_iterations=15)
-        data, smoothness = given["data"], given["smoothness"]
+        data, smoothness = arguments["data"], arguments["smoothness"]
         result = kf.calibrate(
             "m = C(k * x)", data, start, criteria=criteria, smoothness={"C": smoothness}, options=options
         )

@@ -49,7 +49,7 @@ def test_a_long_step_that_shrinks_all_columns_does_not_stop_the_search(case):
     assert {name: result.parameters[name].value for name in truth} == pytest.approx(truth, rel=1e-6)
 
 
-def test_a_value_that_ran_to_where_it_has_no_effect_is_searched_again_from_its_start():
+def test_a_value_that_moved_to_where_it_has_no_effect_is_searched_again_from_its_start():
     y = 17 * np.exp(-0.87 * X) + 9
     result = kf.calibrate("y = a*exp(b*x) + c", {"x": X, "m": y}, {"a": 57.0, "b": -69.0, "c": 75.0}, target="m")
     assert result.converged
@@ -70,7 +70,7 @@ def test_a_column_that_shrinks_alone_leaves_the_other_values_their_steps():
     np.testing.assert_allclose(result.parameters["C"].values, truth, rtol=1e-6)
 
 
-def test_an_end_worse_than_the_mean_has_a_warning_that_says_what_to_do():
+def test_an_end_worse_than_the_mean_has_a_warning_with_a_remedy():
     kelvin = np.linspace(400, 900, 100)
     target = 2.4e5 * np.exp(-68_000 / (8.314 * kelvin))
     start = {"A": 1.2e6, "E": 2.7e6}  # the output underflows
@@ -151,7 +151,7 @@ root = sqrt(fuel)
     ("samples", "speeds", "loads", "least"),
     [(300, 4, 3, 634.717), pytest.param(1800, 12, 10, 3464.03, marks=pytest.mark.slow)],
 )
-def test_the_least_fuel_of_a_cycle_is_found_where_no_noise_excuses_an_early_end(samples, speeds, loads, least):
+def test_the_least_fuel_of_a_cycle_without_noise_is_found(samples, speeds, loads, least):
     data, start = fuel_problem(samples, speeds, loads)
     result = kf.calibrate(FUEL, data, start, node="root", target=0.0)
     assert result.converged
@@ -160,7 +160,7 @@ def test_the_least_fuel_of_a_cycle_is_found_where_no_noise_excuses_an_early_end(
     assert result.cost_after <= limited.cost_after * (1 + 1e-6)
 
 
-def test_a_sequence_that_ends_on_a_coarse_grid_says_what_the_whole_one_could_reach():
+def test_a_sequence_that_ends_on_a_coarse_grid_states_the_gain_of_the_full_one():
     random = np.random.default_rng(0)
     z = random.uniform(0, 10, 300)
     curve = kf.Curve("C", np.linspace(0, 10, 11), np.zeros(11))
@@ -174,7 +174,7 @@ def test_a_sequence_that_ends_on_a_coarse_grid_says_what_the_whole_one_could_rea
     assert "End the sequence with a step" in warning.remedy
 
 
-def test_two_terms_that_became_alike_on_the_way_part_again():
+def test_two_terms_that_became_alike_separate_again():
     x = np.linspace(0, 10, 300)
     truth = {"a": 3.0, "b": 1.5, "c": 2.0, "d": 0.2}
     y = 3 * np.exp(-1.5 * x) + 2 * np.exp(-0.2 * x) + 0.01 * np.sin(37 * x)
@@ -192,7 +192,7 @@ def test_a_value_whose_slope_vanishes_at_the_minimum_has_converged():
     assert not result.warnings
 
 
-def test_targets_that_are_kept_as_upper_limits_need_not_be_met():
+def test_targets_used_as_upper_limits_need_not_be_reached():
     criteria = [kf.Criterion("y", "m", loss="excess")]
     result = kf.calibrate("y = a + b*x", {"x": X, "m": 3 + X}, {"a": 0.0, "b": 0.0}, criteria=criteria)
     assert result.converged
@@ -200,7 +200,7 @@ def test_targets_that_are_kept_as_upper_limits_need_not_be_met():
     assert not result.warnings
 
 
-def test_the_mean_itself_is_no_worse_than_the_mean():
+def test_an_end_at_the_mean_has_no_warning():
     for seed in range(8):
         m = 5 + np.random.default_rng(seed).normal(size=50)
         assert not kf.calibrate("y = c + 0*x", {"x": np.arange(50.0), "m": m}, {"c": 0.0}, target="m").warnings

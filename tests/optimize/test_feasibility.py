@@ -28,7 +28,7 @@ def test_a_rising_curve_with_few_data_rises():
 
 @pytest.mark.parametrize("seed", seeds(1, 20))
 @pytest.mark.parametrize("draw", [curve_fit, map_fit])
-def test_random_fits_within_limits_end_where_those_of_cvxpy_do(draw, seed):
+def test_random_fits_within_limits_agree_with_cvxpy(draw, seed):
     random = np.random.default_rng([seed, 13])
     for _ in range(3):
         fit = draw(random)
@@ -41,8 +41,8 @@ def test_random_fits_within_limits_end_where_those_of_cvxpy_do(draw, seed):
 def test_a_rising_map_with_an_empty_corner_rises():
     random = np.random.default_rng(4)
     x, y = random.uniform(0, 11, (2, 1600))
-    seen = (x < 6) | (y < 6)
-    x, y = x[seen], y[seen]
+    covered = (x < 6) | (y < 6)
+    x, y = x[covered], y[covered]
     z = 3 * np.sqrt(x) + y**1.5 / 4 + random.normal(0, 1, x.size)
     start = kf.ParameterSet([kf.Map("C", range(12), range(12), np.zeros((12, 12)))])
     rising = [Shape("C", 0, "slope", 0.0), Shape("C", 1, "slope", 0.0)]
@@ -53,7 +53,7 @@ def test_a_rising_map_with_an_empty_corner_rises():
 
 
 @pytest.mark.parametrize("seed", seeds(2, 10))
-def test_the_factors_of_a_product_keep_limits_of_very_different_sizes(seed):
+def test_the_factors_of_a_product_respect_limits_of_very_different_sizes(seed):
     random = np.random.default_rng([seed, 14])
     u, v = random.uniform(0, 5, (2, 12))
     z = 1e5 * (1 + u) * (1 - 0.1 * v) * random.uniform(0.5, 1.5, 12)
@@ -92,7 +92,7 @@ def test_a_curve_that_limits_force_to_zero_does_not_hold_the_others_at_their_sta
     assert result.cost_after <= alone.cost_after * (1 + 1e-6)
 
 
-def test_a_pin_of_an_extreme_size_is_an_answer_and_no_warning():
+def test_a_pin_of_an_extreme_size_gives_a_result_without_a_warning():
     start = kf.ParameterSet([kf.Curve("C", range(3), [0.0] * 3)])
     result = kf.calibrate("m = C(x)", {"x": [0.0, 1.0], "z": [1.0, 2.0]}, start, "z", pins=[Pin("C", (2.0,), 1e308)])
     assert result.parameters["C"].values[2] == pytest.approx(1e308)
@@ -101,7 +101,7 @@ def test_a_pin_of_an_extreme_size_is_an_answer_and_no_warning():
 @pytest.mark.parametrize(("unit", "smoothness"), [(1e4, 1e2), (1e3, 1e6)])
 @pytest.mark.parametrize("seed", mostly_slow(range(2), 1))
 def test_limits_do_not_slow_a_fit_whose_smoothness_outweighs_its_data(seed, unit, smoothness):
-    """What smoothness leaves to the data, the slopes of a table, has a tiny share of the curvature."""
+    """The slopes of a table, which smoothness leaves to the data, have a tiny share of the curvature."""
     random = np.random.default_rng([seed, 15])
     x, y = (np.cumsum(random.uniform(0.1, 1, size)) for size in (6, 2))
     data = {name: random.uniform(axis[0], axis[-1], 30) for name, axis in (("u", x), ("x", x), ("y", y))}

@@ -39,10 +39,10 @@ def iterates(member, pins=(), text="m = C(x)^3 / 9"):
     exact = CompiledProblem(problem)
     objective, limits = LeastSquaresObjective(exact), linear_limits(problem, exact.values)
     start, _ = project(objective.start, limits)
-    seen = [start]
-    levenberg_marquardt(objective, start, limits, SolverSettings(), lambda line, values: seen.append(values.copy()))
-    assert len(seen) > 2
-    return seen
+    steps = [start]
+    levenberg_marquardt(objective, start, limits, SolverSettings(), lambda line, values: steps.append(values.copy()))
+    assert len(steps) > 2
+    return steps
 
 
 def test_bounds_and_locks_hold_bit_for_bit_at_every_iterate():
@@ -61,16 +61,16 @@ def test_pins_hold_at_every_iterate():
 
 
 @pytest.mark.parametrize("at", [0.0, 0.75, 1.0])
-def test_a_pin_of_zero_is_met(at):
+def test_a_pin_of_zero_holds(at):
     result = fitted(curve(5.0), pins=[kf.Pin("C", (at,), 0.0)])
     assert result.status == "converged"
     assert np.interp(at, BREAKPOINTS, result.parameters["C"].values) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_pin_on_locked_values_that_meet_it_is_met():
-    held = np.arange(7) < 2
+def test_a_pin_that_locked_values_satisfy_holds():
+    locked = np.arange(7) < 2
     values = np.array([0.1, 0.3, 1, 1, 1, 1, 1])
-    result = fitted(curve(values, locked=held, upper=2.5), pins=[kf.Pin("C", (0.35,), 0.1 * 0.3 + 0.3 * 0.7)])
+    result = fitted(curve(values, locked=locked, upper=2.5), pins=[kf.Pin("C", (0.35,), 0.1 * 0.3 + 0.3 * 0.7)])
     assert result.status == "converged"
     assert np.all(result.parameters["C"].values <= 2.5)
 
@@ -86,26 +86,26 @@ def test_a_pin_on_locked_values_that_meet_it_is_met():
     ],
     ids=["each other", "a bound", "locks", "some locks", "a bound of tiny values"],
 )
-def test_pins_that_contradict_make_the_problem_infeasible(member, pins):
+def test_contradictory_pins_make_the_problem_infeasible(member, pins):
     result = fitted(member, pins=pins)
     assert result.status == "infeasible"
     assert "pin" in result.message
     assert result.parameters["C"] == member
 
 
-def test_a_start_outside_its_bounds_is_moved_and_that_is_said():
+def test_a_start_outside_its_bounds_is_moved_with_a_message():
     result = fitted(curve(9.0, upper=2.5))
     assert "3" not in result.message
     assert "7 start values outside the bounds were clipped" in result.message
     assert np.all(result.parameters["C"].values <= 2.5)
 
 
-def test_a_start_that_misses_a_pin_is_moved_and_that_is_said():
+def test_a_start_that_misses_a_pin_is_moved_with_a_message():
     assert "The start violated its limits" in fitted(curve(), pins=[kf.Pin("C", (0.2,), 3.0)]).message
 
 
 @pytest.mark.parametrize("points", [7, 90], ids=["rows", "normal equations"])
-def test_values_without_data_keep_their_start_exactly_and_the_message_says_so(points):
+def test_values_without_data_keep_their_start_exactly_with_a_message(points):
     breakpoints = np.linspace(0, 6, points)
     member = kf.Curve("C", breakpoints, np.full(points, 0.1))
     result = fitted(member)
@@ -121,7 +121,7 @@ def test_smoothness_informs_values_without_data():
     assert "kept at their start values" not in result.message
 
 
-def test_all_values_locked_leave_nothing_to_do():
+def test_a_problem_with_all_values_locked_has_converged():
     result = fitted(curve(locked=True))
     assert (result.status, result.iterations, result.free_values) == ("converged", 0, 0)
     assert result.cost_after == result.cost_before
@@ -202,7 +202,7 @@ def test_a_missing_target_removes_the_sample_from_its_criterion_only():
     assert [row.samples for row in result.quality] == [1, 1]
 
 
-def test_a_dataset_that_drops_out_leaves_the_others():
+def test_a_dataset_without_samples_does_not_affect_the_others():
     data = [{"x": [np.nan, np.nan], "y": [1.0, 2.0]}, {"x": [1.0, 2.0], "y": [2.0, 4.0]}]
     result = kf.calibrate("m = k * x", data, {"k": 0.0}, target="y")
     assert result.parameters["k"].value == pytest.approx(2.0)
@@ -210,7 +210,7 @@ def test_a_dataset_that_drops_out_leaves_the_others():
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
-def test_the_unit_of_a_target_does_not_matter(scale):
+def test_the_fit_does_not_depend_on_the_unit_of_a_target(scale):
     result = fitted(curve(0.0), {"x": X, "y": scale * WAVE["y"]})
     reference = fitted(curve(0.0))
     assert result.status == "converged"
@@ -228,14 +228,14 @@ def test_a_request_to_stop_ends_with_the_best_values():
     assert result.cost_after == result.trace[-1].cost < result.cost_before
 
 
-def test_a_start_where_the_model_fails_is_said():
+def test_a_start_where_the_model_fails_is_a_failure():
     result = kf.calibrate("m = log(k * x)", {"x": [1.0, 2.0], "y": [0.0, 1.0]}, {"k": -1.0}, target="y")
     assert result.status == "failed"
     assert result.parameters["k"].value == -1.0
     assert result.as_json()["cost"] == {"before": None, "after": None}
 
 
-def test_iterations_that_run_out_are_said():
+def test_reaching_the_iteration_limit_is_a_status():
     text = "m = a * exp(b * x)"
     options = Options(max_iterations=1)
     result = kf.calibrate(text, {"x": X, "y": np.exp(-X)}, {"a": 3.0, "b": 1.0}, target="y", options=options)
@@ -271,7 +271,7 @@ def test_the_exhaust_model_recovers_its_values_from_data_without_noise():
     np.testing.assert_allclose(result.parameters["MapT"].values, truth["MapT"].values, rtol=1e-5)
 
 
-def test_a_recording_in_pieces_starts_its_states_anew():
+def test_every_piece_of_a_recording_starts_its_states_anew():
     columns, time = recording(300)
     truth = exhaust(np.add.outer(GRID, GRID), [2.0, 1.0, 0.4])
     whole = kf.Dataset.of("d", columns, time=time, starts=[0, 100, 120])
@@ -280,7 +280,7 @@ def test_a_recording_in_pieces_starts_its_states_anew():
     for piece in pieces:
         alone = kf.Dataset.of("p", {n: v[piece] for n, v in columns.items()}, time=time[piece])
         np.testing.assert_allclose(measured["m"].values[piece], kf.simulate(EXHAUST, alone, truth)["m"].values)
-    one = kf.calibrate(
+    single = kf.calibrate(
         EXHAUST,
         whole.with_channels(kf.Channel("y", columns["n"])),
         truth,
@@ -293,8 +293,8 @@ def test_a_recording_in_pieces_starts_its_states_anew():
         for i, p in enumerate(pieces)
     ]
     several = kf.calibrate(EXHAUST, parts, truth, target="y", node="m", options=Options(max_iterations=2))
-    assert several.cost_before == pytest.approx(one.cost_before, rel=1e-12)
-    assert several.cost_after == pytest.approx(one.cost_after, rel=1e-9)
+    assert several.cost_before == pytest.approx(single.cost_before, rel=1e-12)
+    assert several.cost_after == pytest.approx(single.cost_after, rel=1e-9)
 
 
 def test_trial_steps_to_a_negative_time_constant_are_rejected():
@@ -339,7 +339,7 @@ def test_free_patterns_choose_what_is_fitted():
     assert (result.free_values, result.fixed_values) == (1, 1)
 
 
-def test_nothing_that_was_given_is_changed():
+def test_a_calibration_does_not_change_its_arguments():
     values = np.full(7, 0.5)
     member = curve(values)
     columns = {name: column.copy() for name, column in WAVE.items()}
@@ -355,7 +355,7 @@ def test_a_weight_does_not_enter_the_rmse_of_the_trace():
 
 
 @pytest.mark.slow
-def test_values_said_to_keep_their_start_do():
+def test_values_without_information_keep_their_start():
     start = kf.ParameterSet([kf.Scalar("k", 2.0), kf.Curve("C", [0, 1, 2, 3], [0.0, 1.0, 2.0, 3.0])])
     x = np.linspace(0, 1, 50)
     options = kf.Options(tolerance=1e-3)
@@ -368,7 +368,7 @@ def test_values_said_to_keep_their_start_do():
 @pytest.mark.parametrize(
     ("count", "samples", "tolerance"), [(5, 40, 1e-8), (10, 400, 3e-5), (10, 200_000, 2.5e-5), (4, 400_000, 2e-6)]
 )
-def test_without_a_tolerance_a_descent_ends_at_what_the_data_can_distinguish(count, samples, tolerance):
+def test_a_descent_without_a_tolerance_ends_at_the_resolution_of_the_data(count, samples, tolerance):
     random = np.random.default_rng(0)
     data = {name: random.random(samples) for name in ("u", "v", "y")}
     axis = np.linspace(0, 1, count)

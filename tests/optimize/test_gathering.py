@@ -44,21 +44,21 @@ def doubled_samples(compiled):
 
 @pytest.mark.parametrize("text", ["m = C(u)", "m = prev(C(u), 0) + u"], ids=["steady", "with memory"])
 @pytest.mark.parametrize("missing", [0, 50])
-def test_targets_that_are_changed_in_place_are_read_anew(text, missing):
+def test_targets_that_are_changed_in_place_are_read_again(text, missing):
     model = kf.formula(text, parameters=["C"])
-    made = Aimed(model, several(missing), START, (Criterion("m", "y"),))
-    compiled = CompiledProblem(made)
+    aimed = Aimed(model, several(missing), START, (Criterion("m", "y"),))
+    compiled = CompiledProblem(aimed)
     doubled = compiled.over_selection(doubled_samples)
-    for values in made.arrays.values():
+    for values in aimed.arrays.values():
         values += np.sin(np.arange(values.size))
     compiled.samples.wanted.reread()
-    expected = LeastSquaresObjective(CompiledProblem(made)).cost(compiled.start)
+    expected = LeastSquaresObjective(CompiledProblem(aimed)).cost(compiled.start)
     assert LeastSquaresObjective(compiled).cost(compiled.start) == expected
     assert LeastSquaresObjective(doubled).cost(compiled.start) == pytest.approx(2 * expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("missing", mostly_slow([0, 50], [50]))
-def test_a_limit_holds_over_several_datasets_some_points_of_which_are_dropped(missing):
+def test_a_limit_holds_over_several_datasets_with_dropped_points(missing):
     problem = Problem(
         kf.formula("m = C(u)", parameters=["C"]),
         several(missing),

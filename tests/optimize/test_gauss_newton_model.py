@@ -4,7 +4,7 @@ import pytest
 from kennfeld.optimize.solver.gauss_newton_model import SecantCorrection
 
 
-def test_what_was_learnt_explains_the_last_change():
+def test_the_learnt_matrix_explains_the_last_change():
     random = np.random.default_rng(0)
     secant = SecantCorrection(4)
     for _ in range(6):
@@ -18,7 +18,7 @@ def test_what_was_learnt_explains_the_last_change():
         assert secant.curvature(step) == pytest.approx(step @ (change - explained))
 
 
-def test_a_constant_curvature_is_found():
+def test_a_constant_curvature_is_learnt():
     random = np.random.default_rng(1)
     root = random.standard_normal((3, 3))
     curvature = root @ root.T
@@ -30,13 +30,13 @@ def test_a_constant_curvature_is_found():
 
 
 @pytest.mark.parametrize("change", [[-1.0, 0.0], [0.0, 0.0], [np.nan, 1.0], [np.inf, 1.0]])
-def test_a_change_that_says_nothing_of_curvature_is_passed_over(change):
+def test_a_change_without_information_on_curvature_is_ignored(change):
     secant = SecantCorrection(2)
     secant.learn(np.array([1.0, 0.0]), np.array(change), np.zeros(2))
     assert not secant.matrix.any()
 
 
-def test_numbers_too_small_to_square_are_no_error():
+def test_numbers_whose_squares_underflow_are_accepted():
     secant = SecantCorrection(2)
     tiny = np.array([1e-160, 1e-170])
     secant.learn(tiny, tiny, 0.5 * tiny)

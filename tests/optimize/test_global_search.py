@@ -45,7 +45,7 @@ def rastrigin(values):
 
 
 @pytest.mark.slow
-def test_steps_do_not_hold_the_search_up():
+def test_terraces_do_not_stop_the_search():
     end = global_search(Function(terraces), np.array([8.0, 8.0]), box((-10, 10), (-10, 10)), GlobalSettings())
     assert end.status == "converged"
     assert end.cost == 1.0
@@ -87,7 +87,7 @@ def test_a_converged_end_has_no_lower_neighbour(cost, size):
     assert "converged" in statuses
 
 
-def test_a_cost_that_is_constant_nearly_everywhere_is_searched_on():
+def test_the_search_of_a_cost_that_is_constant_nearly_everywhere_continues():
     """A first run agrees at once, without a point in the hundredth of the space that is lower."""
 
     def cost(values):
@@ -97,26 +97,26 @@ def test_a_cost_that_is_constant_nearly_everywhere_is_searched_on():
     assert (end.status, end.cost) == ("converged", 0.5)
 
 
-def test_values_without_an_effect_are_a_failure_with_a_sentence():
+def test_values_without_an_effect_are_a_failure_with_a_message():
     end = global_search(Function(lambda values: 3.0), np.zeros(2), box((0, 1), (0, 1)), GlobalSettings(200))
     assert end.status == "failed"
     assert "The cost is the same at all of" in end.message
 
 
-def test_costs_that_differ_by_rounding_are_the_same():
+def test_costs_that_differ_by_rounding_count_as_equal():
     costs = Function(lambda values: 1 + 1e-15 * np.sin(1e6 * values[0]))
     end = global_search(costs, np.zeros(2), box((0, 1), (0, 1)), GlobalSettings(200))
     assert end.status == "failed"
     assert "The cost is the same at all of" in end.message
 
 
-def test_few_evaluations_do_not_say_that_values_have_no_effect():
+def test_few_evaluations_do_not_suggest_that_values_have_no_effect():
     end = global_search(Function(terraces), np.zeros(2), box((-5, 5), (-5, 5)), GlobalSettings(1))
     assert end.status == "max_iterations"
     assert "had not converged after 1 evaluation." in end.message
 
 
-def test_a_search_that_is_stopped_outside_output_limits_has_the_cost_of_its_values():
+def test_a_search_stopped_outside_output_limits_has_the_cost_of_its_values():
     def stop(line):
         raise Stop
 
@@ -152,7 +152,7 @@ def test_a_smooth_cost_needs_part_of_the_evaluations(size):
 
 
 @pytest.mark.parametrize("size", mostly_slow([1, 2, 5], [1, 5]))
-def test_every_point_lies_within_the_bounds_and_the_end_is_the_best_of_them(size):
+def test_every_point_lies_within_the_bounds_and_the_end_is_the_best_point(size):
     function = Function(lambda values: np.sum(np.round(values * 3) ** 2) + 0.5)
     start = np.linspace(0.2, 0.9, size)
     end = global_search(function, start, box(*[(-0.5, 2.0)] * size), GlobalSettings(300))
@@ -162,7 +162,7 @@ def test_every_point_lies_within_the_bounds_and_the_end_is_the_best_of_them(size
     assert end.evaluations == len(asked)
 
 
-def test_the_evaluations_run_out():
+def test_reaching_the_evaluation_limit_is_a_status():
     function = Function(rastrigin)
     end = global_search(function, np.full(4, 3.0), box(*[(-5, 5)] * 4), GlobalSettings(50))
     assert end.status == "max_iterations"
@@ -170,7 +170,7 @@ def test_the_evaluations_run_out():
     assert 0.95 * 50 <= len(function.asked) <= 60
 
 
-def test_the_same_seed_gives_the_same_search_whatever_others_draw():
+def test_the_search_depends_on_its_own_seed_alone():
     def search(number, seed):
         np.random.seed(number)
         before = np.random.get_state()[1].copy()
@@ -194,12 +194,12 @@ def test_locked_values_stay_and_equalities_hold():
     assert np.abs(asked[:, 0] + asked[:, 1] - 1.5).max() < 1e-9
 
 
-def test_nothing_to_move_is_an_end():
+def test_a_search_without_movable_values_converges():
     end = global_search(Function(lambda values: 2.0), np.array([1.0]), box((1, 1)), GlobalSettings())
     assert (end.status, end.cost) == ("converged", 2.0)
 
 
-def test_a_model_that_fails_in_places_is_searched_elsewhere():
+def test_a_model_that_fails_in_some_regions_is_searched_elsewhere():
     def cost(values):
         return np.nan if values[0] < 0 else (values[0] - 0.5) ** 2 + values[1] ** 2
 
@@ -207,7 +207,7 @@ def test_a_model_that_fails_in_places_is_searched_elsewhere():
     assert end.cost < 1e-5
 
 
-def test_a_model_that_fails_everywhere_is_a_failure_with_a_sentence():
+def test_a_model_that_fails_everywhere_is_a_failure_with_a_message():
     end = global_search(Function(lambda values: np.inf), np.zeros(2), box((-1, 1), (-1, 1)), GlobalSettings(40))
     assert end.status == "failed"
     assert "not a finite number" in end.message
@@ -250,7 +250,7 @@ def quantised():
     return "y = round(C(x) / 0.5) * 0.5", {"x": x, "y_measured": y}, start
 
 
-def test_quantised_code_is_calibrated_where_derivatives_are_zero():
+def test_quantised_code_is_calibrated_although_derivatives_are_zero():
     text, data, start = quantised()
     assert kf.calibrate(text, data, start, target="y_measured").quality[0].rmse_after > 1
     options = kf.Options(method="global", max_evaluations=1000)
@@ -286,11 +286,11 @@ def test_values_without_bounds_are_named_all_at_once():
 
 
 @pytest.mark.parametrize(
-    "given", [{"method": "globl"}, {"max_evaluations": -1}, {"max_evaluations": 1e3}, {"seed": -1}]
+    "options", [{"method": "globl"}, {"max_evaluations": -1}, {"max_evaluations": 1e3}, {"seed": -1}]
 )
-def test_options_are_checked_when_they_are_made(given):
-    with pytest.raises(ArgumentError, match=next(iter(given))):
-        kf.Options(**given)
+def test_options_are_checked_at_construction(options):
+    with pytest.raises(ArgumentError, match=next(iter(options))):
+        kf.Options(**options)
 
 
 def test_locked_values_need_no_bounds():
@@ -302,7 +302,7 @@ def test_locked_values_need_no_bounds():
 
 
 @pytest.mark.parametrize(("kp", "kI", "rmse"), [(0.0, 0.0, 628.9), (0.0614, 0.0723, 155.0), (0.397, 0.140, 114.2)])
-def test_the_published_engine_runs_as_published(kp, kI, rmse):
+def test_the_published_engine_has_its_published_errors(kp, kI, rmse):
     data, model, _ = idle.by_crank_angle(step=2e-4)
     speed = kf.simulate(model, data, {"kp": kp, "kI": kI})["rpm"].values
     assert np.sqrt(np.mean((speed - data["rpm_ref"].values) ** 2)) == pytest.approx(rmse, rel=5e-3)
@@ -321,7 +321,7 @@ def test_the_published_engine_follows_its_reference():
 
 
 @pytest.mark.slow
-def test_the_event_governor_is_calibrated_where_a_descent_stops_at_once():
+def test_the_event_governor_is_calibrated_although_a_descent_stops_at_once():
     data, model, start = idle.by_crank_angle()
     assert {event.parameters for event in events(model.graph, ["kp", "kI"])} == {("kp", "kI")}
     descent = kf.calibrate(model, data, start, target="rpm_ref", node="rpm")
@@ -379,7 +379,7 @@ def test_a_limit_of_the_speed_comes_before_the_cost():
     assert all(line.cost < 1e100 for line in result.trace)
 
 
-def test_limits_that_nothing_keeps_are_infeasible():
+def test_limits_that_cannot_be_satisfied_are_infeasible():
     start = kf.ParameterSet([kf.Scalar("a", 0.5, lower=0.0, upper=5.0)])
     data = {"x": np.linspace(0, 5, 20), "z": np.zeros(20)}
     options = kf.Options(method="global", max_evaluations=10)
@@ -389,7 +389,7 @@ def test_limits_that_nothing_keeps_are_infeasible():
 
 
 @pytest.mark.slow
-def test_limits_that_nothing_keeps_are_infeasible_for_an_engine():
+def test_limits_that_cannot_be_satisfied_are_infeasible_for_an_engine():
     result, most = overshooting(kf.Options(method="global", max_evaluations=10), 1500.0)
     assert result.status == "infeasible"
     assert most > 1500

@@ -22,15 +22,15 @@ from tests.draws import few_or_many
 
 
 class Packed:
-    """Where the values of a single free table start."""
+    """Offset of the values of a single free table."""
 
     def __init__(self, table):
         self.offsets, self.free = {table.name: 0}, table.size
 
 
 def penalty(table, factors):
-    made = Roughness.of(ParameterSet([table]), Packed(table), {table.name: factors})
-    return made.cost(table.values.ravel())
+    roughness = Roughness.of(ParameterSet([table]), Packed(table), {table.name: factors})
+    return roughness.cost(table.values.ravel())
 
 
 gaps = st.lists(st.floats(0.2, 5.0), min_size=2, max_size=12).map(lambda g: np.cumsum([0.0, *g]))
@@ -44,12 +44,12 @@ def test_a_map_of_ten_by_six_becomes_one_of_five_by_three():
 
 
 @given(st.integers(1, 60), st.integers(1, 70))
-def test_the_ends_are_kept_and_the_others_lie_evenly(count, factor):
-    left = kept_breakpoints(count, factor)
-    assert left[0] == 0
-    assert left[-1] == count - 1
-    assert left.size == min(count, max(2, -(-count // factor)))
-    assert left.size < 3 or np.ptp(np.diff(left)) <= 1
+def test_the_ends_remain_and_the_others_are_spread_evenly(count, factor):
+    remaining = kept_breakpoints(count, factor)
+    assert remaining[0] == 0
+    assert remaining[-1] == count - 1
+    assert remaining.size == min(count, max(2, -(-count // factor)))
+    assert remaining.size < 3 or np.ptp(np.diff(remaining)) <= 1
 
 
 @few_or_many(gaps, gaps, coefficients, factors, factors, few=25, many=200)
@@ -86,11 +86,11 @@ def test_a_refined_surface_is_the_coarse_one_everywhere(x, y, along_x, along_y, 
     ]
     assert np.array_equal(again.values[np.ix_(*places)], coarse.values)
     data = {"u": random.uniform(x[0], x[-1], 40), "v": random.uniform(y[0], y[-1], 40)}
-    seen = [kf.simulate("m = M(u, v)", data, ParameterSet([t]))["m"].values for t in (again, coarse)]
-    np.testing.assert_allclose(*seen, atol=1e-9)
+    outputs = [kf.simulate("m = M(u, v)", data, ParameterSet([t]))["m"].values for t in (again, coarse)]
+    np.testing.assert_allclose(*outputs, atol=1e-9)
 
 
-def test_locked_values_keep_theirs_bit_for_bit_and_bounds_hold():
+def test_locked_values_stay_bit_for_bit_and_bounds_hold():
     locked = np.arange(9) == 3
     full = kf.Curve("C", np.arange(9), np.linspace(0, 0.8, 9) ** 0.3, locked=locked, upper=np.linspace(1, 0.5, 9))
     coarse = reduce_table(full, (2,)).with_values([1.0, 0.9, 0.8, 0.7, 0.5])
@@ -99,7 +99,7 @@ def test_locked_values_keep_theirs_bit_for_bit_and_bounds_hold():
     assert np.all(again.values <= full.upper)
 
 
-def test_bounds_and_locks_go_with_their_grid_points():
+def test_bounds_and_locks_follow_their_grid_points():
     full = kf.Curve("C", np.arange(5), np.arange(5), locked=np.arange(5) == 2, upper=10 + np.arange(5))
     coarse = reduce_table(full, (2,))
     assert coarse.locked.tolist() == [False, True, False]

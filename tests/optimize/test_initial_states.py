@@ -1,4 +1,4 @@
-"""Where memories begin: at the first input, at an expression, or at values that are fitted like any other."""
+"""Begins of memories: at the first input, at an expression, or at values that are fitted like any other."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_an_initial_state_may_be_an_expression_over_channels():
     assert result.quality[0].rmse_after == pytest.approx(0.01, rel=0.1)
 
 
-def test_what_an_unknown_state_spoils_the_warmup_leaves_out():
+def test_a_warmup_excludes_samples_with_an_unknown_state():
     spoilt = kf.calibrate("y = PT1(u, T)", dataset(recording(5.0, 0)), {"T": 1.0}, "m")
     warm = kf.calibrate("y = PT1(u, T)", dataset(recording(5.0, 0), warmup=8 * LAG), {"T": 1.0}, "m")
     assert warm.quality[0].samples == SAMPLES - round(8 * LAG / STEP)

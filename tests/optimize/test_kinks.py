@@ -23,7 +23,7 @@ Y = -2 * X + 3 * Z + 1 + 0.1 * RANDOM.normal(size=100)  # falls with x, which ab
     ],
     ids=["abs", "abs from 0", "abs of a product", "two of them", "sqrt"],
 )
-def test_values_beside_one_at_a_kink_are_optimal(text, start):
+def test_the_other_values_are_optimal_if_one_is_at_a_kink(text, start):
     result = kf.calibrate(text, {"x": X, "z": Z, "m": Y}, start, target="m")
     best, *_ = np.linalg.lstsq(np.stack([Z, np.ones(100)], axis=1), Y, rcond=None)
     assert result.converged
@@ -35,12 +35,12 @@ def test_values_beside_one_at_a_kink_are_optimal(text, start):
     assert "kink" in warning.message
 
 
-def test_a_smooth_minimum_is_no_kink():
+def test_a_smooth_minimum_does_not_count_as_a_kink():
     result = kf.calibrate("y = a^2*x + b*z + c", {"x": X, "z": Z, "m": Y}, {"a": 1.0, "b": 0.0, "c": 0.0}, target="m")
     assert not result.warnings
 
 
-def test_the_edge_of_what_a_function_is_defined_for_does_not_hold_a_value_for_good():
+def test_a_value_can_leave_the_edge_of_the_domain_of_a_function():
     """The search first runs against b = -1, from which the cost falls once the other values have moved."""
     x = np.linspace(1, 20, 80)
     data = {"x": x, "q": 0.65 * (x + 0.6) ** 1.7 + 3}

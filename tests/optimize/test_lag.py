@@ -1,4 +1,4 @@
-"""Lags of recorded channels: whole samples of a bench log, fractions in time, and what must not be found."""
+"""Lags of recorded channels: whole samples of a bench log, fractions in time, and lags that do not exist."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -59,13 +59,13 @@ def test_a_torque_recorded_one_sample_late_is_moved_back():
 
 
 @pytest.mark.slow
-def test_channels_of_a_torque_bench_in_step_are_left_alone():
+def test_synchronous_channels_of_a_torque_bench_are_not_moved():
     result = calibrated(bench(0), {"Torque": "auto", "Speed": "auto"})
     assert result.shifts == {"training 0": {"Torque": 0, "Speed": 0}}
 
 
 @pytest.mark.slow
-def test_an_input_of_a_torque_bench_may_be_late_too():
+def test_an_input_of_a_torque_bench_may_be_late():
     data = bench(0)
     late = shift_channels(data, {"Ignition": 2.0})
     assert calibrated(late, {"Ignition": "auto"}).shifts == {"training 0": {"Ignition": -2.0}}
@@ -144,7 +144,7 @@ def test_a_shift_at_the_edge_of_the_widest_window_is_a_warning():
         (WIDEST, 1.0, "samples", f"More than {WIDEST} samples are not searched."),
     ],
 )
-def test_a_shift_at_the_edge_of_its_window_says_how_to_search_farther(most, step, unit, remedy):
+def test_a_shift_at_the_edge_of_its_window_has_a_remedy(most, step, unit, remedy):
     costs = {float(lag): 1.0 + lag for lag in range(most + 1)}
     edge = Minimum("m", "drive", most * step, step, unit, float(most), most, costs, scored=1000)
     [finding] = _find_doubtful([edge])
@@ -153,7 +153,7 @@ def test_a_shift_at_the_edge_of_its_window_says_how_to_search_farther(most, step
 
 @pytest.mark.slow
 @pytest.mark.skipif(not TRANSIENT.is_file(), reason=f"the measurement of the engine is not at {TRANSIENT}")
-def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
+def test_a_shift_added_to_a_real_engine_is_found_with_its_own():
     """The recording has a lag of its own; one more moves the answer by as much."""
     data = kf.read(TRANSIENT, channels=["speed", "load", "NOx"])
     axes = [np.linspace(-1.5, 1.9, 7), np.linspace(-1.16, 2.3, 7)]
@@ -230,7 +230,7 @@ def test_the_shift_of_signals_that_change_with_every_sample_is_found(late):
     assert result.shifts["d"]["t"] == pytest.approx(-0.1 * late, abs=0.006)
 
 
-def test_a_shift_that_the_data_do_not_tell_is_said_to_be_unclear():
+def test_a_shift_that_the_data_do_not_determine_is_reported():
     text, data, start = recorded("curve", 0.0)
     unrelated = data.with_channels(kf.Channel("t", np.random.default_rng(9).normal(size=300)))
     result = search(text, unrelated, start)
@@ -249,17 +249,17 @@ def walked(late):
 
 
 @pytest.mark.usefixtures("narrow_window")
-def test_channels_in_step_are_left_alone():
+def test_synchronous_channels_are_not_moved():
     assert kf.calibrate(*walked(0.0), "t", shift={"t": "auto", "u": "auto"}).shifts == {"d": {"t": 0.0, "u": 0.0}}
 
 
 @pytest.mark.usefixtures("narrow_window")
 def test_a_channel_recorded_one_sample_late_is_moved_back():
-    late, told = kf.calibrate(*walked(1.0), "t"), kf.calibrate(*walked(1.0), "t", shift={"t": -1.0})
+    late, shifted = kf.calibrate(*walked(1.0), "t"), kf.calibrate(*walked(1.0), "t", shift={"t": -1.0})
     result = search(*walked(1.0))
     assert result.shifts == result.as_json()["shifts"] == {"d": {"t": -1.0}}
     assert result.quality[0].rmse_after < 1.1 * 0.08 < 0.4 * late.quality[0].rmse_after
-    assert result.parameters["A"].values == pytest.approx(told.parameters["A"].values, abs=1e-6)
+    assert result.parameters["A"].values == pytest.approx(shifted.parameters["A"].values, abs=1e-6)
 
 
 @pytest.mark.usefixtures("narrow_window")
@@ -274,14 +274,14 @@ def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
 
 
 @pytest.mark.usefixtures("narrow_window")
-def test_two_late_channels_are_both_found():
+def test_two_late_channels_are_found():
     text, data, start = recorded("sum", 0.0, samples=200)
     late = shift_channels(data, {"u": 4.0, "v": -3.0})
     result = kf.calibrate(text, late, start, "t", shift={"u": "auto", "v": "auto"})
     assert result.shifts == {"d": {"u": -4.0, "v": 3.0}}
 
 
-def test_a_channel_without_a_part_cannot_be_shifted():
+def test_a_channel_without_a_role_cannot_be_shifted():
     with pytest.raises(kf.KennfeldError, match=r"unknown channel Torqe\. Did you mean Torque"):
         calibrated(bench(0), {"Torqe": "auto"})
     data = bench(0).with_channels(kf.Channel("Lambda", np.ones(1200)))
@@ -295,7 +295,7 @@ def test_a_number_moves_the_channel_as_in_a_project():
     assert calibrated(bench(2, samples=600), {"Torque": -2.0}).quality[0].rmse_after < 1.1 * torque.NOISE
 
 
-def test_datasets_of_one_name_are_asked_for_another():
+def test_datasets_of_the_same_name_are_refused():
     data = [bench(1, 0, samples=300), bench(1, 0, samples=300)]
     with pytest.raises(
         kf.InputError,

@@ -73,7 +73,7 @@ def test_the_valley_of_rosenbrock_is_followed_to_its_end(small):
 
 @both_paths
 @pytest.mark.parametrize("scale", mostly_slow([(1e-6, 1e6), (1e8, 1e-3), (1e-10, 1e-10)], 1))
-def test_units_of_the_values_do_not_matter(small, scale):
+def test_the_result_does_not_depend_on_the_units_of_the_values(small, scale):
     end = descend(rosenbrock(small, scale), np.array([-1.2, 1.0]) * scale)
     assert end.status == "converged"
     np.testing.assert_allclose(end.values / scale, 1.0, rtol=1e-6)
@@ -81,12 +81,12 @@ def test_units_of_the_values_do_not_matter(small, scale):
 
 @both_paths
 @pytest.mark.parametrize("unit", mostly_slow([1e-12, 1e12], 1))
-def test_the_unit_of_the_residuals_does_not_matter(small, unit):
+def test_the_result_does_not_depend_on_the_unit_of_the_residuals(small, unit):
     plain = rosenbrock(small)
     other = Residuals(lambda p: unit * plain.residuals(p), lambda p: unit * plain.jacobian(p), small)
-    one, two = descend(plain, [-1.2, 1.0]), descend(other, [-1.2, 1.0])
-    assert two.status == "converged"
-    np.testing.assert_allclose(two.values, one.values, rtol=1e-6)
+    first, second = descend(plain, [-1.2, 1.0]), descend(other, [-1.2, 1.0])
+    assert second.status == "converged"
+    np.testing.assert_allclose(second.values, first.values, rtol=1e-6)
 
 
 def test_a_large_target_far_from_the_start_is_reached():
@@ -137,7 +137,7 @@ def test_a_matrix_without_full_rank_still_reaches_the_least_cost(small):
 
 
 @both_paths
-def test_values_that_nothing_depends_on_keep_their_start_bit_for_bit(small):
+def test_values_without_an_effect_keep_their_start_bit_for_bit(small):
     matrix = np.random.default_rng(2).standard_normal((20, 5))
     matrix[:, [1, 4]] = 0.0
     end = descend(linear(matrix, np.ones(20), small), np.full(5, 0.1))
@@ -145,7 +145,7 @@ def test_values_that_nothing_depends_on_keep_their_start_bit_for_bit(small):
 
 
 @both_paths
-def test_more_values_than_residuals_are_no_obstacle(small):
+def test_problems_with_more_values_than_residuals_are_solved(small):
     matrix = np.random.default_rng(3).standard_normal((3, 10))
     end = descend(linear(matrix, np.array([1.0, 2.0, 3.0]), small), np.zeros(10))
     assert end.status == "converged"
@@ -158,7 +158,7 @@ def test_a_start_without_error_has_converged(small):
     assert (end.status, end.cost, end.iterations) == ("converged", 0.0, 0)
 
 
-def test_no_free_value_is_an_end_at_once():
+def test_a_problem_without_a_free_value_ends_at_once():
     at = np.array([1.0, 2.0])
     end = descend(linear(np.eye(2), np.zeros(2)), at, LinearLimits(at, at))
     assert (end.status, end.message) == ("converged", "No value is free to move.")
@@ -177,7 +177,7 @@ def test_a_derivative_that_is_not_finite_has_failed():
     assert "derivative" in end.message
 
 
-def test_running_out_of_iterations_is_said():
+def test_reaching_the_iteration_limit_of_a_descent_is_a_status():
     end = descend(rosenbrock(), [-1.2, 1.0], max_iterations=3)
     assert (end.status, end.iterations) == ("max_iterations", 3)
     assert "max_iterations" in end.message
@@ -185,17 +185,17 @@ def test_running_out_of_iterations_is_said():
 
 @pytest.mark.parametrize("interruption", [Stop, KeyboardInterrupt])
 def test_a_request_to_stop_keeps_the_best_values(interruption):
-    seen = []
+    steps = []
 
     def report(line, values):
-        seen.append((line.cost, values.copy()))
+        steps.append((line.cost, values.copy()))
         if line.iteration == 4:
             raise interruption
 
     end = levenberg_marquardt(rosenbrock(), np.array([-1.2, 1.0]), LinearLimits.none(2), SolverSettings(), report)
     assert (end.status, end.iterations) == ("stopped", 4)
-    assert end.cost == seen[-1][0] == min(cost for cost, _ in seen)
-    assert np.array_equal(end.values, seen[-1][1])
+    assert end.cost == steps[-1][0] == min(cost for cost, _ in steps)
+    assert np.array_equal(end.values, steps[-1][1])
 
 
 def test_another_error_of_the_callback_is_passed_on():
@@ -207,15 +207,15 @@ def test_another_error_of_the_callback_is_passed_on():
 
 
 @both_paths
-def test_trial_steps_into_the_undefined_are_rejected(small):
+def test_trial_steps_to_undefined_values_are_rejected(small):
     objective = Residuals(lambda p: np.log(p) + 3, lambda p: np.diag(1 / p), small)
-    seen = []
+    costs = []
     end = levenberg_marquardt(
-        objective, np.array([5.0]), LinearLimits.none(1), SolverSettings(), lambda line, values: seen.append(line.cost)
+        objective, np.array([5.0]), LinearLimits.none(1), SolverSettings(), lambda line, values: costs.append(line.cost)
     )
     assert end.status == "converged"
     assert end.values == pytest.approx([np.exp(-3)], rel=1e-6)
-    assert all(np.isfinite(seen))
+    assert all(np.isfinite(costs))
 
 
 @both_paths
@@ -233,7 +233,7 @@ def test_the_cost_falls_with_every_accepted_step(small):
 
 @both_paths
 @pytest.mark.parametrize("seed", mostly_slow(range(8), 3))
-def test_within_bounds_the_answer_is_that_of_scipy(small, seed):
+def test_the_solution_within_bounds_is_that_of_scipy(small, seed):
     from scipy.optimize import lsq_linear
 
     random = np.random.default_rng([seed, 3])
@@ -254,10 +254,10 @@ def test_equalities_and_bounds_hold_at_every_iterate(small, seed):
     rows = random.standard_normal((2, 12))
     limits = LinearLimits(np.full(12, -0.2), np.full(12, 0.2), LinearRows.of(rows, rows @ start, rows @ start))
     objective = Residuals(lambda p: np.sinh(matrix @ p) - right, lambda p: np.cosh(matrix @ p)[:, None] * matrix, small)
-    seen = []
-    levenberg_marquardt(objective, start, limits, SolverSettings(), lambda line, values: seen.append(values.copy()))
-    assert seen
-    for values in seen:
+    iterates = []
+    levenberg_marquardt(objective, start, limits, SolverSettings(), lambda line, values: iterates.append(values.copy()))
+    assert iterates
+    for values in iterates:
         assert np.all((values >= limits.lower) & (values <= limits.upper))
         assert limits.violation(values) <= 1e-9
 
@@ -302,7 +302,7 @@ def test_the_helical_valley_is_solved():
 
 @both_paths
 @pytest.mark.parametrize("factor", [1.0, 10.0])
-def test_residuals_that_stay_large_are_no_obstacle(small, factor):
+def test_problems_with_large_residuals_are_solved(small, factor):
     """Brown and Dennis; the Gauss-Newton matrix misses most of the curvature here."""
     t = np.arange(1, 21) / 5
 
@@ -310,8 +310,8 @@ def test_residuals_that_stay_large_are_no_obstacle(small, factor):
         return p[0] + t * p[1] - np.exp(t), p[2] + p[3] * np.sin(t) - np.cos(t)
 
     def jacobian(p):
-        one, two = parts(p)
-        return 2 * np.stack([one, one * t, two, two * np.sin(t)], axis=1)
+        first, second = parts(p)
+        return 2 * np.stack([first, first * t, second, second * np.sin(t)], axis=1)
 
     objective = Residuals(lambda p: parts(p)[0] ** 2 + parts(p)[1] ** 2, jacobian, small)
     end = descend(objective, factor * np.array([25.0, 5.0, -5.0, -1.0]))
@@ -320,7 +320,7 @@ def test_residuals_that_stay_large_are_no_obstacle(small, factor):
 
 
 @pytest.mark.slow
-def test_growth_beyond_every_number_is_no_warning():
+def test_overflow_in_trial_steps_does_not_warn():
     x = np.linspace(0, 3, 10)
     model = Residuals(lambda p: np.exp(p[0] * x) - 5.0, lambda p: (x * np.exp(p[0] * x))[:, None])
     end = descend(model, [100.0], max_iterations=2000)
@@ -330,7 +330,7 @@ def test_growth_beyond_every_number_is_no_warning():
 
 @pytest.mark.parametrize("small", [True, False])
 def test_a_descent_from_values_that_fit_exactly_converges(small):
-    """What residuals of rounding errors promise is no reason to fail."""
+    """A decrease predicted from rounding errors is no reason to fail."""
     random = np.random.default_rng(0)
     for _ in range(30):
         matrix, truth = random.normal(size=(8, 4)), random.normal(size=4)
@@ -341,13 +341,13 @@ def test_a_descent_from_values_that_fit_exactly_converges(small):
         assert near.status == "converged"
 
 
-def test_a_lower_cost_close_by_is_no_minimum_though_the_costs_rise_farther_away():
+def test_a_value_near_a_lower_cost_is_not_a_minimum():
     objective = Residuals(lambda p: p - 1, lambda p: -np.eye(1))  # the derivative has the wrong sign
     assert descend(objective, [1.2]).status == "failed"
 
 
 @pytest.mark.parametrize(("target", "status"), [(1.0, "converged"), (1e-13, "failed")])
-def test_residuals_as_small_as_the_rounding_of_the_targets_are_an_end(target, status):
+def test_residuals_as_small_as_the_rounding_of_the_targets_converge(target, status):
     # the output hardly depends on the value, so that |J p| does not tell its rounding
     objective = Residuals(lambda p: 1e-15 * (1 + np.abs(p)), lambda p: np.full((1, 1), 1e-15))
     objective.target_squares = target**2

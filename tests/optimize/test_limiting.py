@@ -84,13 +84,13 @@ def test_a_monotonic_map_is_that_of_a_convex_solver(seed):
     assert result.trace[-1].active > 5
 
 
-def test_locks_and_bounds_hold_beside_slopes():
+def test_locks_and_bounds_hold_together_with_slopes():
     fit = Fit(7)
-    held = np.zeros((8, 6), dtype=bool)
-    held[2, 3] = held[5, 1] = True
+    locked = np.zeros((8, 6), dtype=bool)
+    locked[2, 3] = locked[5, 1] = True
     start = np.zeros((8, 6))
     start[2, 3], start[5, 1] = -0.7, 0.4
-    table = kf.Map("M", *fit.axes, start).changed(locked=held).with_bounds(-2.0, 2.5)
+    table = kf.Map("M", *fit.axes, start).changed(locked=locked).with_bounds(-2.0, 2.5)
     result = fit.fitted([Shape("M", 0, "slope", 0.0)], table)
     values = result.parameters["M"].values
     expected = fit.judged(lambda z: [fit.slopes(z, 0) >= 0, z[2, 3] == -0.7, z[5, 1] == 0.4, z >= -2.0, z <= 2.5])
@@ -130,7 +130,7 @@ def test_values_can_be_made_equal_and_summed():
     assert values.sum() == pytest.approx(12.0, rel=1e-9)
 
 
-def test_a_group_axis_shared_by_two_tables_keeps_both_monotonic():
+def test_two_tables_on_a_group_axis_stay_monotonic():
     random = np.random.default_rng(2)
     axis = kf.Axis(np.array([0.0, 1.0, 2.5, 3.0, 5.0]), name="Shared")
     tables = kf.ParameterSet([kf.Curve("A", axis, np.zeros(5)), kf.Curve("B", axis, np.zeros(5))])
@@ -155,15 +155,15 @@ def test_limits_hold_at_every_iterate():
     problem = fit.problem([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", -0.2, 0.9)])
     running = FitRun(problem, Options(), None, Seconds())
     limits = linear_limits(problem, running.exact.values)
-    seen = []
-    running.record = lambda stage, line, values: seen.append(limits.violation(values))
+    violations = []
+    running.record = lambda stage, line, values: violations.append(limits.violation(values))
     running.result()
-    assert len(seen) > 1
-    assert max(seen) <= 1e-9
+    assert len(violations) > 1
+    assert max(violations) <= 1e-9
 
 
 @few_or_many(st.integers(0, 10_000), st.floats(-3, 0), st.floats(0, 3), few=5, many=20)
-def test_any_range_of_slopes_is_kept(seed, lower, upper):
+def test_any_range_of_slopes_holds(seed, lower, upper):
     fit = Fit(seed, (5, 4), 60)
     result = fit.fitted([Shape("M", 0, "slope", lower, upper), Shape("M", 1, "slope", lower, upper)])
     assert result.status == "converged"
@@ -173,20 +173,20 @@ def test_any_range_of_slopes_is_kept(seed, lower, upper):
         assert slopes.max() <= upper + 1e-8
 
 
-def test_contradictions_are_told_by_name():
+def test_contradictory_limits_are_named():
     fit = Fit(0)
-    held = np.zeros((8, 6), dtype=bool)
-    held[0, 0] = held[7, 0] = True
+    locked = np.zeros((8, 6), dtype=bool)
+    locked[0, 0] = locked[7, 0] = True
     start = np.zeros((8, 6))
     start[0, 0], start[7, 0] = 5.0, -5.0
-    result = fit.fitted([Shape("M", 0, "slope", 0.0)], kf.Map("M", *fit.axes, start).changed(locked=held))
+    result = fit.fitted([Shape("M", 0, "slope", 0.0)], kf.Map("M", *fit.axes, start).changed(locked=locked))
     assert result.status == "infeasible"
     assert "slope of M along x between" in result.message
     assert np.array_equal(result.parameters["M"].values, start)
 
 
 @pytest.mark.parametrize(
-    ("constraint", "told"),
+    ("constraint", "message"),
     [
         (Shape("M", 2, "slope", 0.0), "axis 2 does not exist"),
         (Shape("N", 0, "slope", 0.0), "N is not free"),
@@ -194,12 +194,12 @@ def test_contradictions_are_told_by_name():
         (Equality([Term("K")]), "K is not free"),
     ],
 )
-def test_what_concerns_nothing_is_refused(constraint, told):
-    with pytest.raises(kf.InputError, match=told):
+def test_constraints_of_missing_axes_and_parameters_are_refused(constraint, message):
+    with pytest.raises(kf.InputError, match=message):
         Fit(0).fitted([constraint])
 
 
-@pytest.mark.parametrize("made", [lambda: Shape("M", 0, "slope", 1.0, 0.0), lambda: Equality([])])
-def test_what_cannot_be_meant_is_refused(made):
+@pytest.mark.parametrize("make", [lambda: Shape("M", 0, "slope", 1.0, 0.0), lambda: Equality([])])
+def test_constraints_without_meaning_are_refused(make):
     with pytest.raises(ArgumentError):
-        made()
+        make()

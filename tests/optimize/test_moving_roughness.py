@@ -36,39 +36,41 @@ def test_the_cost_is_that_of_the_breakpoints_as_they_are(factors):
     values = order()
     moving = roughness_of(tables(0), values, factors)
     assert isinstance(moving, MovingRoughness)
-    for held in (tables(0), tables(1)):
-        assert moving.cost(values.pack(held)) == pytest.approx(still(held, values, factors), rel=1e-12)
+    for parameter_set in (tables(0), tables(1)):
+        assert moving.cost(values.pack(parameter_set)) == pytest.approx(
+            still(parameter_set, values, factors), rel=1e-12
+        )
 
 
 @few_or_many(st.integers(0, 10**6), st.integers(2, 6), st.integers(2, 5), few=10, many=100)
 def test_slopes_are_those_of_finite_differences(seed, nx, ny):
-    held, values = tables(seed, nx, ny), order(nx, ny)
-    made = roughness_of(held, values, {"M": (0.7, 0.4), "C": (3.0,)})
-    at, h = values.pack(held), 1e-6
-    residual, jacobian = made.rows(at)
+    parameter_set, values = tables(seed, nx, ny), order(nx, ny)
+    roughness = roughness_of(parameter_set, values, {"M": (0.7, 0.4), "C": (3.0,)})
+    at, h = values.pack(parameter_set), 1e-6
+    residual, jacobian = roughness.rows(at)
     for i in range(at.size):
         move = np.where(np.arange(at.size) == i, h, 0.0)
-        slope = (made.rows(at + move)[0] - made.rows(at - move)[0]) / (2 * h)
+        slope = (roughness.rows(at + move)[0] - roughness.rows(at - move)[0]) / (2 * h)
         np.testing.assert_allclose(jacobian[:, i], slope, atol=1e-6 * (1 + np.abs(jacobian).max(initial=0.0)))
     gradient, matrix = np.zeros(at.size), np.zeros((at.size, at.size))
-    made.add(at, gradient, matrix)
+    roughness.add(at, gradient, matrix)
     np.testing.assert_allclose(gradient, jacobian.T @ residual, atol=1e-9 * (1 + np.abs(gradient).max()))
     np.testing.assert_allclose(matrix, jacobian.T @ jacobian, atol=1e-9 * (1 + np.abs(matrix).max()))
-    assert made.cost(at) == pytest.approx(residual @ residual, rel=1e-12)
+    assert roughness.cost(at) == pytest.approx(residual @ residual, rel=1e-12)
 
 
-def test_a_straight_surface_has_no_roughness_wherever_its_breakpoints_are():
+def test_a_straight_surface_has_no_roughness_at_any_breakpoints():
     x = Axis([0.0, 1.0, 4.0, 5.0], free=True)
-    held = ParameterSet([Curve("C", x, 2 * x.breakpoints + 1)])
+    parameter_set = ParameterSet([Curve("C", x, 2 * x.breakpoints + 1)])
     key = AxisKey("C", "x")
     values = ValueLayout({"C": 0}, 8, 0, 8, {key: 4}, {key: ("C", 0)})
-    made = roughness_of(held, values, {"C": (1.0,)})
-    other = with_breakpoints(held, {AxisKey("C", "x"): np.array([0.0, 3.0, 4.5, 5.0])})
+    roughness = roughness_of(parameter_set, values, {"C": (1.0,)})
+    other = with_breakpoints(parameter_set, {AxisKey("C", "x"): np.array([0.0, 3.0, 4.5, 5.0])})
     straight = other.with_parameters(other["C"].with_values(2 * other["C"].axes[0].breakpoints + 1))
-    assert made.cost(values.pack(straight)) == pytest.approx(0.0, abs=1e-24)
+    assert roughness.cost(values.pack(straight)) == pytest.approx(0.0, abs=1e-24)
 
 
-def test_axes_that_stand_still_keep_the_plain_form():
-    held = tables(0)
-    assert isinstance(roughness_of(held, ValueLayout({"M": 0, "C": 20}, 25, 0, 25), FACTORS), Roughness)
-    assert isinstance(roughness_of(held, order(), {"M": (0.0, 0.0)}), Roughness)
+def test_fixed_axes_keep_the_plain_form():
+    parameter_set = tables(0)
+    assert isinstance(roughness_of(parameter_set, ValueLayout({"M": 0, "C": 20}, 25, 0, 25), FACTORS), Roughness)
+    assert isinstance(roughness_of(parameter_set, order(), {"M": (0.0, 0.0)}), Roughness)

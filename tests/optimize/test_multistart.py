@@ -1,4 +1,4 @@
-"""Several starts: the best is found, every one is told of, and the number of processes does not matter."""
+"""Several starts: the best is returned, all are listed, and the number of processes does not matter."""
 
 import math
 import os
@@ -28,8 +28,8 @@ def sine(**options):
     )
     progress = options.pop("progress", None)
     data = {"x": X, "y": 2 * np.sin(3.7 * X + 0.4)}
-    given = kf.Options(**({"starts": 12, "seed": 1, "workers": 1} | options))
-    return kf.calibrate("m = a * sin(w * x + p)", data, start, target="y", options=given, progress=progress)
+    settings = kf.Options(**({"starts": 12, "seed": 1, "workers": 1} | options))
+    return kf.calibrate("m = a * sin(w * x + p)", data, start, target="y", options=settings, progress=progress)
 
 
 def chain(**options):
@@ -49,8 +49,8 @@ def comparable(result):
     """Everything of a result but the times."""
     values = {name: parameter.values.tolist() for name, parameter in result.parameters.items()}
     trace = [replace(line, seconds=0.0) for line in result.trace]
-    told = (result.status, result.message, result.iterations, result.evaluations, result.cost_after)
-    return values, trace, told, [row.as_json() for row in result.starts]
+    facts = (result.status, result.message, result.iterations, result.evaluations, result.cost_after)
+    return values, trace, facts, [row.as_json() for row in result.starts]
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def twelve():
     return sine()
 
 
-def test_the_global_minimum_of_a_sine_is_found_where_the_given_start_fails(twelve):
+def test_the_global_minimum_of_a_sine_is_found_although_the_initial_start_fails(twelve):
     result = twelve
     assert result.starts[0].cost_after > 100
     assert result.parameters["w"].value == pytest.approx(3.7, rel=1e-9)
@@ -92,13 +92,13 @@ def test_every_start_has_a_row(twelve):
         assert [line.cost for line in result.trace if line.start == row.start][-1] >= row.cost_after
 
 
-def test_a_single_start_has_a_row_too():
+def test_a_single_start_has_a_row():
     (row,) = sine(starts=1).starts
     assert (row.start, row.distance, row.status) == (1, 0.0, "converged")
 
 
 @pytest.mark.parametrize("problem", [sine, pytest.param(chain, marks=pytest.mark.slow)])
-def test_the_number_of_processes_does_not_matter_bit_for_bit(problem, monkeypatch):
+def test_the_result_does_not_depend_on_the_number_of_processes(problem, monkeypatch):
     serial = problem(starts=3, seed=3, workers=1)
     monkeypatch.setattr(multistart, "_run_in_turn", lambda climber, begins, *_: list(begins))  # none may be left
     parallel = problem(starts=3, seed=3, workers=2)
@@ -128,7 +128,7 @@ def test_a_start_that_fails_is_a_row(processes):
     assert row.as_json()["cost"] == {"before": None, "after": None}
 
 
-def test_a_start_that_raises_is_a_row_too(monkeypatch):
+def test_a_start_that_raises_an_error_is_a_row(monkeypatch):
     from kennfeld.optimize.fit import descent_strategy
 
     descend = descent_strategy.levenberg_marquardt
@@ -146,7 +146,7 @@ def test_a_start_that_raises_is_a_row_too(monkeypatch):
         kf.calibrate("m = k * x", {"x": [1.0], "y": [1.0]}, {"k": 3.0}, target="y")
 
 
-def test_where_all_fail_the_result_has_failed():
+def test_the_result_has_failed_if_all_starts_fail():
     data = {"x": [1.0, 2.0], "y": [0.0, 1.0]}
     start = kf.ParameterSet([kf.Scalar("k", -2.0, lower=-4.0, upper=-1.0)])
     result = kf.calibrate("m = log(k * x)", data, start, target="y", options=kf.Options(starts=3, workers=1))
@@ -156,12 +156,12 @@ def test_where_all_fail_the_result_has_failed():
 
 @pytest.mark.slow
 def test_a_start_whose_process_dies_is_a_row(monkeypatch):
-    made = []
+    workers = []
 
     class Mortal(worker_pool._Worker):
         def __init__(self, *arguments):
             super().__init__(*arguments)
-            made.append(self)
+            workers.append(self)
 
     monkeypatch.setattr(worker_pool, "_Worker", Mortal)
     killed = set()
@@ -169,7 +169,7 @@ def test_a_start_whose_process_dies_is_a_row(monkeypatch):
     def kill(line):
         if not killed:
             killed.add(line.start)
-            next(w for w in made if w.point is not None and w.point.start == line.start).process.kill()
+            next(w for w in workers if w.point is not None and w.point.start == line.start).process.kill()
 
     result = sine(starts=5, workers=2, progress=kill)
     dead = [row for row in result.starts if row.status == "failed"]
@@ -177,10 +177,10 @@ def test_a_start_whose_process_dies_is_a_row(monkeypatch):
     assert len(dead) <= 1  # the start may have come to its end before, and the next one have been handed over
     assert len(result.starts) == 5
     assert all("process of this start ended" in row.message for row in dead)
-    assert all(worker.process.returncode is not None for worker in made)
+    assert all(worker.process.returncode is not None for worker in workers)
 
 
-def test_where_no_process_can_be_started_the_starts_run_in_turn(monkeypatch):
+def test_the_starts_run_in_turn_if_no_process_can_be_started(monkeypatch):
     monkeypatch.setattr(worker_pool, "COMMAND", "raise SystemExit(3) # {path}")
     result = sine(starts=3, workers=2)
     assert "ran sequentially" in result.message
@@ -200,11 +200,11 @@ def interruptible():
     ("how", "processes"), [("stop", 1), ("ctrl-c", 1), pytest.param("stop", 2, marks=pytest.mark.slow), ("ctrl-c", 2)]
 )
 def test_a_request_to_stop_ends_all_starts_and_keeps_the_best(processes, how):
-    seen = []
+    lines = []
 
     def watch(line):
-        seen.append(line)
-        if len(seen) == 4:
+        lines.append(line)
+        if len(lines) == 4:
             if how == "stop":
                 raise kf.Stop
             signal.raise_signal(signal.SIGINT)
@@ -256,7 +256,7 @@ def test_a_script_without_a_guard_can_use_several_processes(tmp_path):
         ("save_every", -1),
     ],
 )
-def test_options_that_make_no_sense_are_refused(name, value):
+def test_invalid_options_are_refused(name, value):
     with pytest.raises(ValueError, match=name):
         kf.Options(**{name: value})
 
@@ -293,7 +293,7 @@ def test_starts_keep_pins_and_locks_exactly():
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_ctrl_c_before_the_first_step_leaves_nothing_to_keep(processes, monkeypatch):
+def test_ctrl_c_before_the_first_step_is_raised_again(processes, monkeypatch):
     from kennfeld.optimize.search.start_runner import StartRunner
     from kennfeld.optimize.search.worker_pool import _Pool
 
@@ -319,7 +319,7 @@ def test_unknown_costs_of_a_start_are_empty_cells_of_the_table():
     assert row[1:4] == ("stopped", "", "")
 
 
-def test_more_starts_than_could_end_are_refused():
+def test_too_many_starts_are_refused():
     with pytest.raises(ArgumentError, match="starts must be <= 10000, got 1000000000"):
         kf.Options(starts=10**9)
     assert kf.Options(starts=MAX_STARTS).starts == MAX_STARTS

@@ -130,7 +130,7 @@ def test_simulations_read_columns_of_any_type_and_layout(kind):
         lambda value: kf.Options(spread=value),
     ],
 )
-def test_settings_that_are_no_numbers_are_refused(make, wrong):
+def test_settings_other_than_numbers_are_refused(make, wrong):
     with pytest.raises(kf.KennfeldError, match=r"must be a (finite )?number"):
         make(wrong)
 
@@ -142,7 +142,7 @@ def test_a_tolerance_is_a_number_or_chosen_automatically(wrong):
         kf.Options(tolerance=wrong)
 
 
-def test_text_in_a_column_is_reported_with_all_its_like():
+def test_all_columns_with_text_are_reported():
     columns = {"x": X, "gear": list("abcdef"), "driver": ["A", *X[1:]]}
     with pytest.raises(kf.InputError) as error:
         kf.calibrate("m = k * x", columns, {"k": 1.0}, "x")

@@ -32,7 +32,7 @@ def test_the_slope_has_the_deviation_that_it_has_over_elapsed_time():
     assert "smoothness" not in trust.directions[0].sentence  # there is none
 
 
-def test_a_search_that_an_offset_makes_slow_says_what_to_do():
+def test_a_search_slowed_by_an_offset_suggests_a_remedy():
     result, *_ = line(100, 1.7e9, 1.0, options=kf.Options(max_iterations=1))
     assert result.status == "max_iterations"
     assert "stamp varies only by 99 about 1.7e+09. Subtract its first value" in result.message

@@ -48,7 +48,7 @@ class Curve:
 
 
 @pytest.mark.parametrize("seed", mostly_slow(range(3), 1))
-def test_the_end_is_that_of_a_convex_solver(seed):
+def test_a_fit_within_limits_is_that_of_a_convex_solver(seed):
     curve = Curve(seed)
     result = curve.fitted(Limit("w", -2.5, 2.0), Limit("w + 0.1 * u", upper=2.2, where="u > 5"))
     right = curve.u > 5
@@ -61,11 +61,11 @@ def test_the_end_is_that_of_a_convex_solver(seed):
     assert w.min() >= -2.5 * (1 + FEASIBLE)
 
 
-def test_limits_that_the_best_fit_keeps_change_nothing():
+def test_limits_that_the_best_fit_satisfies_have_no_effect():
     curve = Curve()
-    free, kept = curve.fitted(), curve.fitted(Limit("w", -4.0, 4.0))
-    assert kept.parameters == free.parameters
-    assert kept.cost_after == free.cost_after
+    free, limited = curve.fitted(), curve.fitted(Limit("w", -4.0, 4.0))
+    assert limited.parameters == free.parameters
+    assert limited.cost_after == free.cost_after
 
 
 def test_a_limit_may_be_0():
@@ -81,7 +81,7 @@ def test_a_limit_may_follow_a_channel():
     assert result.cost_after == pytest.approx(cost, rel=1e-5)
 
 
-def test_limits_that_contradict_each_other_are_told_with_how_far():
+def test_contradictory_limits_are_reported_with_their_distance():
     result = Curve().fitted(Limit("w", lower=2.0), Limit("w", upper=1.0, where="u > 5"))
     assert result.status == "infeasible"
     assert "w >= 2 is exceeded at" in result.message
@@ -112,15 +112,15 @@ def overshoot(kp, ki):
     return float(np.sum((simulation["n"].values - loop()["n_set"].values) ** 2)), float(simulation["n"].values.max())
 
 
-def test_a_closed_loop_keeps_its_overshoot_within_the_limit_and_is_the_best_that_does():
+def test_a_closed_loop_is_the_best_with_its_overshoot_within_the_limit():
     start = kf.ParameterSet([kf.Scalar("kp", 0.5).with_bounds(0.0, 6.0), kf.Scalar("ki", 0.5).with_bounds(0.0, 20.0)])
     free = kf.calibrate(LOOP, loop(), start, target="n_set", node="n")
     assert overshoot(*(free.parameters[name].value for name in ("kp", "ki")))[1] > 1.03
-    kept = kf.calibrate(LOOP, loop(), start, target="n_set", node="n", limits={"n": (-np.inf, 1.01)})
-    kp, ki = (kept.parameters[name].value for name in ("kp", "ki"))
+    limited = kf.calibrate(LOOP, loop(), start, target="n_set", node="n", limits={"n": (-np.inf, 1.01)})
+    kp, ki = (limited.parameters[name].value for name in ("kp", "ki"))
     cost, highest = overshoot(kp, ki)
     assert highest <= 1.01 * (1 + 1e-5)
-    assert kept.cost_after == pytest.approx(cost, rel=1e-9)
+    assert limited.cost_after == pytest.approx(cost, rel=1e-9)
     around = [overshoot(a * kp, b * ki) for a in np.linspace(0.9, 1.0, 3) for b in np.linspace(0.9, 1.1, 5)]
     assert cost <= 1.001 * min(c for c, top in around if top <= 1.01)
 
@@ -129,7 +129,7 @@ def test_a_closed_loop_keeps_its_overshoot_within_the_limit_and_is_the_best_that
 def test_an_idle_governor_stays_below_its_limit_and_no_gains_nearby_are_better():
     data, model, start = idle.mean_value()
     free = kf.calibrate(model, data, start, target="rpm_ref", node="rpm")
-    kept = kf.calibrate(model, data, start, target="rpm_ref", node="rpm", limits={"rpm": (-np.inf, 2990.0)})
+    limited = kf.calibrate(model, data, start, target="rpm_ref", node="rpm", limits={"rpm": (-np.inf, 2990.0)})
     nodes = NodeSimulator(model.graph, start, ["rpm"])
     bound = bind_inputs(data, model.graph, {})
 
@@ -138,16 +138,16 @@ def test_an_idle_governor_stays_below_its_limit_and_no_gains_nearby_are_better()
         rpm = nodes.values(bound, idle.gains(kp, ki))[0]
         return float(np.sum((rpm - data["rpm_ref"].values) ** 2)), float(rpm.max())
 
-    best = [kept.parameters[name].value for name in ("kp", "kI")]
+    best = [limited.parameters[name].value for name in ("kp", "kI")]
     assert run_with(*(free.parameters[name].value for name in ("kp", "kI")))[1] > 3050
     cost, highest = run_with(*best)
     assert highest <= 2990 * (1 + FEASIBLE)
-    assert kept.cost_after == pytest.approx(cost, rel=1e-9)
+    assert limited.cost_after == pytest.approx(cost, rel=1e-9)
     around = [run_with(a * best[0], b * best[1]) for a in np.linspace(0.7, 1.4, 8) for b in np.linspace(0.7, 1.4, 8)]
     assert cost <= 1.001 * min(c for c, rpm in around if rpm <= 2990)
 
 
-def test_datasets_of_one_name_keep_their_limits_apart():
+def test_datasets_of_the_same_name_have_separate_limits():
     halves = [{"u": np.linspace(0, 5, 60), "z": np.full(60, 3.0)}, {"u": np.linspace(5, 10, 35), "z": np.full(35, 4.0)}]
     data = [kf.Dataset.of("bench", columns) for columns in halves]
     start = kf.ParameterSet([kf.Curve("C", GRID, np.zeros(11))])

@@ -15,8 +15,8 @@ def rows(data, samples):
     return {name: values[samples] for name, values in data.items()}
 
 
-def joined(one, other):
-    return {name: np.concatenate([one[name], other[name]]) for name in one}
+def joined(first, second):
+    return {name: np.concatenate([first[name], second[name]]) for name in first}
 
 
 def fit(training, test, **settings):
@@ -24,22 +24,22 @@ def fit(training, test, **settings):
 
 
 def warnings_of(training, test, **settings):
-    """What a fit warns of."""
+    """Return the warnings of a fit."""
     with pytest.warns(kf.InputWarning) as caught:
         assert fit(training, test, **settings).converged
     return [str(warning.message).partition(". Hold out other data")[0] for warning in caught]
 
 
-def test_the_same_data_as_training_and_test_are_told():
+def test_the_same_data_as_training_and_test_are_a_warning():
     expected = "dataset test: all 200 test samples have the same inputs and targets as samples of training"
     assert warnings_of(BENCH, BENCH) == [expected]
 
 
-def test_samples_in_another_order_are_the_same():
+def test_samples_in_another_order_count_as_equal():
     assert "all 200 test samples" in warnings_of(BENCH, rows(BENCH, RANDOM.permutation(200)))[0]
 
 
-def test_the_number_of_shared_samples_is_told():
+def test_the_number_of_shared_samples_is_reported():
     [message] = warnings_of(BENCH, joined(rows(BENCH, slice(0, 30)), FRESH))
     assert message == "dataset test: 30 of 230 test samples have the same inputs and targets as samples of training"
 
@@ -53,7 +53,7 @@ def test_samples_shared_with_several_datasets_are_counted_once():
     )
 
 
-def test_equal_inputs_with_other_targets_are_other_samples():
+def test_equal_inputs_with_other_targets_are_different_samples():
     fit(BENCH, FRESH)
 
 
@@ -72,15 +72,15 @@ def test_samples_that_do_not_count_are_not_compared():
     assert "all 100 test samples" in warnings_of(BENCH, missing)[0]
 
 
-def test_the_sign_of_a_zero_makes_no_other_sample():
+def test_samples_that_differ_by_the_sign_of_a_zero_are_equal():
     zeros = {"x": np.array([0.0, 1.0, -0.0]), "z": np.array([-0.0, 2.0, 3.0])}
     assert "all 3 test samples" in warnings_of(zeros, {"x": -1 * -zeros["x"] + 0.0, "z": zeros["z"] + 0.0})[0]
 
 
-def test_channels_of_other_names_are_compared_too():
+def test_channels_of_other_names_are_compared():
     training, test = ({"n": data["x"], "z": data["z"]} for data in (BENCH, BENCH))
     assert "all 200" in warnings_of(training, test, channels={"x": "n"})[0]
 
 
-def test_without_a_target_in_both_nothing_is_compared():
+def test_samples_are_not_compared_if_a_target_is_missing():
     fit(BENCH, {"x": X})

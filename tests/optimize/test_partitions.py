@@ -23,7 +23,7 @@ def test_every_sample_is_in_one_partition_in_order(lengths, size):
 
 @settings(max_examples=40)
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=8), st.integers(1, 40))
-def test_pieces_stay_whole(pieces, size):
+def test_pieces_are_not_divided(pieces, size):
     starts = tuple(np.cumsum([0, *pieces[:-1]]).tolist())
     partitions = split_files(0, [RecordingSource("a.csv", "")], [starts], [sum(pieces)], size)
     parts = [part for partition in partitions for part in partition.parts]
@@ -61,7 +61,7 @@ def test_stretches_are_long_parts_of_all_datasets(datasets):
             assert stretch.last == part.last or stretch.last - stretch.first >= LEAST_STRETCH
 
 
-def test_parts_that_follow_each_other_are_one_stretch():
+def test_adjacent_parts_are_one_stretch():
     source, other = RecordingSource("a.csv", ""), RecordingSource("b.csv", "")
     parts = [Part(0, source, 0, 5), Part(0, source, 5, 9), Part(0, other, 0, 3), Part(0, other, 7, 8)]
     assert find_stretches(parts, 100) == [Part(0, source, 0, 9), Part(0, other, 0, 3), Part(0, other, 7, 8)]

@@ -73,7 +73,7 @@ def test_each_kind_of_recording_keeps_its_weight(recordings):
     assert all(len({part.dataset for part in partition.parts}) == 1 for partition in few.training)
 
 
-def test_few_recordings_or_long_ones_are_all_taken(recordings):
+def test_all_recordings_are_taken_if_they_are_few_or_long(recordings):
     partitions = partitions_of(recordings, [0] * 19, 5)
     recorded = counted(partitions, lambda part: (90,))
     assert pick_recordings(partitions, recorded, 0.1, 10) is partitions
@@ -89,7 +89,7 @@ def test_recordings_without_a_scored_sample_are_left_out(recordings):
     assert not idle & set(picked_files(few))
 
 
-def test_pieces_are_counted_in_the_recording_that_they_are_in():
+def test_pieces_are_counted_in_their_recording():
     class Bound:
         def __init__(self, starts, kept, samples):
             self.dataset = type("Data", (), {"starts": np.array(starts), "samples": samples})

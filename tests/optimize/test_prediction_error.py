@@ -1,4 +1,4 @@
-"""The error predicted for data held back: its value by brute force, its derivatives by differences, its minimum."""
+"""The error predicted for held-out data: its value by brute force, its derivatives by differences, its minimum."""
 
 from dataclasses import replace
 
@@ -54,11 +54,11 @@ def parts(compiled, count=4):
     return [HoldoutBlock(float(r @ r), j.T @ r, j.T @ j, r.size / residual.size) for r, j in picked]
 
 
-def linearised(compiled, held=(), rows=(), blocks=()):
+def linearised(compiled, fixed=(), rows=(), blocks=()):
     values = compiled.start[: compiled.values.free]
     normal = compiled.sums.normal(compiled.start)
     movable = np.ones(values.size, dtype=bool)
-    movable[list(held)] = False
+    movable[list(fixed)] = False
     equalities = np.zeros((len(rows), values.size))
     for row, columns in enumerate(rows):
         equalities[row, list(columns)] = (0.3, 0.7)
@@ -94,7 +94,7 @@ def test_slopes_and_curvatures_are_those_of_differences(prediction, at):
         assert (ahead.slope - behind.slope) / (2 * step) == pytest.approx(point.curvature[i], rel=1e-3, abs=2e-3)
 
 
-def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
+def test_the_value_is_misfit_over_the_squared_residual_freedom(compiled):
     """By brute force, from the influence matrix of a fit of rows."""
     blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1), unit(compiled, "C", 0)]
     factors = np.array([0.5, 20.0, 3.0])
@@ -110,7 +110,7 @@ def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
     assert criterion.freedom(np.log(factors)) == pytest.approx(np.trace(influence), rel=1e-6)
 
 
-def test_a_pull_counts_as_further_rows_of_the_penalty(compiled):
+def test_a_pull_counts_as_additional_rows_of_the_penalty(compiled):
     """By brute force, from one fit of the rows of data, roughness and pull."""
     block, factor = unit(compiled, "M", 0), 5.0
     residual, jacobian = compiled.sums.rows(compiled.start)
@@ -127,7 +127,7 @@ def test_a_pull_counts_as_further_rows_of_the_penalty(compiled):
     assert prediction.at(np.log([factor])).value == pytest.approx(expected, rel=1e-7)
 
 
-def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
+def test_the_error_of_held_out_samples_is_that_of_a_fit_to_the_others(compiled):
     """By brute force, from a fit of the rows that are left."""
     blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1), unit(compiled, "C", 0)]
     factors = np.array([0.5, 20.0, 3.0])
@@ -148,7 +148,7 @@ def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
     assert (both - (1 - HOLDOUT_SHARE) * alone) / HOLDOUT_SHARE == pytest.approx(200 * np.mean(logarithms), rel=1e-6)
 
 
-def test_a_sparse_matrix_gives_the_same(compiled):
+def test_a_sparse_matrix_gives_the_same_prediction(compiled):
     blocks, fit = [unit(compiled, "M", 0), unit(compiled, "M", 1)], linearised(compiled)
     dense, sparse = (Prediction(replace(fit, matrix=matrix), blocks) for matrix in (fit.matrix, csr_array(fit.matrix)))
     for at in POINTS:

@@ -59,12 +59,12 @@ def cost(posed):
 
 
 @pytest.mark.parametrize("free", [("*",), ("K",), ("C", "K"), ("M",)])
-def test_sorting_and_cutting_off_what_data_decide_leave_the_cost_as_it_is(free):
+def test_sorting_and_folding_of_data_do_not_change_the_cost(free):
     posed = problem(kf.Dataset.of("d", columns(3000)), free=free)
     assert cost(posed) == pytest.approx(reference(posed), rel=1e-12)
 
 
-def test_several_datasets_add_up_with_their_weights():
+def test_costs_of_datasets_add_up_with_their_weights():
     data = [kf.Dataset.of(f"d{i}", columns(100 + 50 * i, i), weight=0.5 + i) for i in range(3)]
     together = problem(*data)
     assert cost(together) == pytest.approx(sum(cost(problem(one)) for one in data), rel=1e-12)
@@ -75,7 +75,7 @@ def test_several_datasets_add_up_with_their_weights():
     "uneven",
     [pytest.param(False, id="even steps", marks=pytest.mark.slow), pytest.param(True, id="uneven steps")],
 )
-def test_datasets_with_memory_in_several_pieces_cost_what_the_interpreter_says(uneven):
+def test_datasets_with_memory_in_several_pieces_have_the_cost_of_the_interpreter(uneven):
     random = np.random.default_rng(5)
     data = []
     for i in range(2):
@@ -102,8 +102,8 @@ def test_samples_that_are_not_scored_do_not_count():
     channels = columns(60)
     scored = np.arange(60) % 3 > 0
     masked = kf.Dataset.of("d", channels, scored=scored)
-    kept = kf.Dataset.of("d", {name: values[scored] for name, values in channels.items()})
-    assert cost(problem(masked)) == pytest.approx(cost(problem(kept)), rel=1e-12)
+    remaining = kf.Dataset.of("d", {name: values[scored] for name, values in channels.items()})
+    assert cost(problem(masked)) == pytest.approx(cost(problem(remaining)), rel=1e-12)
 
 
 def test_samples_that_are_not_scored_still_drive_memory():
@@ -128,7 +128,7 @@ def test_points_whose_target_is_infinite_are_left_out():
     assert cost(posed) == pytest.approx(reference(posed), rel=1e-12)
 
 
-def test_data_that_come_by_cell_are_visited_as_they_come():
+def test_data_sorted_by_cell_are_visited_in_their_order():
     text = "m = C(u) + K"
     channels = columns(2000)
     channels["y"][:] = 1.0
@@ -160,12 +160,12 @@ def _most(work):
     return most
 
 
-def test_test_data_are_no_training_data():
+def test_test_data_do_not_count_as_training_data():
     training, test = kf.Dataset.of("a", columns(30)), kf.Dataset.of("b", columns(40, 2), use="test")
     assert [bound.dataset.name for bound in problem(training, test).training] == ["a"]
 
 
-def test_a_position_that_is_undefined_at_some_samples_is_no_warning():
+def test_a_position_that_is_undefined_at_some_samples_does_not_warn():
     channels = columns(200)
     posed = problem(kf.Dataset.of("d", channels), text="m = if(u > 0, C(log(u)) + K, K)")
     assert np.isfinite(cost(posed))

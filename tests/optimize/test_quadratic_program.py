@@ -43,12 +43,12 @@ def best_of_all_active_sets(matrix, gradient, at, limits):
     size, (equal, target) = at.size, equalities(limits, at.size)
     best, best_step = np.inf, None
     for signs in product((-1, 0, 1), repeat=size):
-        held = np.flatnonzero(signs)
-        bound = np.where(np.array(signs) > 0, limits.upper, limits.lower)[held]
+        fixed = np.flatnonzero(signs)
+        bound = np.where(np.array(signs) > 0, limits.upper, limits.lower)[fixed]
         if not np.all(np.isfinite(bound)):
             continue
-        rows = np.vstack([equal, np.eye(size)[held]])
-        right = np.concatenate([target - equal @ at, bound - at[held]])
+        rows = np.vstack([equal, np.eye(size)[fixed]])
+        right = np.concatenate([target - equal @ at, bound - at[fixed]])
         system = np.block([[matrix, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
         step = np.linalg.lstsq(system, np.concatenate([-gradient, right]), rcond=1e-12)[0][:size]
         inside = np.all(at + step <= limits.upper + 1e-8) and np.all(at + step >= limits.lower - 1e-8)
@@ -69,7 +69,7 @@ def some_limits(size, random, equalities):
 
 @pytest.mark.parametrize("seed", mostly_slow(range(12), 2))
 @pytest.mark.parametrize("equalities", [0, 1, 2])
-def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
+def test_small_programs_end_at_the_best_active_set(seed, equalities):
     random = np.random.default_rng([seed, equalities])
     size = int(random.integers(2 + equalities, 6))
     matrix, gradient = convex(size, random)
@@ -80,7 +80,7 @@ def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
 
 @pytest.mark.parametrize("seed", mostly_slow(range(15), 2))
 @pytest.mark.parametrize("equalities", [0, 1])
-def test_a_wrong_guess_of_active_bounds_changes_nothing(seed, equalities):
+def test_a_wrong_guess_of_active_bounds_does_not_change_the_solution(seed, equalities):
     random = np.random.default_rng([seed, equalities, 7])
     matrix, gradient = convex(5, random)
     at, limits = some_limits(5, random, equalities)
@@ -130,7 +130,7 @@ def test_a_free_step_within_the_bounds_is_taken_as_it_is():
     assert not solution.active.any()
 
 
-def test_active_says_which_bounds_press():
+def test_active_marks_the_bounds_that_are_reached():
     solution = solved(
         np.eye(3), np.array([-2.0, 2.0, 0.1]), np.zeros(3), LinearLimits(np.full(3, -1.0), np.full(3, 1.0))
     )
@@ -138,7 +138,7 @@ def test_active_says_which_bounds_press():
     assert solution.step.tolist() == pytest.approx([1.0, -1.0, -0.1])
 
 
-def test_an_equality_given_twice_is_met_once():
+def test_a_repeated_equality_holds():
     random = np.random.default_rng(3)
     matrix, gradient = convex(6, random)
     row = random.standard_normal((1, 6))
@@ -153,7 +153,7 @@ def test_an_equality_given_twice_is_met_once():
     assert row @ twice.step == pytest.approx(0.4, abs=1e-9)
 
 
-def test_an_equality_that_a_bound_decides_is_met():
+def test_an_equality_determined_by_a_bound_holds():
     limits = limited(np.array([0.0, -1.0]), np.array([1.0, 1.0]), np.array([[1.0, 0.0]]), np.array([1.0]))
     step = solved(np.eye(2), np.array([5.0, -3.0]), np.array([1.0, 0.0]), limits).step
     np.testing.assert_allclose(step, [0.0, 1.0], atol=1e-9)
@@ -165,11 +165,11 @@ def test_bounds_that_hold_the_step_are_reached_bit_for_bit(size, seed):
     matrix, gradient = convex(size, random)
     at, limits = some_limits(size, random, min(size - 1, 2))
     solution = solved(matrix, gradient, at, limits)
-    there, held = solution.apply_to(at, limits), solution.active[:size]
-    assert np.array_equal(there[held > 0], limits.upper[held > 0])
-    assert np.array_equal(there[held < 0], limits.lower[held < 0])
-    assert np.all((there >= limits.lower) & (there <= limits.upper))
-    np.testing.assert_allclose(there, at + solution.step, atol=1e-9)
+    end, active = solution.apply_to(at, limits), solution.active[:size]
+    assert np.array_equal(end[active > 0], limits.upper[active > 0])
+    assert np.array_equal(end[active < 0], limits.lower[active < 0])
+    assert np.all((end >= limits.lower) & (end <= limits.upper))
+    np.testing.assert_allclose(end, at + solution.step, atol=1e-9)
 
 
 def test_values_of_very_different_size_keep_their_bounds():
@@ -206,13 +206,13 @@ def test_the_dual_of_dependent_rows_still_gives_the_step(seed):
     assert np.all(slope >= -1e-6)
 
 
-def test_a_row_that_no_value_enters_is_left_alone():
+def test_a_row_without_coefficients_is_ignored():
     limits = limited(np.full(2, -1.0), np.full(2, 1.0), np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([1e-17, 0.5]))
     step = solved(np.eye(2), np.array([-9.0, 1.0]), np.zeros(2), limits).step
     np.testing.assert_allclose(step, [1.0, -0.5], atol=1e-9)
 
 
-def test_a_row_that_no_value_enters_does_not_hide_what_the_others_need():
+def test_a_row_without_coefficients_does_not_hide_the_violation_of_others():
     matrix = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.9], [0.0, 0.9, 1.0]])
     m = nonnegative_dual(matrix, np.array([1e-17, 1.0, 0.5]), 1)
     np.testing.assert_allclose(m, [0.0, 1.0, 0.0], atol=1e-12)
@@ -263,17 +263,17 @@ def assert_optimal(matrix, gradient, limits, solution):
     assert scipy.optimize.nnls((solution.active[:, None] * rows).T, -slope)[1] <= 1e-6 * np.linalg.norm(gradient)
 
 
-def test_no_rows_have_no_multipliers():
+def test_a_program_without_rows_has_no_multipliers():
     assert nonnegative_dual(np.zeros((0, 0)), np.zeros(0), 0).size == 0
 
 
-def test_violation_is_relative_to_the_sizes_in_the_row():
+def test_the_violation_is_relative_to_the_size_of_the_terms():
     limits = limited(*np.outer([-np.inf, np.inf], np.ones(2)), np.array([[1.0, 1.0]]), np.array([2e6]))
     assert limits.violation(np.array([1e6, 1e6])) == 0.0
     assert limits.violation(np.array([1e6, 1e6 + 4.0])) == pytest.approx(1e-6, rel=1e-3)
 
 
-def test_the_solution_is_where_no_feasible_direction_falls():
+def test_no_feasible_direction_descends_from_the_solution():
     random = np.random.default_rng(11)
     matrix, gradient = convex(200, random, 1e8)
     at, limits = some_limits(200, random, 4)
@@ -290,20 +290,20 @@ def test_the_solution_is_where_no_feasible_direction_falls():
     assert np.all(rest[active == -1] >= -1e-6 * scale)
 
 
-def test_the_factor_is_used_as_it_is():
+def test_the_solver_does_not_change_the_factor():
     matrix, gradient = convex(5, np.random.default_rng(2))
     lower = np.asarray(scipy.linalg.cholesky(matrix, lower=True))
     factor = Factor.of(lower)
-    kept = factor.panels.copy()
+    panels = factor.panels.copy()
     free = -scipy.linalg.solve_triangular(
         lower.T, scipy.linalg.solve_triangular(lower, gradient, lower=True), lower=False
     )
     QuadraticProgram(LinearLimits(np.full(5, -0.01), np.full(5, 0.01))).solve(factor, free, np.zeros(5))
-    assert np.array_equal(factor.panels, kept)
+    assert np.array_equal(factor.panels, panels)
 
 
 @few_or_many(st.integers(2, 5), st.lists(st.integers(0, 2**32 - 1), min_size=2, max_size=5), few=25, many=200)
-def test_programs_of_earlier_steps_leave_nothing_behind(count, seeds):
+def test_a_program_does_not_depend_on_those_of_earlier_steps(count, seeds):
     limits = limited_map(count, np.random.default_rng(count))
     program, size = QuadraticProgram(limits), count * count
     for seed in seeds:
@@ -322,7 +322,7 @@ def test_programs_of_earlier_steps_leave_nothing_behind(count, seeds):
         assert np.array_equal(again.active, first.active)
 
 
-def test_the_limits_raise_the_cost_of_the_model_by_their_push():
+def test_the_push_is_the_rise_of_the_cost_by_the_limits():
     random = np.random.default_rng(5)
     limits = limited_map(6, random)
     matrix, gradient = convex(36, random)

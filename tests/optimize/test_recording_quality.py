@@ -19,7 +19,7 @@ def test_the_worst_recordings_of_each_criterion_come_first():
     assert [(r.criterion, r.file) for r in worst_first(rows)] == [("a", "3"), ("a", "2"), ("a", "1"), ("b", "1")]
 
 
-def test_columns_that_say_the_same_in_each_row_are_omitted():
+def test_columns_with_equal_cells_are_omitted():
     assert recordings_table([row("a", "1", 2.0), row("a", "2", 3.0)])[0][:3] == ("file", "samples", "RMSE before")
     assert recordings_table([row("a", "1", 2.0), row("b", "1", 3.0)], before=False)[0][:4] == (
         *("file", "criterion", "samples", "RMSE"),

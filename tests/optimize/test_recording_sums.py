@@ -101,7 +101,7 @@ def test_rows_are_those_of_the_samples_of_each_file(lengths, step, missing, seed
         assert rms(own[begin - 1 : end]) == pytest.approx(size)  # stretches may be equal, but for samples without value
 
 
-def test_the_worst_stretch_is_where_the_errors_are():
+def test_the_worst_stretch_contains_the_errors():
     errors = np.full(2000, 0.1)
     errors[800:900] = 5.0
     (row,) = sums_of(dataset([2000], step=0.1), errors)

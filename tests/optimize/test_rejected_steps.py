@@ -30,7 +30,7 @@ def noisy(values, deviation=0.01, seed=1):
     return values + np.random.default_rng(seed).normal(0.0, deviation, values.size)
 
 
-def test_a_time_constant_pressed_below_zero_is_rejected_counted_and_told():
+def test_rejected_steps_to_a_negative_time_constant_are_counted_and_reported():
     u = levels()
     result = kf.calibrate("y = PT1(u, 2 * T)", recorded(u, noisy(u)), {"T": 0.5}, "m")
     assert result.converged
@@ -38,21 +38,21 @@ def test_a_time_constant_pressed_below_zero_is_rejected_counted_and_told():
     assert "rejected: the time constant T of a PT1 was below 0 at sample 1 of drive" in result.message
 
 
-def test_a_run_without_rejected_steps_does_not_speak_of_them():
+def test_a_run_without_rejected_steps_does_not_mention_them():
     u = levels()
     result = kf.calibrate("y = PT1(u, T)", recorded(u, noisy(lagged(u, 2.0))), {"T": 1.0}, "m")
     assert result.parameters["T"].value == pytest.approx(2.0, rel=0.02)
     assert "rejected" not in result.message
 
 
-def test_a_time_constant_of_several_parameters_is_told_without_a_name():
+def test_a_time_constant_of_several_parameters_is_reported_without_a_name():
     u = levels()
     result = kf.calibrate("y = PT1(u, A + B * abs(u))", recorded(u, noisy(u)), {"A": -1.0, "B": 0.0}, "m")
     assert result.status == "failed"
     assert "At these values the time constant of a PT1 was below 0 at sample 1 of drive" in result.message
 
 
-def test_a_named_time_constant_is_told_by_its_node():
+def test_a_named_time_constant_is_reported_by_its_node():
     u = levels()
     result = kf.calibrate("lag = A - B\ny = PT1(u, lag)", recorded(u, u), {"A": 1.0, "B": 2.0}, "m", node="y")
     assert "the time constant lag of a PT1 was below 0" in result.message
@@ -78,27 +78,27 @@ def test_trial_values_that_explode_do_not_end_a_run(seed):
     assert result.parameters["a"].value == pytest.approx(0.998, abs=1e-4)
 
 
-def test_squares_too_large_for_numbers_are_told_apart_from_nodes_that_are():
+def test_overflow_of_squares_is_distinguished_from_overflow_of_nodes():
     data = kf.Dataset.of("bench", {"x": [1.0, 2.0], "m": [1.0, 2.0]})
     result = kf.calibrate("y = a * x", data, {"a": 1e200}, "m")
     assert result.status == "failed"
     assert "the errors overflowed" in result.message
 
 
-def test_a_division_by_zero_is_traced_to_its_node_not_to_what_follows():
+def test_a_division_by_zero_is_traced_to_its_own_node():
     data = kf.Dataset.of("bench", {"x": [1.0, 0.0, 2.0], "m": [1.0, 2.0, 3.0]})
     result = kf.calibrate("last = 2 * share\nshare = a / x", data, {"a": 1.0}, "m", node="last")
     assert "share was not finite at sample 2 of bench" in result.message
 
 
-def test_a_node_that_no_criterion_depends_on_is_not_blamed():
+def test_a_node_without_a_criterion_is_not_the_reason():
     data = kf.Dataset.of("bench", {"x": [0.0, 1.0, 4.0], "m": [1.0, 2.0, 3.0]})
     text = "shown = 1 / x\nlast = a / (x - 1)"
     result = kf.calibrate(text, data, {"a": 1.0}, "m", node="last")
     assert "last was not finite at sample 2 of bench" in result.message
 
 
-def test_what_a_criterion_depends_on_through_a_memory_is_blamed():
+def test_a_node_that_a_criterion_uses_through_a_memory_is_the_reason():
     data = recorded(np.array([1.0, 0.0, 2.0, 1.0]), np.ones(4))
     result = kf.calibrate("last = prev(share, a)\nshare = a / u", data, {"a": 1.0}, "m", node="last")
     assert "share was not finite at sample 2 of drive" in result.message
@@ -127,12 +127,12 @@ def test_several_reasons_are_counted():
             *(problem.parameters[name].with_values(value) for name, value in zip("Ta", values, strict=True))
         )
 
-    said = describe_rejections(problem, rejected, parameters)
-    assert said.startswith("3 trial steps were rejected: in 2 the time constant T of a PT1 was below 0")
-    assert "in 1 y was not finite" in said
+    message = describe_rejections(problem, rejected, parameters)
+    assert message.startswith("3 trial steps were rejected: in 2 the time constant T of a PT1 was below 0")
+    assert "in 1 y was not finite" in message
 
 
-def test_values_at_which_all_is_well_have_no_reason_of_their_own():
+def test_values_that_can_be_evaluated_have_no_reason():
     from kennfeld.optimize.problem.setup import ProblemSetup
 
     u = levels()
@@ -141,7 +141,7 @@ def test_values_at_which_all_is_well_have_no_reason_of_their_own():
 
 
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
-def test_each_of_several_starts_tells_its_own(workers):
+def test_each_of_several_starts_reports_its_own_reasons(workers):
     u = levels()
     bounds = {"T": (-5.0, 5.0)}
     options = kf.Options(starts=3, workers=workers)

@@ -23,22 +23,22 @@ def recording(name, x, y):
     return kf.Dataset.of(name, {"x": x, "m": y}, time=0.1 * np.arange(x.size))
 
 
-def test_a_dataset_and_its_copy_are_named_whatever_the_order_of_the_samples():
+def test_a_dataset_and_its_copy_are_named_for_any_order_of_the_samples():
     assert warnings(steady("bench"), steady("copy", X[::-1], Y[::-1])) == [
         "dataset copy: all training samples of copy have the same inputs and targets as samples of bench"
     ]
 
 
-def test_rows_that_occur_twice_in_a_dataset_are_told():
+def test_rows_that_occur_twice_in_a_dataset_are_reported():
     assert warnings(steady("bench", np.tile(X, 2), np.tile(Y, 2))) == [
         "dataset bench: 50 % of the training samples of bench have the same inputs and targets as others of the dataset"
     ]
 
 
-def test_of_many_datasets_those_with_equal_samples_are_named_in_their_order():
+def test_datasets_with_equal_samples_are_named_in_their_order():
     parts = [steady(f"part {i}", X[10 * i : 10 * i + 10], Y[10 * i : 10 * i + 10]) for i in range(20)]
-    both = np.r_[120:125, 120:125, 31:37, 5]  # 5 samples of part 12 twice, 6 of part 3, and by chance one of part 0
-    (warning,) = warnings(*parts, steady("both", X[both], Y[both]))
+    repeated = np.r_[120:125, 120:125, 31:37, 5]  # 5 samples of part 12 twice, 6 of part 3, and by chance one of part 0
+    (warning,) = warnings(*parts, steady("both", X[repeated], Y[repeated]))
     assert warning.endswith("of both have the same inputs and targets as samples of part 3, part 12")
 
 
@@ -58,5 +58,5 @@ def test_a_recording_that_is_part_of_another_is_named():
     ],
     ids=["measured again", "coarse", "without a weight", "standstill", "a single sample"],
 )
-def test_other_equal_samples_are_no_copies(datasets):
+def test_occasional_equal_samples_are_not_copies(datasets):
     assert warnings(*datasets) == []

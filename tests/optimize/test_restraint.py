@@ -31,48 +31,48 @@ def penalty(**arguments):
     return penalty_of(parameters, Packed(), factors, {"M": restraint(**arguments)})
 
 
-def test_only_steps_beside_grid_points_without_data_are_resisted():
+def test_only_differences_at_grid_points_without_data_are_resisted():
     edges = restraint().edges.tolist()
     along_x = [[2, 5], [5, 8], [8, 11]]
     along_y = [[1, 2], [4, 5], [7, 8], [10, 11]]
     assert sorted(edges) == sorted(along_x + along_y)
 
 
-def test_a_step_counts_as_one_sample_that_says_there_is_none():
+def test_a_difference_counts_as_one_sample_of_a_difference_of_zero():
     """The values with data reach from 0 to 10, over three cells along x and two along y."""
-    made = restraint(variance=0.5)
+    pull = restraint(variance=0.5)
     span = 10.0**2 + 0.5 / 5.5
-    cells = np.where(np.diff(made.edges, axis=1).ravel() == 1, 2, 3)
-    assert made.stiffness == pytest.approx(0.5 * cells**2 / span)
+    cells = np.where(np.diff(pull.edges, axis=1).ravel() == 1, 2, 3)
+    assert pull.stiffness == pytest.approx(0.5 * cells**2 / span)
 
 
-def test_values_with_data_are_hardly_pulled_and_others_not_at_all():
+def test_values_with_data_are_hardly_pulled_and_those_without_not_at_all():
     assert restraint().weights == pytest.approx(PULL * CURVATURE)
 
 
-def test_a_flat_table_is_not_held_for_ever():
+def test_the_stiffness_of_a_flat_table_is_bounded():
     flat = restraint(values=np.ones(12))
     assert np.all(np.isfinite(flat.stiffness))
     assert flat.stiffness.max() == pytest.approx(9 * CURVATURE[CURVATURE > 0].mean())
 
 
-def test_a_table_without_data_is_left_alone():
+def test_a_table_without_data_has_no_restraint():
     none = restraint(curvature=np.zeros(12))
     assert not none.weights.any()
     assert none.edges.shape == (0, 2)
 
 
 def test_value_gradient_matrix_and_rows_agree():
-    made = penalty()
+    roughness = penalty()
     rng = np.random.default_rng(0)
     values, change = rng.normal(size=17), 1e-6 * rng.normal(size=17)
     gradient, matrix = np.zeros(17), np.zeros((17, 17))
-    made.add(values, gradient, matrix)
-    residual, jacobian = made.rows(values)
-    assert residual @ residual == pytest.approx(made.cost(values))
+    roughness.add(values, gradient, matrix)
+    residual, jacobian = roughness.rows(values)
+    assert residual @ residual == pytest.approx(roughness.cost(values))
     assert jacobian.T @ residual == pytest.approx(gradient)
     assert jacobian.T @ jacobian == pytest.approx(matrix)
-    moved = made.cost(values + change) - made.cost(values - change)
+    moved = roughness.cost(values + change) - roughness.cost(values - change)
     assert moved == pytest.approx(4 * gradient @ change, rel=1e-6)
 
 
@@ -80,11 +80,11 @@ def test_without_restraints_the_penalty_is_the_roughness():
     parameters, factors = kf.ParameterSet([CURVE, MAP]), {"C": (2.0,), "M": (3.0, 0.5)}
     values = np.random.default_rng(1).normal(size=17)
     rough = penalty_of(parameters, Packed(), factors, {})
-    made = penalty()
-    assert rough.cost(values) == made.roughness.cost(values) < made.cost(values)
+    roughness = penalty()
+    assert rough.cost(values) == roughness.roughness.cost(values) < roughness.cost(values)
 
 
-def test_the_start_moves_in_the_directions_of_the_data_only():
+def test_the_start_moves_only_in_directions_of_the_data():
     """The data determine a sum of equal weights and a value; the difference of the first two and the last stay."""
     rows = np.array([[3.0, 3.0, 0, 0], [0, 0, 2.0, 0]])
     start, values, measured = np.array([1.0, 2, 3, 4]), np.array([10.0, 0, -3, 7]), np.array([12.0, 8.0])

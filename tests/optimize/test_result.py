@@ -14,7 +14,7 @@ def result():
     )
 
 
-def test_the_keys_of_its_json_are_those_of_the_design(result):
+def test_json_has_the_documented_keys(result):
     contents = result.as_json()
     assert list(contents) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "certificate", "quality"),
@@ -28,7 +28,7 @@ def test_the_keys_of_its_json_are_those_of_the_design(result):
     ]
 
 
-def test_its_json_is_strict(result):
+def test_json_is_strict(result):
     text = json.dumps(result.as_json(), allow_nan=False)
     assert json.loads(text)["status"] == "converged"
 
@@ -38,7 +38,7 @@ def test_numbers_that_are_not_finite_become_null(result):
     assert result.as_json()["quality"][1]["r2_after"] is None
 
 
-def test_its_text_has_the_message_and_a_line_a_dataset(result):
+def test_the_text_has_the_message_and_a_line_for_each_dataset(result):
     head, titles, training, test = str(result).splitlines()
     assert head.startswith("converged: ")
     assert titles.split()[:4] == ["criterion", "dataset", "use", "samples"]
@@ -71,6 +71,6 @@ def test_seconds_are_parts_of_the_whole(result):
     assert 0 <= seconds.optimize <= seconds.total
 
 
-def test_converged_says_so(result):
+def test_a_converged_result_has_the_cost_of_its_last_iteration(result):
     assert result.converged
     assert result.trace[-1].cost == result.cost_after

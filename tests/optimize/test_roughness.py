@@ -14,7 +14,7 @@ UNEVEN = np.array([0.0, 1.0, 1.5, 4.0, 9.0])
 
 @dataclass(frozen=True)
 class Packed:
-    """Where the values of each parameter start, the free ones first."""
+    """Offsets of the values of each parameter, the free ones first."""
 
     offsets: dict[str, int]
     free: int
@@ -23,8 +23,8 @@ class Packed:
 def roughness(table, *factors):
     """The penalty of a single free table."""
     parameters = ParameterSet([table])
-    made = Roughness.of(parameters, Packed({table.name: 0}, table.size), {table.name: factors})
-    return made, made.cost(table.values.ravel())
+    penalty = Roughness.of(parameters, Packed({table.name: 0}, table.size), {table.name: factors})
+    return penalty, penalty.cost(table.values.ravel())
 
 
 def by_definition(table, axis):
@@ -34,9 +34,9 @@ def by_definition(table, axis):
     total = 0.0
     for z in np.moveaxis(table.values, axis, -1).reshape(-1, x.size):
         for i in range(x.size - 2):
-            right = (z[i + 2] - z[i + 1]) / (x[i + 2] - x[i + 1])
-            left = (z[i + 1] - z[i]) / (x[i + 1] - x[i])
-            total += (2 * (right - left) / (x[i + 2] - x[i])) ** 2
+            above = (z[i + 2] - z[i + 1]) / (x[i + 2] - x[i + 1])
+            below = (z[i + 1] - z[i]) / (x[i + 1] - x[i])
+            total += (2 * (above - below) / (x[i + 2] - x[i])) ** 2
     return total / x.size
 
 
@@ -60,23 +60,23 @@ def test_the_penalty_is_the_mean_square_of_second_differences_along_each_axis(ax
     assert roughness(table, *factors)[1] == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_factor_of_zero_leaves_an_axis_out():
+def test_a_factor_of_zero_excludes_an_axis():
     table = table_of([UNEVEN, UNEVEN])
     assert roughness(table, 0.0, 2.0)[1] == pytest.approx(2 * by_definition(table, 1), rel=1e-12)
 
 
-def test_a_plane_is_not_rough():
+def test_a_plane_has_no_roughness():
     x, y = UNEVEN, np.array([700.0, 1000.0, 4000.0])
     assert roughness(Map("T", x, y, 3 + 2 * x[:, None] - 0.01 * y), 1.0, 1.0)[1] == pytest.approx(0, abs=1e-20)
 
 
-def test_the_unit_of_an_axis_does_not_matter():
+def test_the_penalty_does_not_depend_on_the_unit_of_an_axis():
     values = [1.0, -2.0, 0.5, 4.0, 1.0]
     fraction, rpm = (roughness(Curve("T", scale * UNEVEN, values), 1.0)[1] for scale in (0.01, 6000.0))
     assert fraction == pytest.approx(rpm, rel=1e-12)
 
 
-def test_on_an_even_axis_the_second_difference_is_the_plain_one():
+def test_the_second_difference_on_an_even_axis_is_the_plain_one():
     assert second_differences(np.array([10.0, 12.0, 14.0, 16.0])).tolist() == [[1, -2, 1], [1, -2, 1]]
 
 
@@ -86,18 +86,18 @@ def test_half_the_spacing_makes_the_penalty_about_fifteen_times_smaller():
 
 
 @pytest.mark.parametrize("points", [1, 2])
-def test_an_axis_of_two_points_cannot_be_rough(points):
+def test_an_axis_of_two_points_has_no_roughness(points):
     table = Curve("T", np.arange(points), np.arange(points) ** 2)
     assert roughness(table, 5.0)[1] == 0.0
 
 
 def test_gradient_matrix_and_rows_belong_to_the_same_penalty():
     table = table_of([UNEVEN, [0.0, 1.0, 5.0, 6.0]])
-    made, cost = roughness(table, 0.3, 2.0)
+    penalty, cost = roughness(table, 0.3, 2.0)
     z = table.values.ravel()
     gradient, matrix = np.zeros(z.size), np.zeros((z.size, z.size))
-    made.add(z, gradient, matrix)
-    residual, jacobian = made.rows(z)
+    penalty.add(z, gradient, matrix)
+    residual, jacobian = penalty.rows(z)
     assert residual @ residual == pytest.approx(cost, rel=1e-12)
     np.testing.assert_allclose(jacobian.T @ residual, gradient, atol=1e-12)
     np.testing.assert_allclose(jacobian.T @ jacobian, matrix, atol=1e-12)
@@ -106,9 +106,9 @@ def test_gradient_matrix_and_rows_belong_to_the_same_penalty():
 
 def test_parameters_that_are_not_free_have_no_penalty():
     table = table_of([UNEVEN])
-    held = Roughness.of(ParameterSet([Scalar("K", 1.0), table]), Packed({"K": 0, "T": 1}, 1), {"T": (1.0,)})
-    assert held.cost(np.ones(1)) == 0.0
-    assert held.rows(np.ones(1))[1].shape == (0, 1)
+    penalty = Roughness.of(ParameterSet([Scalar("K", 1.0), table]), Packed({"K": 0, "T": 1}, 1), {"T": (1.0,)})
+    assert penalty.cost(np.ones(1)) == 0.0
+    assert penalty.rows(np.ones(1))[1].shape == (0, 1)
 
 
 def with_pairs(*places):
@@ -118,7 +118,7 @@ def with_pairs(*places):
 
 
 @pytest.mark.parametrize("places", [[3], [0], [6], [0, 6], [2, 3], [1, 4, 5]], ids=str)
-def test_pairs_of_close_breakpoints_cost_what_the_formula_costs_at_its_least_slope_between_them(places):
+def test_pairs_of_close_breakpoints_have_the_cost_of_the_formula_at_its_least_slope(places):
     x = with_pairs(*places)
     rng = np.random.default_rng(3)
     slopes = rng.standard_normal(x.size - 1)
@@ -131,7 +131,7 @@ def test_pairs_of_close_breakpoints_cost_what_the_formula_costs_at_its_least_slo
     assert roughness(table, float(x.size))[1] == pytest.approx(expected, rel=1e-6)
 
 
-def test_values_of_close_breakpoints_are_tied_far_above_the_weight_of_data():
+def test_values_of_close_breakpoints_are_tied_far_more_strongly_than_by_data():
     x = with_pairs(3)
     jump = (np.arange(x.size) > 3) * 1.0
     rows = roughness_rows(x)

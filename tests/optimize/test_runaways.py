@@ -39,7 +39,7 @@ def test_a_bell_that_became_an_exponential_slope_has_a_warning_that_names_its_va
     assert "Set bounds" in warning.remedy
 
 
-def test_a_bell_that_is_found_has_none():
+def test_a_recovered_bell_has_no_warning():
     result = bell(1.0, 5.0, 2.0)
     assert result.parameters["m"].value == pytest.approx(4, abs=0.05)
     assert not result.warnings
@@ -50,7 +50,7 @@ def test_a_bell_that_is_found_has_none():
     [("y = x/r", X / 1e10, {"r": 1.0}, 1e10), ("y = r*x^2", 1e12 * X**2, {"r": 0.0}, 1e12)],
     ids=["a resistance", "a stiffness"],
 )
-def test_a_large_value_with_an_effect_of_its_own_has_none(text, target, start, truth):
+def test_a_large_value_with_an_effect_of_its_own_has_no_warning(text, target, start, truth):
     result = kf.calibrate(text, {"x": X, "q": target}, start, target="q")
     assert result.parameters["r"].value == pytest.approx(truth)
     assert not warnings_on_effects(result)
@@ -65,7 +65,7 @@ def fitted_lag(noise, time_constant, **start):
     return kf.calibrate("y = PT1(k*u, T) + b", data, start, target="q")
 
 
-def test_one_that_remains_an_integrator_has_a_warning():
+def test_a_lag_that_remains_an_integrator_has_a_warning():
     u = np.random.default_rng(2).normal(size=300)
     time = 0.1 * np.arange(u.size)
     lagged = kf.simulate("y = PT1(u, T)", {"time": time, "u": u}, {"T": 0.5})["y"].values
@@ -89,7 +89,7 @@ def test_a_lag_that_became_an_integrator_is_searched_again_with_its_start(seed):
     assert not warnings_on_effects(result)
 
 
-def test_values_that_noise_hardly_moves_have_none_although_their_effects_are_alike():
+def test_values_with_similar_effects_have_no_warning_if_noise_hardly_moves_them():
     x = 1000 + 1e-3 * X
     target = 1e3 * x - 1e6 + 1e-9 * np.random.default_rng(0).normal(size=x.size)
     result = kf.calibrate("y = a + b*x", {"x": x, "q": target}, {"a": 1.0, "b": 1.0}, target="q")
@@ -105,14 +105,14 @@ def test_values_that_noise_hardly_moves_have_none_although_their_effects_are_ali
     ],
     ids=["a line over seconds since 1970", "a cubic far from 0"],
 )
-def test_a_large_offset_that_data_determine_has_none(text, x, target, start):
+def test_a_large_offset_that_data_determine_has_no_warning(text, x, target, start):
     target = target + 1e-3 * np.random.default_rng(0).normal(size=x.size)
     result = kf.calibrate(text, {"x": x, "q": target}, start, target="q")
     assert abs(result.parameters["a"].value) > 1e8
     assert not warnings_on_effects(result)
 
 
-def test_a_table_that_shares_a_size_with_a_factor_has_none():
+def test_a_table_that_shares_a_size_with_a_factor_has_no_warning():
     """Their fit is as good wherever they are; the trust names the combination."""
     x = np.linspace(0, 10, 1000)
     target = 700 * x + 0.1 * np.random.default_rng(0).normal(size=x.size)

@@ -50,7 +50,7 @@ def test_slopes_are_those_of_the_simulation(text: str, data: kf.Dataset, sample:
             assert slope[0][place] == pytest.approx((moved[0] - moved[1]) / 2e-6, abs=1e-7)
 
 
-def test_samples_further_back_than_the_memory_are_neglected(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_samples_older_than_the_memory_are_neglected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kennfeld.optimize.sums.sample_slopes.MEMORY", 25)
     values = parameters()
     problem = Problem(

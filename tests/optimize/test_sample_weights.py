@@ -137,7 +137,7 @@ def test_robust_losses_are_those_of_scipy(kind, delta, scale):
     few=5,
     many=40,
 )
-def test_a_whole_weight_is_a_sample_that_occurs_so_often(counts):
+def test_an_integer_weight_is_the_number_of_repetitions_of_a_sample(counts):
     often = np.repeat(np.arange(60), counts)
     for kind in ("square", "soft_l1"):
         criterion = kf.Criterion("m", "y", loss=kind, weight_channel="w")
@@ -147,7 +147,7 @@ def test_a_whole_weight_is_a_sample_that_occurs_so_often(counts):
         assert weighted.cost(np.array([1.0, 2.0])) == pytest.approx(plain.cost(np.array([1.0, 2.0])), rel=1e-12)
 
 
-def test_weight_zero_and_nan_switch_a_sample_off_even_where_the_model_fails():
+def test_weights_of_zero_and_nan_exclude_a_sample_even_if_the_model_fails_there():
     x = np.array([1.0, 2.0, 3.0, -1.0, -2.0])
     data = {"x": x, "y": np.sqrt(np.abs(x)) * 2, "w": [1.0, 1.0, 1.0, 0.0, np.nan]}
     result = kf.calibrate("m = a * sqrt(x)", data, {"a": 1.0}, criteria=[kf.Criterion("m", "y", weight_channel="w")])
@@ -156,7 +156,7 @@ def test_weight_zero_and_nan_switch_a_sample_off_even_where_the_model_fails():
     assert result.quality[0].rmse_after < 1e-9
 
 
-def test_samples_that_a_region_gives_weight_zero_are_no_data():
+def test_samples_with_weight_zero_in_a_region_do_not_count_as_data():
     """Neither in the counts and errors, nor for lock = "no-data"."""
     data = kf.Dataset.of("bench", {"x": X, "y": np.where(X > 1.5, 2 * X, 99.0), "w": W})
     test = kf.Dataset.of("other", {"x": X, "y": 2 * X, "w": -W}, use="test")
@@ -182,7 +182,7 @@ def test_weights_of_dataset_criterion_and_regions_multiply():
     assert compiled.weights == pytest.approx(weight.sum(), rel=1e-12)
 
 
-def test_a_dataset_without_weights_counts_each_sample_once_beside_one_with():
+def test_a_dataset_without_weights_counts_each_sample_once():
     plain, weighted = (
         kf.Dataset.of("plain", {"x": X, "y": Y}),
         kf.Dataset.of("weighted", {"x": X, "y": Y, "v": W}, weight_channel="v"),
@@ -203,12 +203,12 @@ def test_a_weight_follows_its_sample_through_sorting_gaps_and_smoothing():
     start = kf.ParameterSet([kf.Curve("C", [0, 1, 2, 3], [0.0, 1, 2, 1]), kf.Curve("D", [0, 1, 2], [0.0, 1, 2.5])])
     model = kf.formula("m = C(D(u)) + C(x)", parameters=["C", "D"])
     criterion = kf.Criterion("m", "y", weight_channel="w")
-    made = Problem(model, (kf.Dataset.of("d", {"x": x, "u": inner, "y": y, "w": w}),), start, (criterion,))
-    exact = CompiledProblem(made)
+    posed = Problem(model, (kf.Dataset.of("d", {"x": x, "u": inner, "y": y, "w": w}),), start, (criterion,))
+    exact = CompiledProblem(posed)
     got = kf.simulate(model, {"x": np.nan_to_num(x), "u": inner}, start)["m"].values
     expected = np.sum((w * (got - y) ** 2)[np.isfinite(x)])
     assert LeastSquaresObjective(exact).cost(exact.start) == pytest.approx(expected, rel=1e-12)
-    smooth = CompiledProblem(made, smooth_like=exact)
+    smooth = CompiledProblem(posed, smooth_like=exact)
     smooth.set_width(1e-9)
     assert LeastSquaresObjective(smooth).cost(smooth.start) == pytest.approx(expected, rel=1e-6)
 
@@ -223,7 +223,7 @@ def test_weights_that_are_not_finite_are_counted_in_a_warning(weight, numbers, o
     assert finding.message == f"w is {numbers} in 3 of 60 samples of dataset bench; these samples get weight 0"
 
 
-def test_wrong_weights_are_found_all_at_once():
+def test_all_invalid_weights_are_reported_at_once():
     criteria = [
         kf.Criterion("m", "y", weight_channel="ww"),
         kf.Criterion("m", 1.0, weight_channel="bad", regions=[Region("x >", 1.0), Region("z > 1", 1.0)]),
@@ -244,26 +244,28 @@ def test_wrong_weights_are_found_all_at_once():
     assert len(messages) == 5
 
 
-def test_weights_that_leave_nothing_are_an_error_and_those_of_one_dataset_are_not():
+def test_zero_weights_are_an_error_only_if_they_exclude_all_samples():
     empty, full = line(w=np.full(60, np.nan)), line()
     criteria = [kf.Criterion("m", "y", weight_channel="w")]
     with pytest.raises(kf.InputError, match="criterion on m: no training sample has a weight above 0"):
         kf.calibrate("m = a * x + b", empty, {"a": 0.0, "b": 0.0}, criteria=criteria)
-    both = kf.calibrate("m = a * x + b", [replace(empty, name="empty"), full], {"a": 0.0, "b": 0.0}, criteria=criteria)
+    result = kf.calibrate(
+        "m = a * x + b", [replace(empty, name="empty"), full], {"a": 0.0, "b": 0.0}, criteria=criteria
+    )
     alone = kf.calibrate("m = a * x + b", full, {"a": 0.0, "b": 0.0}, criteria=criteria)
-    assert both.cost_after == pytest.approx(alone.cost_after, rel=1e-12)
+    assert result.cost_after == pytest.approx(alone.cost_after, rel=1e-12)
     regions = [Region("x >= 0", 0.0)]
     with pytest.raises(kf.InputError, match="no training sample has a weight above 0"):
         kf.calibrate("m = a * x", full, {"a": 0.0}, criteria=[kf.Criterion("m", "y", regions=regions)])
 
 
 @pytest.mark.parametrize(("where", "weight"), [("", 1.0), ("x > 1", -1.0), ("x > 1", np.inf), ("x > 1", np.nan)])
-def test_a_region_is_checked_when_it_is_made(where, weight):
+def test_a_region_is_checked_at_construction(where, weight):
     with pytest.raises(ArgumentError):
         Region(where, weight)
 
 
-def test_limits_of_outputs_hold_beside_weights():
+def test_limits_of_outputs_hold_together_with_weights():
     data = line(v=W + 0.1)
     for weighed in (replace(data, weight_channel="v"), data):
         result = kf.calibrate("m = a * x + b", weighed, {"a": 0.0, "b": 0.0}, target="y", limits={"m": (0.0, 5.0)})

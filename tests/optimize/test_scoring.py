@@ -40,7 +40,7 @@ def test_test_data_without_the_target_have_no_scores():
 
 
 @pytest.mark.parametrize("test", [{"x": [], "y": []}, {"x": [np.nan], "y": [1.0]}], ids=["empty", "all missing"])
-def test_test_data_of_which_nothing_is_left_have_no_scores(test):
+def test_test_data_without_remaining_samples_have_no_scores(test):
     row = scored(test).quality[1]
     assert row.samples == 0
     assert np.isnan(row.max_abs_after)
@@ -56,10 +56,10 @@ def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
     random = np.random.default_rng(0)
     data = {name: random.uniform(1.0, 2.0, 100) for name in "xy"}
     data["x"][[30, 61]] = data["y"][::9] = np.nan
-    held = kf.Dataset.of("d", data, time=0.1 * np.arange(100), starts=[0, 10, 13, 60])
+    dataset = kf.Dataset.of("d", data, time=0.1 * np.arange(100), starts=[0, 10, 13, 60])
 
     def score():
-        return kf.calibrate(text, held, {"k": 1.0}, "y", options=kf.Options(max_iterations=1)).quality[0]
+        return kf.calibrate(text, dataset, {"k": 1.0}, "y", options=kf.Options(max_iterations=1)).quality[0]
 
     whole = score()
     for block in (1, 7, 45, 100):
@@ -70,7 +70,7 @@ def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
             assert getattr(cut, name) == pytest.approx(getattr(whole, name), rel=1e-12)
 
 
-def test_scores_do_not_know_weight_scale_and_loss():
+def test_scores_do_not_depend_on_weight_scale_and_loss():
     plain = scored(options=kf.Options(max_iterations=0)).quality
     criterion = kf.Criterion("m", "y", weight=7.0, loss="huber", delta=0.1, scale=3.0)
     other = kf.calibrate(
@@ -79,7 +79,7 @@ def test_scores_do_not_know_weight_scale_and_loss():
     assert plain == other
 
 
-def test_errors_beyond_every_number_are_no_warning():
+def test_overflowing_errors_do_not_warn():
     data = {"x": [1.0, 2.0], "y": [1e200, 2e200]}
     assert kf.calibrate("m = k * x", data, {"k": 1.0}, target="y").quality[0].samples == 2
 
@@ -93,7 +93,7 @@ def test_a_model_that_fails_at_test_samples_has_no_finite_score():
 
 
 @pytest.mark.parametrize("value", mostly_slow([0.1, 0.3, 7.0, 1e9], [0.1]))
-def test_a_table_says_that_a_constant_target_has_no_r2(value):
+def test_a_table_notes_that_a_constant_target_has_no_r2(value):
     result = scored({"x": np.arange(1000.0), "y": np.full(1000, value)})
     assert [row[6] for row in result.table()][2] == "constant target"
     assert result.as_json()["quality"][1]["r2_after"] is None

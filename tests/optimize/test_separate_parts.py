@@ -19,22 +19,22 @@ START = {"d": 0.08, "k": 0.68, "m": 16.8}
 
 
 @pytest.mark.parametrize("size", mostly_slow([1e5, 1e9, 1e12], [1e12]))
-def test_a_small_criterion_is_fitted_as_if_it_were_alone(size):
+def test_a_small_criterion_is_fitted_as_well_as_alone(size):
     alone = kf.calibrate(LOGISTIC, {"x": X, "q": RATIO}, START, target="q")
-    both = kf.calibrate(
+    together = kf.calibrate(
         f"P = a*exp(b*x) + c\n{LOGISTIC}",
         {"x": X, "p": size * PRESSURE, "q": RATIO},
         {"a": 0.1 * size, "b": 0.1, "c": 0.0} | START,
         criteria=[kf.Criterion("P", "p"), kf.Criterion("R", "q")],
     )
     assert alone.converged
-    assert both.converged
-    assert both.quality[1].rmse_after == pytest.approx(alone.quality[0].rmse_after, rel=1e-6)
-    assert both.quality[0].rmse_after < 2e-3 * size
-    assert both.trace[-1].cost == pytest.approx(both.cost_after)
+    assert together.converged
+    assert together.quality[1].rmse_after == pytest.approx(alone.quality[0].rmse_after, rel=1e-6)
+    assert together.quality[0].rmse_after < 2e-3 * size
+    assert together.trace[-1].cost == pytest.approx(together.cost_after)
 
 
-def test_a_small_table_beside_a_large_one_is_fitted_as_if_it_were_alone():
+def test_a_small_table_next_to_a_large_one_is_fitted_as_well_as_alone():
     grid, x = np.arange(40.0) / 4, RANDOM.uniform(0, 7, 800)
     small, noise = np.cos(x), RANDOM.normal(size=(2, x.size))
     start = kf.ParameterSet([kf.Curve("A", grid, 0 * grid), kf.Curve("B", grid, 0 * grid), kf.Scalar("s", 1.3)])

@@ -11,7 +11,7 @@ from kennfeld.optimize import Problem
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from tests.draws import few_or_many, mostly_slow
-from tests.optimize.reference_settling import held
+from tests.optimize.reference_settling import held_output
 
 U = np.array([0.5, 1.5, 2.0, 3.0, 0.1, 2.7])
 MODELS = {
@@ -58,7 +58,7 @@ def problem(text, *datasets, loss="square", target="z"):
 @by_model_and_window
 def test_a_point_counts_with_the_mean_of_its_window(text, average):
     """Against each point simulated by itself, by the reference interpreter."""
-    expected = np.array([held(text, u, values(), 11)[-max(round(average / 0.1), 1) :].mean() for u in U])
+    expected = np.array([held_output(text, u, values(), 11)[-max(round(average / 0.1), 1) :].mean() for u in U])
     data = points(average)
     assert kf.simulate(kf.formula(text, parameters=["a", "b"]), data, values())["y"].values == pytest.approx(expected)
     for loss, cost in (("square", expected**2), ("soft_l1", 0.5 * (np.sqrt(1 + (expected / 0.5) ** 2) - 1))):
@@ -88,25 +88,25 @@ def test_the_derivative_of_the_mean_is_exact(text, average):
     step=st.floats(0.05, 0.1),
     count=st.integers(1, 150),
 )
-def test_fit_and_simulation_see_the_same_values(text, seconds, share, step, count):
+def test_fit_and_simulation_have_the_same_values(text, seconds, share, step, count):
     """The sums run many points as one piece, the simulation each by itself."""
     settling = Settling(seconds, share * seconds, step)
     u = np.linspace(0.1, 3, count)
     data = kf.Dataset.of("points", {"u": u, "z": np.cos(u)}, settling=settling)
-    made = problem(text, data)
-    objective = LeastSquaresObjective(CompiledProblem(made))
-    shown = kf.simulate(made.model, data, values())["y"].values
+    posed = problem(text, data)
+    objective = LeastSquaresObjective(CompiledProblem(posed))
+    shown = kf.simulate(posed.model, data, values())["y"].values
     assert shown.size == count
     assert objective.cost(objective.start) == pytest.approx(np.sum((shown - np.cos(u)) ** 2), rel=1e-9)
 
 
 @pytest.mark.parametrize("average", mostly_slow([0.0, 0.1, 0.3], [0.3]))
-def test_what_is_no_number_before_the_window_does_no_harm(average):
+def test_nan_before_the_window_has_no_effect(average):
     test_a_point_counts_with_the_mean_of_its_window(UNSETTLED, average)
     test_the_derivative_of_the_mean_is_exact(UNSETTLED, average)
 
 
-def test_time_constant_and_gain_are_found_from_points_that_have_not_settled():
+def test_time_constant_and_gain_are_recovered_from_points_that_have_not_settled():
     u = np.linspace(1, 5, 30)
     truth = {"a": 2.0, "T": 1.7}
     text = "y = PT1(a * u, T * u / 3, 0)"
@@ -130,7 +130,7 @@ def test_points_and_recordings_are_fitted_together():
 
 
 @pytest.mark.slow
-def test_held_points_go_through_the_continuation():
+def test_held_points_are_fitted_by_the_continuation():
     """Smoothed lookups see the same samples."""
     u = np.linspace(0.2, 3.8, 20)
     start = kf.ParameterSet([kf.Curve("C", range(5), [0.0, 1, 2, 1, 0]), kf.Curve("D", range(5), [0.0, 1, 2.5, 3, 4])])
@@ -142,7 +142,7 @@ def test_held_points_go_through_the_continuation():
     assert result.quality[0].rmse_after < 1e-3 * result.quality[0].rmse_before
 
 
-def test_a_target_node_is_averaged_too():
+def test_a_target_node_is_averaged():
     text = "y = PT1(a * u, b, 0)\nother = t * u"
     objective = LeastSquaresObjective(CompiledProblem(problem(text, points(0.5), target="other")))
     shown = kf.simulate(kf.formula(text, parameters=["a", "b"]), points(0.5), values())
@@ -151,31 +151,31 @@ def test_a_target_node_is_averaged_too():
     )
 
 
-def test_points_without_an_input_or_a_target_or_a_score_fall_out():
+def test_points_without_an_input_a_target_or_a_score_are_excluded():
     u, z = U.copy(), np.full(U.size, 1.0)
     u[1], z[3] = np.nan, np.nan
     scored = np.arange(U.size) != 4
     data = kf.Dataset.of("points", {"u": u, "z": z}, settling=Settling(1.0, 0.2, 0.1), scored=scored)
-    made = problem(MODELS["PT1"], data)
-    objective = LeastSquaresObjective(CompiledProblem(made))
+    posed = problem(MODELS["PT1"], data)
+    objective = LeastSquaresObjective(CompiledProblem(posed))
     rest = kf.Dataset.of("points", {"u": U[[0, 2, 5]], "z": np.ones(3)}, settling=Settling(1.0, 0.2, 0.1))
     expected = LeastSquaresObjective(CompiledProblem(problem(MODELS["PT1"], rest)))
     assert objective.cost(objective.start) == pytest.approx(expected.cost(expected.start), rel=1e-12)
     with pytest.warns(kf.InputWarning, match="1 of 6 samples is not simulated: u has no value at sample 2"):
-        assert kf.simulate(made.model, data, values())["y"].values.size == 5
+        assert kf.simulate(posed.model, data, values())["y"].values.size == 5
 
 
 def test_weights_are_those_of_the_points():
     w = np.arange(U.size, dtype=float)
     data = points(0.3, 1.0).with_channels(kf.Channel("w", w))
     model = kf.formula(MODELS["PT1"], parameters=["a", "b"])
-    made = Problem(model, (data,), values(), (kf.Criterion("y", "z", weight_channel="w"),))
-    objective = LeastSquaresObjective(CompiledProblem(made))
+    posed = Problem(model, (data,), values(), (kf.Criterion("y", "z", weight_channel="w"),))
+    objective = LeastSquaresObjective(CompiledProblem(posed))
     shown = kf.simulate(model, data, values())["y"].values
     assert objective.cost(objective.start) == pytest.approx(np.sum(w * (shown - 1) ** 2), rel=1e-12)
 
 
-def test_a_model_without_memory_needs_no_holding():
+def test_points_of_a_model_without_memory_are_not_held():
     result = kf.calibrate("y = a * u", points(0.5).with_channels(kf.Channel("z", 3 * U)), {"a": 1.0}, target="z")
     assert result.parameters["a"].value == pytest.approx(3.0)
 
@@ -189,7 +189,7 @@ def test_the_step_may_be_that_of_the_model():
         kf.simulate(text, data, values())
 
 
-def test_no_points_are_no_samples():
+def test_a_dataset_without_points_has_no_samples():
     empty = kf.Dataset.of("points", {"u": [np.nan], "z": [1.0]}, settling=Settling(1.0, 0.2, 0.1))
     with pytest.warns(kf.InputWarning, match="1 of 1 samples is not simulated: u has no value at sample 1"):
         assert kf.simulate(MODELS["PT1"], empty, values())["y"].values.size == 0
@@ -198,7 +198,7 @@ def test_no_points_are_no_samples():
 @pytest.mark.parametrize(
     "settling", [(0.0,), (-1.0,), (np.inf,), (np.nan,), (1.0, 2.0), (1.0, -0.1), (1.0, 0.0, 0.0), (1.0, 0.0, 2.0)]
 )
-def test_a_settling_is_checked_when_it_is_made(settling):
+def test_a_settling_is_checked_at_construction(settling):
     with pytest.raises(ArgumentError, match="of a settling must be"):
         Settling(*settling)
 

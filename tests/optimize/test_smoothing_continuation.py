@@ -58,7 +58,7 @@ def widths(names):
     return [float(name.split()[1]) for name in names if name.startswith("smooth")]
 
 
-def test_where_creases_matter_all_ways_are_tried_with_shrinking_widths(both):
+def test_both_schedules_are_tried_if_creases_matter(both):
     names = [name for name, _ in stages(both)]
     plain = names.index("plain")
     assert names[plain - 1] == "exact"
@@ -74,7 +74,7 @@ def test_where_creases_matter_all_ways_are_tried_with_shrinking_widths(both):
         assert set(widths(part)) <= set(ladder.widths)
 
 
-def test_where_both_ways_end_alike_the_long_one_is_left_out():
+def test_the_long_schedule_is_omitted_if_the_short_one_and_the_plain_descent_agree():
     data, _ = problem()
     smooth = kf.Curve("Eta", DELTA, np.cos(DELTA / 2))
     start = chain(np.zeros((6, 6)), smooth.values, np.full((6, 6), 40.0))
@@ -84,24 +84,24 @@ def test_where_both_ways_end_alike_the_long_one_is_left_out():
     assert max(widths(names)) == max(SHORT_SCHEDULE.widths)
 
 
-def test_the_lowest_cost_wins(both):
+def test_the_end_with_the_lowest_cost_is_returned(both):
     ends = stages(both)
     assert both.cost_after == min(cost for name, cost in ends if name == "final")
     assert both.cost_after <= min(cost for name, cost in ends if name in ("plain", "exact"))
 
 
-def test_switched_off_only_the_plain_descent_runs(plain):
+def test_the_plain_descent_runs_alone_if_the_continuation_is_off(plain):
     assert {line.stage for line in plain.trace} == {"plain"}
     [warning] = plain.warnings
     assert "no step reaches it" in warning.message
     assert warning.remedy == 'Search with continuation = "auto": it crosses kinks of lookups.'
 
 
-def test_creases_are_overcome_that_stop_the_plain_descent(both, plain):
+def test_the_continuation_overcomes_creases_that_stop_the_plain_descent(both, plain):
     assert both.cost_after < 0.97 * plain.cost_after
 
 
-def test_the_cost_told_is_that_of_the_exact_function(both):
+def test_the_reported_cost_is_that_of_the_exact_function(both):
     squares = both.quality[0].samples * both.quality[0].rmse_after ** 2
     assert squares <= both.cost_after <= 1.2 * squares
 
@@ -117,7 +117,7 @@ def test_a_function_without_creases_to_smooth_has_one_descent():
     "stage",
     mostly_slow(["smooth 1", "smooth 0.25", "plain", "smooth 4", "exact", "final"], ["smooth 0.25", "plain", "exact"]),
 )
-def test_a_stop_on_the_way_keeps_the_better_values(stage):
+def test_a_stop_during_the_continuation_keeps_the_better_values(stage):
     def stop(line):
         if line.stage == stage:
             raise kf.Stop
@@ -141,8 +141,8 @@ def test_a_stop_on_the_way_keeps_the_better_values(stage):
 
 def test_bounds_hold_at_the_end_of_the_continuation():
     data, start = problem()
-    held = start.with_parameters(start["Opt"].with_bounds(-0.2, 0.25), start["Eta"].with_bounds(0.3, 1.0))
-    result = kf.calibrate(TEXT, data, held, target="y", node="m", pins=[kf.Pin("Eta", (0.1,), 0.95)])
+    bounded = start.with_parameters(start["Opt"].with_bounds(-0.2, 0.25), start["Eta"].with_bounds(0.3, 1.0))
+    result = kf.calibrate(TEXT, data, bounded, target="y", node="m", pins=[kf.Pin("Eta", (0.1,), 0.95)])
     assert np.all((result.parameters["Opt"].values >= -0.2) & (result.parameters["Opt"].values <= 0.25))
     assert np.all(result.parameters["Eta"].values <= 1.0)
     assert np.interp(0.1, DELTA, result.parameters["Eta"].values) == pytest.approx(0.95, rel=1e-9)
@@ -154,7 +154,7 @@ def few_search_samples(monkeypatch):
     return compilation.SEARCH_SAMPLES
 
 
-def test_many_samples_are_thinned_for_the_search_but_not_for_its_end(few_search_samples):
+def test_many_samples_are_thinned_except_at_the_end_of_the_search(few_search_samples):
     data, start = problem(samples=2 * few_search_samples)
     result = kf.calibrate(TEXT, data, start, target="y", node="m", smoothness=1e-3)
     assert result.converged
@@ -166,7 +166,7 @@ def test_many_samples_are_thinned_for_the_search_but_not_for_its_end(few_search_
 
 
 @pytest.mark.parametrize("stage", ["smooth 1", "plain"])
-def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage, few_search_samples):
+def test_a_search_stopped_on_thinned_samples_has_the_cost_of_all_samples(stage, few_search_samples):
     data, start = problem(samples=2 * few_search_samples)
 
     def stop(line):
@@ -202,7 +202,7 @@ def test_a_search_of_a_model_with_memory_begins_with_some_recordings(text, monke
     assert result.parameters["T"].value == pytest.approx(0.5, rel=0.02)
 
 
-def test_a_search_is_given_up_where_an_earlier_one_was_as_good():
+def test_a_search_is_abandoned_if_an_earlier_one_was_as_good():
     data, start = problem()
     compiled = CompiledProblem(ProblemSetup(TEXT, data, start, "y", node="m", smoothness=1e-3).problem())
     continuation, limits = Continuation.of(compiled), linear_limits(compiled.problem, compiled.values)

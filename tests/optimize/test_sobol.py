@@ -12,7 +12,7 @@ def points(count, dimensions, seed=0):
     return np.array([sobol(i, dimensions, seed) for i in range(count)])
 
 
-def test_the_sequence_is_that_of_scipy_but_for_the_shift():
+def test_the_sequence_is_that_of_scipy_except_for_the_shift():
     from scipy.stats import qmc
 
     ours = (points(64, 64) * 2**32).astype(np.uint64)

@@ -40,39 +40,39 @@ def problem(**changes):
 
 
 def test_a_step_frees_locks_and_smooths_by_name_or_pattern():
-    made = step_problem(problem(), Step(free=["C"], lock={"C*": BREAKPOINTS < 1}, smoothness={"C": 7.0}))
-    assert made.free_names == ("C",)
-    assert made.parameters["C"].locked.tolist() == (BREAKPOINTS < 1).tolist()
-    assert made.factors("C") == (7.0,)
+    changed = step_problem(problem(), Step(free=["C"], lock={"C*": BREAKPOINTS < 1}, smoothness={"C": 7.0}))
+    assert changed.free_names == ("C",)
+    assert changed.parameters["C"].locked.tolist() == (BREAKPOINTS < 1).tolist()
+    assert changed.factors("C") == (7.0,)
     assert step_problem(problem(), Step(smoothness=3)).factors("C") == (3.0,)
     assert step_problem(problem(), Step()).factors("C") == (2.0,)
 
 
-def test_a_step_drops_the_pins_of_what_it_holds():
+def test_a_step_drops_the_pins_of_its_fixed_values():
     assert with_fixed_limits(step_problem(problem(), Step(free=["k"]))).pins == ()
     assert len(with_fixed_limits(step_problem(problem(), Step(free=["C"]))).pins) == 1
 
 
-def test_an_equality_counts_what_a_step_holds_as_it_stands():
+def test_an_equality_counts_fixed_values_of_a_step_as_constants():
     sums = Equality([Term("C", (0.75,), 2.0), Term("k", (), -1.0)], 0.3)
     shape = Shape("C", 0, "slope", lower=0.0)
-    given = problem(pins=(), constraints=(sums, shape))
-    assert with_fixed_limits(step_problem(given, Step())).constraints == (sums, shape)
-    assert with_fixed_limits(step_problem(given, Step(free=["C"]))).constraints == (
+    posed = problem(pins=(), constraints=(sums, shape))
+    assert with_fixed_limits(step_problem(posed, Step())).constraints == (sums, shape)
+    assert with_fixed_limits(step_problem(posed, Step(free=["C"]))).constraints == (
         Equality([Term("C", (0.75,), 2.0)], 1.8),
         shape,
     )
-    assert with_fixed_limits(step_problem(given, Step(free=["k"]))).constraints == (
+    assert with_fixed_limits(step_problem(posed, Step(free=["k"]))).constraints == (
         Equality([Term("k", (), -1.0)], -1.7),
     )
 
 
-def test_another_weight_leaves_all_else_of_a_criterion():
+def test_another_weight_does_not_change_the_rest_of_a_criterion():
     regions = [kf.Region("q > 1", 4.0)]
     own = kf.Criterion("m", "y", 3.0, "huber", 0.5, 2.0, weight_channel="q", regions=regions)
-    given = problem()
-    (made,) = step_problem(replace(given, criteria=(own,)), Step(criteria={"m": 7.0})).criteria
-    assert made == replace(own, weight=7.0)
+    posed = problem()
+    (criterion,) = step_problem(replace(posed, criteria=(own,)), Step(criteria={"m": 7.0})).criteria
+    assert criterion == replace(own, weight=7.0)
 
 
 @pytest.mark.parametrize(
@@ -87,17 +87,17 @@ def test_another_weight_leaves_all_else_of_a_criterion():
     ],
 )
 def test_a_step_names_its_criteria_and_their_weights(criteria, weights):
-    made = step_problem(problem(), Step(criteria=criteria))
-    assert {c.node: c.weight for c in made.criteria if c.weight} == weights
+    changed = step_problem(problem(), Step(criteria=criteria))
+    assert {c.node: c.weight for c in changed.criteria if c.weight} == weights
 
 
-def test_the_whole_of_a_sequence_moves_what_any_step_moves():
+def test_the_problem_of_a_sequence_frees_values_that_any_step_frees():
     first, second = Step(free=["C"], lock={"C": BREAKPOINTS < 2}), Step(free=["k"])
-    made = sequence_problem(problem(), [first, second])
-    assert set(made.free_names) == {"C", "k"}
-    assert made.parameters["C"].locked.tolist() == (BREAKPOINTS < 2).tolist()
-    both = sequence_problem(problem(), [first, Step(lock={"C": BREAKPOINTS > 1})])
-    assert both.parameters["C"].locked.tolist() == ((BREAKPOINTS > 1) & (BREAKPOINTS < 2)).tolist()
+    union = sequence_problem(problem(), [first, second])
+    assert set(union.free_names) == {"C", "k"}
+    assert union.parameters["C"].locked.tolist() == (BREAKPOINTS < 2).tolist()
+    locking = sequence_problem(problem(), [first, Step(lock={"C": BREAKPOINTS > 1})])
+    assert locking.parameters["C"].locked.tolist() == ((BREAKPOINTS > 1) & (BREAKPOINTS < 2)).tolist()
 
 
 def test_steps_follow_each_other_and_the_trace_names_them():
@@ -110,13 +110,13 @@ def test_steps_follow_each_other_and_the_trace_names_them():
     assert result.cost_after < result.cost_before
 
 
-def test_a_parameter_that_no_step_frees_stays():
+def test_a_parameter_that_no_step_frees_keeps_its_values():
     result = sequence(Step(free=["C"]), Step(free=["C"]))
     assert result.parameters["k"].value == 1.5
     assert (result.free_values, result.fixed_values) == (9, 1)
 
 
-def test_a_step_may_free_what_the_problem_holds():
+def test_a_step_may_free_fixed_values_of_the_problem():
     result = sequence(Step(free=["k"]), free=["C"])
     assert result.parameters["k"].value != 1.5
     assert result.parameters["C"].values.tolist() == [1.0] * 9
@@ -173,7 +173,7 @@ def test_limits_of_outputs_hold_for_every_start(limited):
 
 
 @pytest.mark.slow
-def test_limits_of_outputs_hold_alike_in_processes(limited):
+def test_limits_of_outputs_hold_in_worker_processes(limited):
     again = limited_starts(workers=2)
     assert [row.as_json() for row in limited.starts] == [row.as_json() for row in again.starts]
 
@@ -184,7 +184,7 @@ def test_a_step_has_its_own_iterations():
     assert [line.stage for line in result.trace] == ["step 1: plain"] * 2 + ["step 2: plain"] * 3
 
 
-def test_a_step_that_cannot_be_done_ends_the_sequence_and_is_named():
+def test_a_failing_step_ends_the_sequence_and_is_named():
     steps = Step(free=["k"]), Step(name="held", lock={"C": True}), Step()
     result = sequence(*steps, pins=[kf.Pin("C", (0.0,), 3.0)])
     assert result.status == "infeasible"
@@ -192,7 +192,7 @@ def test_a_step_that_cannot_be_done_ends_the_sequence_and_is_named():
     assert {line.stage for line in result.trace} == {"step 1: plain"}
 
 
-def test_a_sequence_whose_pins_contradict_never_begins():
+def test_a_sequence_with_contradictory_pins_does_not_start():
     pins = [kf.Pin("C", (0.0,), 1.0), kf.Pin("C", (0.0,), 2.0)]
     result = sequence(Step(), Step(), pins=pins)
     assert (result.status, len(result.starts), len(result.trace)) == ("infeasible", 1, 0)
@@ -212,13 +212,13 @@ def test_a_request_to_stop_ends_the_whole_sequence():
 @pytest.mark.slow
 def test_a_sequence_from_several_starts_does_not_depend_on_the_starts_before():
     steps = (Step(free=["k"], criteria=["n"]), Step(free=["C"], grid_reduction=2), Step())
-    one, two = (sequence(*steps, options={"starts": 3, "workers": n, "seed": 5}) for n in (1, 2))
-    assert [row.as_json() for row in one.starts] == [row.as_json() for row in two.starts]
-    assert one.parameters["C"].values.tolist() == two.parameters["C"].values.tolist()
+    first, second = (sequence(*steps, options={"starts": 3, "workers": n, "seed": 5}) for n in (1, 2))
+    assert [row.as_json() for row in first.starts] == [row.as_json() for row in second.starts]
+    assert first.parameters["C"].values.tolist() == second.parameters["C"].values.tolist()
 
 
 @pytest.mark.parametrize(
-    ("step", "said"),
+    ("step", "message"),
     [
         (Step(free=["D"]), "step 2 free: D matches no parameter"),
         (Step(lock={"CC": True}), "step 2 lock: CC matches no parameter. Did you mean C?"),
@@ -232,8 +232,8 @@ def test_a_sequence_from_several_starts_does_not_depend_on_the_starts_before():
         (Step(free=[]), "no parameter that the function uses is free"),
     ],
 )
-def test_what_does_not_suit_the_problem_is_named_with_its_step(step, said):
-    with pytest.raises(kf.InputError, match=said):
+def test_errors_of_a_step_are_reported_with_its_number(step, message):
+    with pytest.raises(kf.InputError, match=message):
         sequence(Step(), step)
 
 
@@ -241,7 +241,7 @@ def test_what_does_not_suit_the_problem_is_named_with_its_step(step, said):
     ("key", "value"),
     [("free", "C"), ("grid_reduction", 0), ("grid_reduction", {"C": 1.5}), ("max_iterations", 0), ("tolerance", 0.0)],
 )
-def test_a_step_that_makes_no_sense_is_refused(key, value):
+def test_an_invalid_step_is_refused(key, value):
     with pytest.raises(ValueError, match=key):
         Step(**{key: value})
 
@@ -284,8 +284,8 @@ KINKED = {"x": X, "y": np.abs(X - 1.13)}
     ],
 )
 def test_breakpoints_that_move_are_carried_from_step_to_step_and_from_start_to_result(options):
-    given = kf.Options(continuation="off", **options)
-    result = kf.calibrate(TEXT, KINKED, hinge(np.linspace(0, 3, 5)), "y", node="m", options=given)
+    settings = kf.Options(continuation="off", **options)
+    result = kf.calibrate(TEXT, KINKED, hinge(np.linspace(0, 3, 5)), "y", node="m", options=settings)
     points = result.parameters["C"].axes[0].breakpoints
     assert np.abs(points - 1.13).min() < 0.02
     assert result.quality[0].rmse_after < 0.01
@@ -293,14 +293,14 @@ def test_breakpoints_that_move_are_carried_from_step_to_step_and_from_start_to_r
     assert np.sum(error**2) == pytest.approx(result.cost_after, rel=1e-9, abs=1e-20)
 
 
-def test_on_a_coarse_grid_breakpoints_stand_still():
+def test_breakpoints_do_not_move_on_a_coarse_grid():
     start = hinge(np.linspace(0, 3, 5))
     options = kf.Options(steps=[Step(grid_reduction=2)])
     result = kf.calibrate(TEXT, KINKED, start, "y", node="m", options=options)
     assert result.parameters["C"].axes[0].breakpoints.tolist() == start["C"].axes[0].breakpoints.tolist()
 
 
-def test_a_group_axis_stands_still_in_a_step_that_fits_one_of_its_tables():
+def test_a_group_axis_does_not_move_in_a_step_that_fits_one_of_its_tables():
     axis = kf.Axis(np.linspace(0, 3, 5), name="AxisX", free=True)
     start = kf.ParameterSet([kf.Curve("A", axis, np.zeros(5)), kf.Curve("B", axis, np.zeros(5))])
     for steps, moves in (([Step(free=["A"])], False), ([Step(free=["A"]), Step()], True)):

@@ -19,11 +19,11 @@ def problem(*parameters, free=("*",)):
 
 
 def starts(*parameters, count=33, seed=0, spread=0.5):
-    made = problem(*parameters)
-    return [draw_start(made, number, seed, spread) for number in range(1, count + 1)]
+    posed = problem(*parameters)
+    return [draw_start(posed, number, seed, spread) for number in range(1, count + 1)]
 
 
-def test_the_first_start_is_the_given_one():
+def test_the_first_start_is_the_initial_one():
     table = kf.Map("M", X, Y, np.add.outer(X, Y))
     assert starts(table, count=1)[0]["M"].tolist() == table.values.tolist()
 
@@ -46,7 +46,7 @@ def test_a_value_of_zero_is_drawn_around_zero_within_the_spread():
 
 
 @pytest.mark.parametrize("bounds", [{}, {"lower": 0.0, "upper": 400.0}])
-def test_a_table_changes_smoothly_and_not_by_its_level_alone(bounds):
+def test_a_table_changes_smoothly_and_in_its_shape(bounds):
     table = kf.Map("M", np.linspace(0, 1, 21), np.linspace(0, 1, 31), np.full((21, 31), 200.0), **bounds)
     for start in starts(table)[1:]:
         change = start["M"] - 200.0
@@ -61,8 +61,8 @@ def test_locked_values_and_parameters_that_are_not_free_stay():
     locked = np.zeros((5, 7), bool)
     locked[1:3] = True
     table = kf.Map("M", X, Y, np.add.outer(X, Y), locked=locked)
-    made = problem(table, kf.Scalar("k", 1.0), free=("M",))
-    start = draw_start(made, 5, 0, 0.5)
+    posed = problem(table, kf.Scalar("k", 1.0), free=("M",))
+    start = draw_start(posed, 5, 0, 0.5)
     assert list(start) == ["M"]
     assert np.array_equal(start["M"][locked], table.values[locked])
     assert np.all(start["M"][~locked] != table.values[~locked])
@@ -76,7 +76,7 @@ def test_locked_values_and_parameters_that_are_not_free_stay():
     st.floats(0, 300),
     st.sampled_from(["both", "lower", "upper", "some"]),
 )
-def test_no_start_leaves_its_bounds(seed, number, low, width, kind):
+def test_starts_stay_within_their_bounds(seed, number, low, width, kind):
     lower, upper = np.full((5, 7), low), np.full((5, 7), low + width)
     if kind in ("lower", "some"):
         upper[1 if kind == "some" else slice(None)] = np.inf
@@ -99,6 +99,6 @@ def test_the_distance_is_relative_and_counts_parameters_alike():
     best = {"M": np.full((10, 10), 200.0), "k": np.array(2.0)}
     assert distance(best, best) == 0
     assert distance({"M": best["M"] * 1.01, "k": best["k"] * 1.01}, best) == pytest.approx(0.01)
-    one, other = ({**best, name: best[name] * 1.1} for name in best)
-    assert distance(one, best) == pytest.approx(distance(other, best))
+    nearby, other = ({**best, name: best[name] * 1.1} for name in best)
+    assert distance(nearby, best) == pytest.approx(distance(other, best))
     assert distance({"k": np.array(0.5)}, {"k": np.array(0.0)}) == 0.5

@@ -124,7 +124,7 @@ def test_another_implementation_fits_the_same_values(size):
     assert end.values == pytest.approx(expected.values, rel=1e-5, abs=1e-5)
 
 
-def test_a_whole_calibration_needs_no_more_than_the_protocol(monkeypatch):
+def test_a_calibration_needs_only_the_protocol(monkeypatch):
     """Continuation, output limits and the uncertainty of the values are included."""
     limited = replace(torque_problem(count=150, size=3), limits=(kf.Limit("torque", upper=190.0),))
     expected = run(limited, Options(max_iterations=5))

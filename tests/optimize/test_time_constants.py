@@ -24,7 +24,7 @@ def lower(text, *parameters, **options):
 
 
 @pytest.mark.parametrize("start", [0.5, 20.0, -1.0])
-def test_a_lag_that_is_not_there_is_found_to_be_zero(start):
+def test_the_time_constant_of_a_missing_lag_is_fitted_to_zero(start):
     result = kf.calibrate("y = PT1(u, T)", DATA, {"T": start}, "m")
     assert result.converged
     assert result.parameters["T"].value == pytest.approx(0.0, abs=1e-3)
@@ -32,40 +32,40 @@ def test_a_lag_that_is_not_there_is_found_to_be_zero(start):
     assert "rejected" not in result.message
 
 
-def test_a_start_below_zero_is_moved_and_that_is_said():
+def test_a_start_below_zero_is_moved_with_a_message():
     result = kf.calibrate("y = PT1(u, T)", DATA, {"T": -1.0}, "m")
     assert "start" in result.message
     assert not np.isfinite(result.cost_before)
 
 
-def test_a_curve_that_ends_at_zero_does_not_hold_up_the_other_values():
+def test_a_curve_that_ends_at_zero_does_not_stop_the_other_values():
     result = kf.calibrate("y = PT1(u, Lag(u))", DATA, kf.ParameterSet([lag()]), "m")
     assert result.converged
     assert np.all(result.parameters["Lag"].values >= 0)
     assert result.quality[0].rmse_after == pytest.approx(0.01, rel=0.05)
 
 
-def test_bounds_of_ones_own_stay_where_they_are_narrower():
+def test_narrower_bounds_of_the_user_stay():
     assert lower("y = PT1(u, Lag(u))", lag(lower=[-1.0, 0.2, -np.inf])) == [0.0, 0.2, 0.0]
 
 
-def test_a_table_that_is_also_something_else_stays_free():
+def test_a_table_with_another_use_has_no_bounds():
     assert lower("y = PT1(u, Lag(u)) + Lag(2 * u)", lag()) == [-np.inf] * 3
 
 
-def test_a_part_of_a_time_constant_stays_free():
+def test_a_part_of_a_time_constant_has_no_bounds():
     assert lower("y = PT1(u, Lag(u) + 1)", lag()) == [-np.inf] * 3
 
 
-def test_locked_values_stay_as_they_are():
+def test_locked_values_have_no_bounds():
     assert lower("y = PT1(u, Lag(u))", lag(locked=[True, False, False])) == [-np.inf, 0.0, 0.0]
 
 
-def test_parameters_that_may_only_be_negative_stay_as_they_are():
+def test_negative_parameters_keep_their_bounds():
     assert lower("y = PT1(u, Lag(u))", lag(upper=[-1.0, 1.0, 1.0])) == [-np.inf] * 3
 
 
-def test_parameters_that_are_not_fitted_stay_as_they_are():
+def test_parameters_that_are_not_fitted_keep_their_bounds():
     assert lower("y = PT1(u, Lag(u)) + a", lag(), kf.Scalar("a", 1.0), free=["a"]) == [-np.inf] * 3
 
 

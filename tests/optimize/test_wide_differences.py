@@ -21,7 +21,7 @@ def fitted(model, start, target, **options):
 
 
 @pytest.mark.slow
-def test_a_fit_goes_on_where_events_hide_the_slope(resetting):
+def test_a_fit_continues_if_events_hide_the_slope(resetting):
     target = kf.simulate(resetting, INPUTS, TRUTH)["y"].values
     options = kf.Options(max_iterations=1000)
     result = fitted(resetting, {"k": 8.0, "T": 1.5, "limit": 10.0}, target, options=options)
@@ -32,7 +32,7 @@ def test_a_fit_goes_on_where_events_hide_the_slope(resetting):
     assert "events move with parameters" in " ".join(finding.message for finding in result.warnings)
 
 
-def test_a_fit_without_events_ends_by_its_own_slopes():
+def test_a_fit_without_events_uses_its_own_slopes():
     model = kf.formula("y = lag.y(u)", functions=[lag_function()])
     target = kf.simulate(model, INPUTS, {"k": 1.3, "T": 0.6})["y"].values
     target = target + 0.05 * np.random.default_rng(1).standard_normal(TIME.size)
@@ -45,7 +45,7 @@ def test_a_fit_without_events_ends_by_its_own_slopes():
 RELAY = "y = PT1(k*hysteresis(u, on, off), T)"
 
 
-def test_thresholds_without_a_slope_carry_the_warning_of_the_check():
+def test_thresholds_without_a_slope_have_the_warning_of_the_check():
     target = kf.simulate(RELAY, INPUTS, {"k": 3.0, "on": 1.0, "off": 0.5, "T": 0.8})["y"].values
     result = fitted(RELAY, {"k": 2.0, "on": 1.95, "off": 0.25, "T": 1.0}, target)
     [finding] = [warning for warning in result.warnings if "jumps" in warning.message]
@@ -53,7 +53,7 @@ def test_thresholds_without_a_slope_carry_the_warning_of_the_check():
     assert finding.remedy == 'Write method = "global", and bounds for on, off.'
 
 
-def test_thresholds_on_which_no_cost_depends_carry_no_warning():
+def test_thresholds_without_effect_on_the_cost_have_no_warning():
     target = kf.simulate(RELAY, INPUTS, {"k": 3.0, "on": 1.0, "off": 0.7, "T": 0.8})["y"].values
     target = target + 0.05 * np.random.default_rng(1).standard_normal(TIME.size)
     start = {"k": 2.0, "on": 1.0, "off": 0.7, "T": 1.0}

@@ -16,7 +16,7 @@ def point(start):
 
 @pytest.fixture
 def pool(monkeypatch):
-    """Makes a pool whose workers end at their first, second, ... message if `ends` says so."""
+    """Return a function that makes a pool whose workers end at their first, second, ... message if `ends` says so."""
 
     def make(starts, workers, ends):
         numbers = iter(range(100))
@@ -42,14 +42,14 @@ def pool(monkeypatch):
 
         monkeypatch.setattr(worker_pool, "_Worker", Worker)
         return _Pool(
-            b"", [point(start) for start in range(1, starts + 1)], workers, lambda line: None, lambda kept: None
+            b"", [point(start) for start in range(1, starts + 1)], workers, lambda line: None, lambda states: None
         )
 
     return make
 
 
 @pytest.mark.parametrize("ends", [{0: 1}, {0: 1, 1: 1}, {0: 1, 1: 1, 2: 1, 3: 1}])
-def test_starts_whose_workers_end_have_failed_and_the_others_run(pool, ends):
+def test_starts_whose_workers_end_fail_and_the_others_run(pool, ends):
     outcomes = {outcome.row.start: outcome.row for outcome in pool(8, 4, ends).run()}
     assert sorted(outcomes) == list(range(1, 9))
     failed = [row for row in outcomes.values() if row.status == "failed"]
@@ -57,10 +57,10 @@ def test_starts_whose_workers_end_have_failed_and_the_others_run(pool, ends):
     assert {row.message for row in failed} == {"The worker process of this start ended: killed (SIGKILL)."}
 
 
-def test_workers_that_end_before_they_are_ready_are_done_without(pool):
+def test_the_pool_runs_without_workers_that_end_early(pool):
     outcomes = pool(6, 4, {0: 0, 2: 0}).run()
     assert [outcome.row.status for outcome in outcomes] == ["converged"] * 6
 
 
-def test_without_any_worker_no_start_has_run(pool):
+def test_no_start_runs_without_a_worker(pool):
     assert pool(6, 2, dict.fromkeys(range(100), 0)).run() == []

@@ -35,7 +35,7 @@ def share_of(result):
     "text", mostly_slow(["m = A(x, z)", "m = 40 * tanh(A(x, z) / 40)"], ["m = 40 * tanh(A(x, z) / 40)"])
 )
 @pytest.mark.parametrize("seed", mostly_slow(range(4), 2))
-def test_the_share_that_is_named_makes_smoothness_yield(seed, text):
+def test_the_suggested_share_of_smoothness_restores_the_fit(seed, text):
     smoothness = 10.0 ** (1 + seed % 3)
     worse = rough_map(seed, smoothness, text)
     assert worse.converged
@@ -57,7 +57,7 @@ def test_a_smoothness_of_any_size_is_named_as_the_cause(smoothness):
     assert warning.remedy.startswith("Multiply the smoothness by about ")
 
 
-def test_a_fit_that_is_worse_on_test_data_alone_is_told():
+def test_a_fit_that_is_worse_on_test_data_alone_has_a_warning():
     x = np.linspace(0, 1, 8)
     data = {"x": x, "y": x + 0.3 * np.sin(40 * x)}
     test = {"x": np.linspace(0, 1, 50), "y": np.linspace(0, 1, 50)}
@@ -67,7 +67,7 @@ def test_a_fit_that_is_worse_on_test_data_alone_is_told():
     assert "Add training data there" in warning.remedy
 
 
-def test_a_criterion_that_others_outweigh_is_told():
+def test_a_criterion_that_others_outweigh_has_a_warning():
     x = np.linspace(0, 1, 20)
     criteria = [kf.Criterion("m", "y", 100.0), kf.Criterion("m", "z")]
     (warning,) = kf.calibrate("m = k * x", {"x": x, "y": 2 * x, "z": x}, {"k": 1.2}, criteria=criteria).warnings
@@ -75,7 +75,7 @@ def test_a_criterion_that_others_outweigh_is_told():
     assert "Increase its weight" in warning.remedy
 
 
-def test_a_criterion_that_does_not_count_is_not_missed():
+def test_a_criterion_of_weight_zero_has_no_warning():
     x = np.linspace(0, 1, 20)
     criteria = [kf.Criterion("m", "y"), kf.Criterion("n", "z", 0.0)]
     result = kf.calibrate("m = k * x\nn = m", {"x": x, "y": 2 * x, "z": x}, {"k": 1.2}, criteria=criteria)
@@ -83,7 +83,7 @@ def test_a_criterion_that_does_not_count_is_not_missed():
     assert result.warnings == ()
 
 
-def test_limits_that_the_start_does_not_keep_are_the_cause():
+def test_limits_that_the_start_violates_are_named_as_the_cause():
     x = np.linspace(0, 1, 20)
     start = kf.ParameterSet([kf.Scalar("k", 2.0)])
     (warning,) = kf.calibrate(
@@ -100,7 +100,7 @@ def test_a_fit_that_gains_or_ends_in_rounding_has_no_warning(start):
     assert result.as_json()["warnings"] == []
 
 
-def test_text_notebook_and_json_tell_it():
+def test_text_notebook_and_json_contain_the_warning():
     result = rough_map(0, 10.0)
     assert str(result).splitlines()[-1] == f"warning: {result.warnings[0]}"
     assert "Smoothness outweighs the data" in result._repr_html_()

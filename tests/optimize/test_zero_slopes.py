@@ -1,4 +1,4 @@
-"""Starts that cannot move: they are found, left with as few changes as possible, and never called converged."""
+"""Starts that cannot move: they are detected, left with few changes, and never called converged."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_the_fewest_parameters_leave_zero(text, parameters, stuck, levels):
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_a_square_at_zero_is_fitted_whatever_its_size(scale):
+def test_a_square_of_any_size_at_zero_is_fitted(scale):
     result = fitted(f"y = {scale} * a^2 * u", SCALARS[0], data=DATA | {"t": 4 * U})
     assert result.converged
     assert abs(result.parameters["a"].value) == pytest.approx(2 / np.sqrt(scale), rel=1e-6)
@@ -86,7 +86,7 @@ def test_parameters_without_a_unit_are_the_factors():
     ],
     ids=["sum", "one factor", "locked factor", "bounded factor", "lookup", "condition", "outside the data", "failing"],
 )
-def test_starts_that_can_move_or_that_nothing_helps_are_left_alone(text, parameters):
+def test_starts_that_can_move_or_cannot_be_improved_stay(text, parameters):
     assert departed(text, *parameters) is None
 
 
@@ -113,7 +113,7 @@ def test_the_torque_formula_is_fitted_from_zeros_as_from_a_good_start():
     assert "CurveEtaDeltaSpark = 1 instead of 0" in result.message
 
 
-def test_bounds_locks_and_pins_hold_where_a_start_is_moved():
+def test_bounds_locks_and_pins_hold_if_a_start_is_moved():
     locked = np.arange(6) == 2
     pins = [kf.Pin("B", (3.5,), 0.4)]
     member = curve("B", lower=-0.5, upper=0.5, locked=locked)
@@ -130,7 +130,7 @@ def test_a_factor_that_may_only_be_negative_moves_down():
     assert moved.levels == {"a": -0.5}
 
 
-def test_zeros_that_are_the_optimum_are_kept():
+def test_zeros_at_the_optimum_stay():
     nothing = DATA | {"t": np.zeros(400)}
     result = fitted("y = A(u) * B(v)", curve("A"), curve("B"), data=nothing)
     assert result.converged
@@ -138,7 +138,7 @@ def test_zeros_that_are_the_optimum_are_kept():
     assert not result.parameters["B"].values.any()
 
 
-def test_zeros_that_no_move_within_the_bounds_improves_are_kept():
+def test_zeros_that_no_move_within_the_bounds_improves_stay():
     below = DATA | {"t": -DATA["t"]}
     result = fitted("y = A(u) * B(v)", curve("A", lower=0.0), curve("B", lower=0.0), data=below)
     assert result.converged
@@ -146,14 +146,14 @@ def test_zeros_that_no_move_within_the_bounds_improves_are_kept():
     assert "could not move" not in result.message
 
 
-def test_a_value_at_its_bound_that_switches_another_off_is_no_saddle():
+def test_a_value_at_its_bound_that_switches_another_off_does_not_count_as_a_saddle():
     data = DATA | {"t": 2 * U}
     result = fitted("y = a * u + b * c * (v - 10)^2", *SCALARS[:2], kf.Scalar("c", 1.0), data=data)
     assert result.converged
     assert rmse(result) < 1e-9
 
 
-def test_a_descent_that_ends_at_a_saddle_goes_on():
+def test_a_descent_that_ends_at_a_saddle_continues():
     """The coordinate of the table is clipped at its end until the table has a slope there."""
     data = DATA | {"t": 1.0 + np.interp(2 * V, GRID, B) * U}
     result = fitted("y = b * u + c * w * B(a * v)", *SCALARS, curve("B"), data=data)
@@ -169,14 +169,14 @@ def test_steps_of_a_sequence_that_fit_one_factor_each_do_not_stay_at_zero():
     assert rmse(result) < 1e-6
 
 
-def test_the_first_of_several_starts_moves_too():
+def test_the_first_of_several_starts_moves():
     options = kf.Options(starts=2, workers=1)
     result = fitted("y = A(u) * B(v)", curve("A"), curve("B"), options=options)
     assert all(row.cost_after < 1e-6 for row in result.starts)
 
 
 @pytest.mark.parametrize("smoothness", [1e-3, pytest.param("auto", marks=pytest.mark.slow)])
-def test_smoothness_does_not_hide_that_nothing_moves(smoothness):
+def test_a_start_without_slope_is_detected_despite_smoothness(smoothness):
     result = fitted("y = A(u) * B(v)", curve("A"), curve("B"), smoothness=smoothness)
     assert rmse(result) < 0.1 * result.quality[0].rmse_before
 
@@ -193,7 +193,7 @@ def test_a_model_with_memory_leaves_zero():
     assert rmse(result) < 1e-4
 
 
-def test_the_same_start_is_left_the_same_way_every_time():
+def test_leaving_a_start_is_reproducible():
     ends = [fitted("y = A(u) * B(v)", curve("A"), curve("B")).parameters["A"].values for _ in range(2)]
     assert np.array_equal(*ends)
 

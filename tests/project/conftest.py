@@ -94,7 +94,7 @@ class Workshop:
         return Project.read(self.path)
 
     def findings(self) -> list[Finding]:
-        """What reading or checking finds. Lines of the project file are compared with its text, and then left out."""
+        """Findings of reading or checking. Lines of the project file are compared with its text, and then left out."""
         try:
             findings = self.project.check()
         except InputError as error:

@@ -98,8 +98,8 @@ def test_the_choice_is_that_of_all_data(tmp_path, write, size, blocks, closeness
     for name, factors in plain.smoothness.items():
         for axis, factor in factors.items():
             assert parted.smoothness[name][axis] == pytest.approx(factor, rel=closeness)
-    for one, other in zip(plain.quality, parted.quality, strict=True):
-        assert other.rmse_after == pytest.approx(one.rmse_after, rel=0.01 * closeness)
+    for row, other in zip(plain.quality, parted.quality, strict=True):
+        assert other.rmse_after == pytest.approx(row.rmse_after, rel=0.01 * closeness)
 
 
 @pytest.mark.slow
@@ -121,25 +121,25 @@ def test_a_step_chooses_its_factors_in_partitions(tmp_path):
 def test_blocks_are_those_of_all_data(tmp_path, write, size):
     """The block of a recording that is cut goes on in the next partition."""
     plain, parted = (CompiledProblem(project.problem()) for project in pair(write(tmp_path), size))
-    one, other = HoldoutBlocks.of(plain), HoldoutBlocks.of(parted)
-    assert one.sizes.tolist() == other.sizes.tolist()
-    assert BLOCKS - 2 <= one.sizes.size <= BLOCKS
+    plain_blocks, parted_blocks = HoldoutBlocks.of(plain), HoldoutBlocks.of(parted)
+    assert plain_blocks.sizes.tolist() == parted_blocks.sizes.tolist()
+    assert BLOCKS - 2 <= plain_blocks.sizes.size <= BLOCKS
     values = plain.start * 1.01
-    for left, right in zip(one.linearise(values), other.linearise(values), strict=True):
-        assert right.misfit == pytest.approx(left.misfit, rel=1e-10)
-        assert right.share == left.share
-        np.testing.assert_allclose(right.gradient, left.gradient, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(right.matrix, left.matrix, rtol=1e-9, atol=1e-9)
+    for first, second in zip(plain_blocks.linearise(values), parted_blocks.linearise(values), strict=True):
+        assert second.misfit == pytest.approx(first.misfit, rel=1e-10)
+        assert second.share == first.share
+        np.testing.assert_allclose(second.gradient, first.gradient, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(second.matrix, first.matrix, rtol=1e-9, atol=1e-9)
 
 
 def test_many_short_recordings_are_held_out_together_in_partitions(tmp_path):
     path = write_timed(tmp_path, files=12, samples=60, growth=5, text=TIMED.replace("smoothness = 1e-4", AUTO))
     plain, parted = (CompiledProblem(project.problem()) for project in pair(path, 300))
-    one, other = HoldoutBlocks.of(plain), HoldoutBlocks.of(parted)
-    assert (one.numbers != NEVER).any()
-    assert one.sizes.tolist() == other.sizes.tolist()
-    for left, right in zip(one.linearise(plain.start), other.linearise(plain.start), strict=True):
-        assert right.misfit == pytest.approx(left.misfit, rel=1e-10)
+    plain_blocks, parted_blocks = HoldoutBlocks.of(plain), HoldoutBlocks.of(parted)
+    assert (plain_blocks.numbers != NEVER).any()
+    assert plain_blocks.sizes.tolist() == parted_blocks.sizes.tolist()
+    for first, second in zip(plain_blocks.linearise(plain.start), parted_blocks.linearise(plain.start), strict=True):
+        assert second.misfit == pytest.approx(first.misfit, rel=1e-10)
 
 
 @pytest.mark.parametrize(("size", "closeness"), [(2500, 1e-12), (700, 0.15)])
@@ -159,9 +159,9 @@ def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, siz
     assert parted.shifts["drives"]["y"] == pytest.approx(-0.34, abs=0.01)
     assert parted.message == plain.message
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-10)
-    for one, other in zip(plain.quality, parted.quality, strict=True):
-        assert (other.dataset, other.samples) == (one.dataset, one.samples)
-        assert other.rmse_after == pytest.approx(one.rmse_after, rel=1e-8)
+    for row, other in zip(plain.quality, parted.quality, strict=True):
+        assert (other.dataset, other.samples) == (row.dataset, row.samples)
+        assert other.rmse_after == pytest.approx(row.rmse_after, rel=1e-8)
     assert parted.trust.noise["Y"] == pytest.approx(plain.trust.noise["Y"], rel=1e-3)
 
 
@@ -173,7 +173,7 @@ def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, siz
         pytest.param("memory", 2, 250, 150, marks=pytest.mark.slow),
     ],
 )
-def test_a_shift_scanned_on_a_part_is_refined_on_all_samples(tmp_path, model, files, samples, size, monkeypatch):
+def test_a_shift_scanned_on_some_samples_is_refined_on_all(tmp_path, model, files, samples, size, monkeypatch):
     path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)
     plain = Project.read(path).calibrate()
     scan_a_part(monkeypatch, 900 if samples > 300 else 200)

@@ -69,7 +69,7 @@ def test_a_project_is_calibrated_on_decoded_signals(project, dbc):
     assert parameters["Offset"].value == pytest.approx(10.0, rel=0.1)
 
 
-def test_partitions_are_decoded_alike(project):
+def test_partitions_are_decoded_like_whole_files(project):
     path = project('dbc = "engine.dbc"')
     plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 20)))
     assert parted.sums.cost(parted.start) == pytest.approx(plain.sums.cost(plain.start), rel=1e-12)
@@ -90,20 +90,20 @@ def test_a_bus_log_without_a_database_names_the_key(project):
     assert 'dbc = ["engine.dbc"] in the [[dataset]]' in messages[0]
 
 
-def test_a_database_that_is_not_there_is_an_error_of_its_key(project):
+def test_a_missing_database_is_an_error_of_its_key(project):
     assert findings(project('dbc = "enigne.dbc"')) == [
         "kennfeld.toml line 10 [[dataset]] 1 dbc: enigne.dbc matches no file. Did you mean engine.dbc?"
     ]
 
 
-def test_a_database_of_another_bus_decodes_nothing(project):
+def test_a_database_of_another_bus_decodes_no_signals(project):
     messages = findings(project('dbc = { file = "engine.dbc", bus = 2 }'))
     assert "none of its identifiers is described by engine.dbc" in messages[0]
     assert messages[0].endswith("Check the database, and its bus if one is stated.")
 
 
 @pytest.mark.parametrize(
-    ("dbc", "said"),
+    ("dbc", "message"),
     [
         ("dbc = 3", "must be a file, got 3. Write dbc ="),
         ("dbc = { bus = 1 }", "file: the key is missing"),
@@ -111,10 +111,10 @@ def test_a_database_of_another_bus_decodes_nothing(project):
         ('dbc = { file = "engine.dbc", network = "FlexRay" }', "network"),
     ],
 )
-def test_other_values_are_refused_with_their_line(project, dbc, said):
+def test_invalid_values_are_refused_with_their_line(project, dbc, message):
     messages = findings(project(dbc))
     assert messages[0].startswith("kennfeld.toml line 10 [[dataset]] 1 dbc")
-    assert said in messages[0]
+    assert message in messages[0]
 
 
 def test_a_message_of_a_raster_of_its_own_needs_a_raster(project, tmp_path):

@@ -47,11 +47,11 @@ def make(tmp_path):
     (tmp_path / "d.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
     (tmp_path / "m.kf").write_text(TEXT, encoding="utf-8")
 
-    def made(*sections):
+    def build(*sections):
         (tmp_path / "kennfeld.toml").write_text("\n".join([TOML, *sections]), encoding="utf-8")
         return Project.read(tmp_path / "kennfeld.toml")
 
-    return made
+    return build
 
 
 SAVING = "[optimizer]\nsave_every = 2"
@@ -59,11 +59,11 @@ SAVING = "[optimizer]\nsave_every = 2"
 
 def after(count):
     """A progress that stops after so many steps."""
-    seen = []
+    lines = []
 
     def watch(line):
-        seen.append(line)
-        if len(seen) >= count:
+        lines.append(line)
+        if len(lines) >= count:
             raise Stop
 
     return watch
@@ -73,7 +73,7 @@ def names(tmp_path):
     return sorted(path.name for path in (tmp_path / "results" / "saves").iterdir() if path.is_file())
 
 
-def test_every_nth_accepted_set_is_kept_and_the_end(make, tmp_path):
+def test_every_nth_accepted_set_and_the_end_are_saved(make, tmp_path):
     result = make(SAVING).calibrate()
     expected = [f"1-{i:06d}.json" for i in range(2, result.iterations + 1, 2)]
     assert names(tmp_path) == [*expected, "1-end.json"]
@@ -81,7 +81,7 @@ def test_every_nth_accepted_set_is_kept_and_the_end(make, tmp_path):
     assert last["C"].values.tolist() == result.parameters["C"].values.tolist()
 
 
-def test_nothing_is_kept_unless_asked_for(make, tmp_path):
+def test_no_state_is_saved_by_default(make, tmp_path):
     make().calibrate()
     assert not (tmp_path / "results").exists()
 
@@ -94,7 +94,7 @@ def test_a_state_is_a_calibration_file_like_any_other(make, tmp_path):
     assert np.all(np.isfinite(simulated["m"].values))
 
 
-def test_a_stopped_search_goes_on_from_its_best_state(make, tmp_path):
+def test_a_stopped_search_resumes_from_its_best_state(make, tmp_path):
     whole = make(SAVING).calibrate()
     stopped = make(SAVING).calibrate(after(5))
     assert stopped.status == "stopped"
@@ -119,7 +119,7 @@ def test_locked_values_are_those_of_the_project(make, monkeypatch):
     assert result.parameters["C"].values[0] == 0.3
 
 
-def test_a_search_that_had_come_to_its_end_has_nothing_left_to_do(make):
+def test_a_completed_search_is_not_continued(make):
     result = make(SAVING).calibrate()
     lines = []
     again = make(SAVING).calibrate(lines.append, resume=True)
@@ -128,7 +128,7 @@ def test_a_search_that_had_come_to_its_end_has_nothing_left_to_do(make):
     assert again.starts == result.starts
 
 
-def test_a_search_that_ran_out_of_iterations_goes_on(make):
+def test_a_search_that_ran_out_of_iterations_continues(make):
     short = make(f"{SAVING}\nmax_iterations = 2").calibrate()
     assert short.status == "max_iterations"
     result = make(SAVING).calibrate(resume=True)
@@ -136,7 +136,7 @@ def test_a_search_that_ran_out_of_iterations_goes_on(make):
     assert result.cost_after < short.cost_after
 
 
-def test_an_end_that_was_gone_on_from_is_a_state_among_others(make, tmp_path):
+def test_an_end_that_was_resumed_is_a_state_like_others(make, tmp_path):
     make(f"{SAVING}\nmax_iterations = 3").calibrate()
     assert names(tmp_path) == ["1-000002.json", "1-end.json"]
     make(SAVING).calibrate(after(2), resume=True)
@@ -151,7 +151,7 @@ def json_note(tmp_path, name):
     return json.loads(content["kennfeld_save"]["text"])
 
 
-def test_other_data_are_noticed_although_the_project_file_stayed(make, tmp_path):
+def test_other_data_are_noticed_with_the_same_project_file(make, tmp_path):
     first = make(SAVING).calibrate()
     path = tmp_path / "d.csv"
     x, y = np.loadtxt(path, delimiter=",", skiprows=1).T
@@ -162,7 +162,7 @@ def test_other_data_are_noticed_although_the_project_file_stayed(make, tmp_path)
     assert again.parameters["a"].value != first.parameters["a"].value
 
 
-def test_a_changed_project_file_is_said(make):
+def test_a_changed_project_file_is_a_warning(make):
     make(SAVING).calibrate(after(5))
     project = make(SAVING, "# a word")
     (finding,) = project.saves().resume_points().findings
@@ -179,13 +179,13 @@ def test_tables_of_another_size_cannot_be_resumed(make):
         Project.read(project.path).calibrate(resume=True)
 
 
-def test_without_a_state_there_is_nothing_to_resume(make):
+def test_a_search_without_a_state_cannot_be_resumed(make):
     with pytest.raises(InputError, match=r"no checkpoint to resume from.*Set save_every"):
         make().calibrate(resume=True)
 
 
 @pytest.mark.parametrize("content", mostly_slow([b"", b'{"a": {"kind": "sca', b"\0\0\0\0", b"[]", b"{}"], 2))
-def test_a_half_written_state_is_left_out(make, tmp_path, content):
+def test_a_half_written_state_is_ignored(make, tmp_path, content):
     make(SAVING).calibrate(after(5))
     (tmp_path / "results" / "saves" / "1-000004.json").write_bytes(content)
     project = make(SAVING)
@@ -194,7 +194,7 @@ def test_a_half_written_state_is_left_out(make, tmp_path, content):
     assert project.calibrate(resume=True).resumed == ("saves/1-000002.json",)
 
 
-def test_a_new_search_puts_the_states_of_the_one_before_aside_and_nothing_else(make, tmp_path):
+def test_a_new_search_moves_only_the_states_of_the_previous_one(make, tmp_path):
     make(SAVING).calibrate()
     before = names(tmp_path)
     mine = tmp_path / "results" / "saves" / "notes.json"
@@ -209,18 +209,18 @@ def test_a_new_search_puts_the_states_of_the_one_before_aside_and_nothing_else(m
     assert [path.name for path in aside.iterdir()] == ["1-000002.json"]
 
 
-def test_what_cannot_change_is_not_saved(make, tmp_path):
+def test_fixed_values_are_not_saved(make, tmp_path):
     make(SAVING, "[calibration]\nfree = ['a', 'b']").calibrate()
     assert set(read_parameters(tmp_path / "results" / "saves" / "1-end.json")) == {"a", "b"}
 
 
-def test_a_step_added_to_a_finished_sequence_is_gone_through(make):
+def test_a_step_added_to_a_finished_sequence_is_run(make):
     make("[[step]]\nfree = ['a']", SAVING).calibrate()
     result = make("[[step]]\nfree = ['a']\n[[step]]\nname = 'more'\nfree = ['a', 'b']", SAVING).calibrate(resume=True)
     assert {line.stage.split(":")[0] for line in result.trace} == {"more"}
 
 
-def test_a_sequence_goes_on_in_the_step_that_it_was_in(make, tmp_path):
+def test_a_sequence_resumes_in_its_interrupted_step(make, tmp_path):
     sequence = "[[step]]\ngrid_reduction = 2\n[[step]]\nname = 'fine'"
     whole = make(sequence, SAVING).calibrate()
     count = sum(line.stage.startswith("step 1") for line in whole.trace)
@@ -244,7 +244,7 @@ def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
 
 
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
-def test_of_several_starts_those_at_their_end_are_done(make, workers):
+def test_finished_starts_are_not_repeated(make, workers):
     several = f"{SAVING}\nstarts = 2\nspread = 0.2"
     whole = make(several).calibrate(workers=1)
 
@@ -260,7 +260,7 @@ def test_of_several_starts_those_at_their_end_are_done(make, workers):
     assert [row.cost_before for row in result.starts] == [row.cost_before for row in whole.starts]
 
 
-def test_a_resumed_search_says_what_happened_to_each_start(make, capsys):
+def test_a_resumed_search_lists_the_state_of_each_start(make, capsys):
     several = f"{SAVING}\nstarts = 4\nspread = 0.2"
 
     def watch(line):
@@ -282,7 +282,7 @@ def test_a_resumed_search_says_what_happened_to_each_start(make, capsys):
     assert lines[2:4] == [f"start  {number}  begins anew: it has no checkpoint" for number in (3, 4)]
 
 
-def test_a_single_start_says_from_where_it_resumes(make, capsys):
+def test_a_single_start_names_the_state_that_it_resumes(make, capsys):
     project = make(SAVING)
     project.calibrate(after(5))
     assert cli.run(["calibrate", str(project.path), "--resume"]) == 0
@@ -299,13 +299,13 @@ def test_a_state_that_cannot_be_written_does_not_end_the_search(make, tmp_path):
     assert "checkpoints cannot be written" in result.message
 
 
-def test_the_folder_may_be_another_one(make, tmp_path):
+def test_states_may_be_saved_in_another_folder(make, tmp_path):
     make(SAVING).calibrate(folder=tmp_path / "other")
     assert (tmp_path / "other" / "saves" / "1-end.json").exists()
     assert isinstance(make(SAVING).saves(tmp_path / "other"), Saves)
 
 
-def test_breakpoints_that_move_are_saved_and_gone_on_from(make, tmp_path, monkeypatch):
+def test_moving_breakpoints_are_saved_and_resumed(make, tmp_path, monkeypatch):
     monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("[0, 1, 2, 3, 4] }", "[0, 1, 2, 3, 4], free = true }"))
     whole = make(SAVING).calibrate()
     states = [read_parameters(path) for path in (tmp_path / "results" / "saves").glob("*.json")]
@@ -321,7 +321,7 @@ def test_breakpoints_that_move_are_saved_and_gone_on_from(make, tmp_path, monkey
     "section",
     ["[calibration]\nfree = ['a', 'b']\n", "[[limit]]\nnode = 'm'\nmax = 1.0\n", "[parameters.b]\nbounds = [-1, 1]"],
 )
-def test_what_is_free_and_its_limits_make_another_problem(make, section):
+def test_free_parameters_and_limits_identify_a_problem(make, section):
     plain, other = with_sections(make, ""), with_sections(make, section)
     assert problem_digest(other.problem(), other.options) != problem_digest(plain.problem(), plain.options)
 
@@ -345,7 +345,7 @@ def test_what_is_free_and_its_limits_make_another_problem(make, section):
         ),
     ],
 )
-def test_the_end_of_another_problem_is_no_end_of_this_one(make, before, after):
+def test_the_end_of_another_problem_does_not_end_a_search(make, before, after):
     """A search under a limit ends where the cost without it is the same, but not least."""
     solved = with_sections(make, after).calibrate()
     with_sections(make, before).calibrate()
@@ -423,13 +423,13 @@ def test_other_data_of_the_same_cost_are_noticed(proportional):
     assert result.parameters["a"].value == pytest.approx(proportional.best(mirrored), rel=1e-6)
 
 
-def test_the_problem_of_another_version_of_the_code_is_another_one(make, monkeypatch):
+def test_another_version_of_the_code_poses_another_problem(make, monkeypatch):
     make(SAVING).calibrate()
     monkeypatch.setattr("kennfeld.optimize.search.problem_digest.code_digest", lambda: "another")
     assert "Not repeated" not in make(SAVING).calibrate(resume=True).message
 
 
-def test_a_checkpoint_whose_values_were_damaged_is_left_out(proportional, tmp_path):
+def test_a_checkpoint_with_damaged_values_is_ignored(proportional, tmp_path):
     proportional(proportional.y).calibrate()
     path = tmp_path / "results" / "saves" / "1-end.json"
     content = json.loads(path.read_text(encoding="utf-8"))
@@ -450,7 +450,7 @@ def test_costs_of_other_data_are_not_compared(proportional, tmp_path):
     assert state.values["a"] == pytest.approx(proportional.best(proportional.y), abs=0.1)
 
 
-def test_an_end_that_a_later_checkpoint_goes_on_from_ends_nothing(make, tmp_path):
+def test_an_end_with_a_later_checkpoint_does_not_end_a_search(make, tmp_path):
     """As after a process that was killed before it renamed the end."""
     make(f"{SAVING}\nmax_iterations = 3").calibrate()
     folder = tmp_path / "results" / "saves"
@@ -482,7 +482,7 @@ def test_four_runs_at_once_leave_whole_checkpoints(make, tmp_path):
 
 
 class _Killer:
-    """Kills some busy workers of a pool, all at once, after so many steps."""
+    """A killer of some busy workers of a pool, all at once, after so many steps."""
 
     def __init__(self, monkeypatch, count, steps):
         self.workers, self.count, self.steps = [], count, steps
@@ -517,7 +517,7 @@ def test_after_workers_were_killed_the_run_ends_and_resuming_completes_it(make, 
     np.testing.assert_allclose(resumed.parameters["C"].values, whole.parameters["C"].values, rtol=1e-5)
 
 
-def test_a_clock_that_goes_backwards_changes_nothing(make, monkeypatch):
+def test_a_clock_that_goes_backwards_has_no_effect(make, monkeypatch):
     project = make(SAVING)
     whole = project.calibrate()
     clock = itertools.count(1_800_000_000, -3600)

@@ -20,7 +20,7 @@ def test_a_channel_in_an_unknown_unit_is_a_warning(shop):
     assert "channel n is in ticks, but the input Speed of the function is in rpm. Convert it" in warning
 
 
-def test_units_that_are_spelled_differently_are_the_same(shop):
+def test_differently_spelled_units_are_equal(shop):
     shop.bench("bench.csv", **{"n [rpm]": None, "n [1/min]": [1000.0, 1500, 2000, 2500, 3000, 1200]})
     assert shop.findings() == []
 
@@ -55,7 +55,7 @@ def test_data_beyond_the_axis_are_a_warning(shop):
     assert "83% of the training samples are outside the axis, 1000 to 1100; the data range from 1000 to 3000" in warning
 
 
-def test_coordinates_that_parameters_move_are_not_judged_by_the_start(shop):
+def test_coordinates_that_depend_on_parameters_are_not_compared_with_axes(shop):
     shop.text = "Predict = Gain(Speed * offset) * Load\n"
     assert shop.findings() == []
 
@@ -93,7 +93,7 @@ def test_the_data_beyond_an_axis_are_counted_with_and_without_memory(shop, state
     assert "83% of" in shop.warning() if not states else "are outside the axis" in shop.warning()
 
 
-def test_a_group_axis_that_no_table_names_is_told(shop):
+def test_an_unused_group_axis_is_a_warning(shop):
     shop.add("[axes.AxisSpeed]\ninput = 'Speed'\ncount = 3\n")
     assert shop.warning() == (
         "kennfeld.toml [axes.AxisSpeed]: no table of this file uses the axis. "
@@ -103,7 +103,7 @@ def test_a_group_axis_that_no_table_names_is_told(shop):
     assert shop.warnings() == []
 
 
-def test_a_delay_that_no_memory_could_hold_is_an_error(shop):
+def test_a_delay_that_exceeds_the_memory_is_an_error(shop):
     shop.text = shop.text.replace("base + offset", "base + offset + delay(Load, 1000000000, 0)")
     (error,) = shop.errors()
     assert error.startswith("sensor.kf line 4: a delay of 1000000000 steps needs 48 GB of memory. Use a shorter delay")

@@ -62,7 +62,7 @@ def on_two_workers_and_on_the_last(path, size, cluster):
     yield calibrate(in_partitions(path, size, scheduler=cluster.address))
 
 
-def test_two_workers_give_the_bits_of_this_process(tmp_path, shared_cluster):
+def test_two_workers_give_the_same_bits_as_this_process(tmp_path, shared_cluster):
     path = write_short_drives(tmp_path)
     serial = calibrate(in_partitions(path, SIZE))
     assert_same_bits(calibrate(in_partitions(path, SIZE, scheduler=shared_cluster.address)), serial)
@@ -182,7 +182,7 @@ def test_processes_of_this_machine_give_the_same_bits(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_worker_costs_its_tasks_only(tmp_path, start_cluster):
+def test_only_the_tasks_of_a_killed_worker_are_repeated(tmp_path, start_cluster):
     path, cluster = write_short(tmp_path), start_cluster(2)
     serial = calibrate(in_partitions(path, SIZE))
     killed = []
@@ -296,14 +296,14 @@ def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path, monkeypatch):
     assert str(finding).startswith(f"scheduler {address}: does not answer")
 
 
-def test_without_the_library_the_remedy_is_to_install_it(tmp_path, monkeypatch):
+def test_the_remedy_for_a_missing_library_is_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     (finding,) = in_partitions(write_short(tmp_path), SIZE, scheduler="tcp://127.0.0.1:1").check()
     assert str(finding) == '[cluster]: the package distributed is not installed. Run: pip install "kennfeld[cluster]"'
 
 
 @pytest.mark.slow
-def test_the_command_joins_the_scheduler_that_it_is_given(tmp_path, shared_cluster, capsys):
+def test_the_command_joins_the_scheduler_of_its_option(tmp_path, shared_cluster, capsys):
     path, address, out = write_short(tmp_path), shared_cluster.address, tmp_path / "out"
     assert run(["calibrate", str(path), "--scheduler", address, "-o", str(out)]) == 1  # max_iterations
     assert f"at {address}; dashboard" in capsys.readouterr().err

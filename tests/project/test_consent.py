@@ -22,7 +22,7 @@ RUN = "def f(x):\n    open('written', 'w')\n    return 2.0 * x\n"
 
 
 @pytest.mark.guests
-def test_code_of_the_same_size_and_time_is_asked_for(tmp_path: Path) -> None:
+def test_changed_code_of_the_same_size_and_time_needs_consent(tmp_path: Path) -> None:
     file = tmp_path / "f.py"
     file.write_text(TRANSLATED, encoding="utf-8")
     (tmp_path / "m.kf").write_text("input x\nm = f(x)\n", encoding="utf-8")

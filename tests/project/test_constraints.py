@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 
-def test_a_slope_is_limited(shop):
+def test_a_slope_stays_within_its_limits(shop):
     result = shop.add("[parameters.Gain]\ngradient = { x = [-inf, 0.0005] }").project.calibrate()
     assert np.diff(result.parameters["Gain"].values).max() <= 0.5 * (1 + 1e-9)
 
 
-def test_a_curvature_is_limited(shop):
+def test_a_curvature_stays_within_its_limits(shop):
     result = shop.add('[parameters.Gain]\ncurvature = { x = [2e-7, "inf"] }').project.calibrate()
     assert np.diff(result.parameters["Gain"].values, 2)[0] >= 0.2 * (1 - 1e-9)
 
@@ -21,12 +21,12 @@ def test_values_are_made_equal(shop):
     assert values[0] == pytest.approx(values[2], rel=1e-9)
 
 
-def test_a_sum_is_kept(shop):
+def test_a_sum_keeps_its_value(shop):
     result = shop.add("[[equality]]\nterms = [{ parameter = 'Gain' }]\nvalue = 5").project.calibrate()
     assert result.parameters["Gain"].values.sum() == pytest.approx(5, rel=1e-9)
 
 
-def test_an_output_is_limited_where_a_condition_holds(shop):
+def test_an_output_is_limited_if_a_condition_holds(shop):
     result = shop.add("[[limit]]\nnode = 'Predict * 1'\nmax = 25\nwhere = 'n > 2200'").project.calibrate()
     simulated = {data.name: data for data in shop.project.simulate(result.parameters)}["bench"]
     predicted = simulated["Predict"].values
@@ -35,7 +35,7 @@ def test_an_output_is_limited_where_a_condition_holds(shop):
     assert predicted[speed <= 2200].max() > 25.5
 
 
-def test_a_limit_reads_channels_that_nothing_else_reads(shop):
+def test_a_limit_may_use_channels_without_another_use(shop):
     shop.bench("bench.csv", Ceiling=np.full(6, 21.0))
     result = shop.add("[[limit]]\nnode = 'base - Ceiling'\nmax = 0").project.calibrate()
     simulated = shop.project.simulate(result.parameters)[0]
@@ -43,7 +43,7 @@ def test_a_limit_reads_channels_that_nothing_else_reads(shop):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("[[limit]]\nnode = 'base'", "min and max are missing"),
         ("[[limit]]\nmax = 3", "[[limit]] 1 node: the key is missing"),
@@ -74,5 +74,5 @@ def test_a_limit_reads_channels_that_nothing_else_reads(shop):
         ),
     ],
 )
-def test_what_cannot_hold_is_found_before_the_run(shop, text, told):
-    assert told in shop.add(text).error()
+def test_invalid_constraints_are_errors_of_the_check(shop, text, message):
+    assert message in shop.add(text).error()

@@ -20,15 +20,15 @@ def test_the_command_writes_its_table(shop, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [(["1"], "must be >= 2, got 1"), (["3", "--parts", "halves"], "unknown kind of folds 'halves'")],
 )
-def test_the_command_refuses_what_it_cannot_do(shop, capsys, arguments, said):
+def test_the_command_refuses_invalid_arguments(shop, capsys, arguments, message):
     assert cli.run(["calibrate", str(shop.path), "--cross-validate", *arguments]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_the_result_and_the_report_keep_it(shop):
+def test_the_result_and_the_report_contain_the_cross_validation(shop):
     rng = np.random.default_rng(0)
     shop.bench("bench.csv", speed=rng.uniform(1000, 3000, 60))
     results = shop.folder / "results"

@@ -142,19 +142,19 @@ OTHER_FORMS = [form for form in FORMS if form != "plain"]
 
 
 @pytest.mark.parametrize("share", [4, pytest.param(1, marks=pytest.mark.slow)])
-def test_what_is_set_back_leaves_the_text_as_it_was(share):
+def test_restoring_a_value_restores_the_text(share):
     check_paths(TEXT, [*paths_in(tomllib.loads(TEXT))][::share])
 
 
 @pytest.mark.parametrize("form", mostly_slow(OTHER_FORMS, ["windows", "unfinished"]))
-def test_what_is_set_back_leaves_the_text_in_another_form_as_it_was(form):
+def test_restoring_a_value_restores_text_in_another_form(form):
     paths = [*paths_in(tomllib.loads(TEXT))]
     check_paths(FORMS[form], paths[OTHER_FORMS.index(form) :: len(OTHER_FORMS)])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", OTHER_FORMS)
-def test_what_is_set_back_everywhere_leaves_the_text_in_another_form_as_it_was(form):
+def test_restoring_any_value_restores_text_in_another_form(form):
     check_every_path(FORMS[form])
 
 
@@ -185,25 +185,25 @@ def first_of_each_kind():
     mostly_slow(EXAMPLES, [path for path in EXAMPLES if path.parent.name in ("demo", "nox", "simulink")]),
     ids=lambda path: f"{path.parent.name}/{path.name}",
 )
-def test_what_is_set_back_once_of_each_kind_leaves_an_example_as_it_was(path):
+def test_restoring_a_value_of_each_kind_restores_an_example(path):
     check_paths(path.read_text(encoding="utf-8"), first_of_each_kind()[path])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["simulink/kennfeld.toml", "engine-transient/manifold.toml"])
-def test_what_is_set_back_everywhere_leaves_an_example_as_it_was(name):
+def test_restoring_any_value_restores_an_example(name):
     check_every_path((FOLDERS[0] / name).read_text(encoding="utf-8"))
 
 
 @few_or_many(data=st.data(), form=st.sampled_from(sorted(FORMS)), few=7, many=40)
-def test_several_changes_in_any_order_change_nothing_else(data, form):
+def test_several_changes_in_any_order_do_not_affect_the_rest(data, form):
     check_changes(data, form)
 
 
 @pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.data(), form=st.sampled_from(sorted(FORMS)))
-def test_several_changes_change_nothing_else_in_many_orders(data, form):
+def test_several_changes_in_many_orders_do_not_affect_the_rest(data, form):
     check_changes(data, form)
 
 
@@ -271,7 +271,7 @@ def test_new_sections_stand_in_the_documented_order():
     )
 
 
-def test_a_training_file_has_an_order_of_its_own():
+def test_a_training_file_has_its_own_order():
     document = ProjectDocument('[[dataset]]\nfiles = "a.csv"\n', entry=TrainingFile)
     document.set(("surrogate", "output"), "y")
     assert document.text == '[surrogate]\noutput = "y"\n\n[[dataset]]\nfiles = "a.csv"\n'
@@ -285,7 +285,7 @@ def test_a_saved_document_has_the_new_section_at_its_end(shop):
     assert read_project(shop.folder / "kennfeld.toml").optimizer.starts == 3
 
 
-def test_a_document_that_is_no_toml_is_refused(shop):
+def test_a_document_without_valid_toml_is_refused(shop):
     shop.toml = "[model"
     with pytest.raises(InputError, match="line 1"):
         ProjectDocument.read(shop.path)
@@ -301,7 +301,7 @@ def test_a_document_that_is_no_toml_is_refused(shop):
         ("[[dataset]]\nfiles = 'a'\nshift.n = 1\n", ("dataset", 1, "shift", "n"), "[[dataset]]\nfiles = 'a'\n"),
     ],
 )
-def test_tables_that_lost_their_last_key_are_removed_unless_they_mean_something(text, path, expected):
+def test_empty_tables_are_removed_unless_they_have_a_meaning(text, path, expected):
     document = ProjectDocument(text)
     document.remove(path)
     document.remove_empty(path[:-1])

@@ -35,8 +35,8 @@ def folder(tmp_path):
     write_project(tmp_path, BATTERY)
     temperature, voltage = np.linspace(-5, 65, 120), np.tile([1.3, 1.34, 1.38], 40)
     shift = np.interp(temperature, [0.0, 20.0, 30.0, 40.0, 60.0], [0.15, 0.16, 0.155, 0.15, 0.17])
-    wanted = np.clip((voltage + shift - 1.4) * 100.0, 0.0, 100.0)
-    rows = [f"{t!r},{u!r},{w!r}" for t, u, w in zip(*(x.tolist() for x in (temperature, voltage, wanted)), strict=True)]
+    target = np.clip((voltage + shift - 1.4) * 100.0, 0.0, 100.0)
+    rows = [f"{t!r},{u!r},{w!r}" for t, u, w in zip(*(x.tolist() for x in (temperature, voltage, target)), strict=True)]
     (tmp_path / "bench.csv").write_text("\n".join(["T,U,wanted", *rows, ""]))
     (tmp_path / "kennfeld.toml").write_text(TOML)
     return tmp_path
@@ -91,7 +91,7 @@ def test_keys_choose_class_methods_and_task(folder):
         assert missing or inputs == {"U", "T"}
 
 
-def test_an_application_cannot_be_written_as_one_class(folder):
+def test_an_application_cannot_be_exported_as_a_class(folder):
     text = TOML.replace('file = "Battery/Cell/Accu.esdl"', 'file = "Battery/Battery.app"')
     text = text.replace('files = "bench.csv"', 'files = "cycle.csv"').replace('node = "charge"', 'node = "estimate"')
     (folder / "cycle.csv").write_text("time,current,ambient,wanted\n0,1,20,50\n0.01,2,21,51\n0.02,3,22,52\n")
@@ -145,7 +145,7 @@ def test_wrong_keys_are_reported(folder, keys, message):
     assert any(message in str(finding) for finding in findings)
 
 
-def test_info_shows_what_can_be_calibrated(folder, capsys):
+def test_info_shows_the_parameters_of_a_class(folder, capsys):
     assert cli.run(["info", str(folder / "Battery/Cell/Plant.esdl")]) == 0
     text = capsys.readouterr().out
     for word in (
@@ -164,7 +164,7 @@ def test_info_shows_what_can_be_calibrated(folder, capsys):
     assert report["whole"] is True
 
 
-def test_info_names_what_is_not_supported(folder, capsys):
+def test_info_names_unsupported_parts(folder, capsys):
     (folder / "Battery/Cell/Accu.esdl").write_text(
         "package Cell; class Accu { public real get(real x) { return f(x); } }"
     )

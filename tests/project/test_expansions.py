@@ -13,7 +13,7 @@ SIZE = 1 + 2 + 2 * (1 + 2 * 2)  # offset, slopes; weight, centre and width of tw
 
 
 @pytest.fixture
-def bells(shop):
+def expansion_project(shop):
     """A project whose only parameter comes from the file of a static surrogate."""
     expansion = Expansion(5.0, [0.0, 1.0], [4.0, 9.0], [[1300.0, 11.0], [2600.0, 12.0]], [[500.0, 2.0], [700.0, 3.0]])
     surrogate = StaticSurrogate("Gain", ("Speed", "Load"), "Torque", ("rpm", "", "Nm"), expansion)
@@ -30,8 +30,8 @@ def fitted(shop):
     return values, json.loads((folder / "result.json").read_text(encoding="utf-8"))
 
 
-def test_it_is_fitted_like_any_parameter(bells):
-    values, result = fitted(bells)
+def test_an_expansion_is_fitted_like_any_parameter(expansion_project):
+    values, result = fitted(expansion_project)
     assert values["kind"] == "rbf"
     assert result["values"] == {"free": SIZE, "fixed": 0}
     (quality,) = result["quality"]
@@ -39,31 +39,31 @@ def test_it_is_fitted_like_any_parameter(bells):
     assert "surrogates" not in result
 
 
-def test_what_a_section_may_say_of_it(bells):
+def test_a_section_may_set_unit_and_bounds_of_an_expansion(expansion_project):
     low, high = [-1e9] * SIZE, [1e9] * SIZE
     low[3] = high[3] = 4.0  # the first weight
-    bells.add(f"[parameters.Gain]\nunit = 'kNm'\nbounds = [{low}, {high}]")
-    values, _ = fitted(bells)
+    expansion_project.add(f"[parameters.Gain]\nunit = 'kNm'\nbounds = [{low}, {high}]")
+    values, _ = fitted(expansion_project)
     assert values["unit"] == "kNm"
     assert values["weights"][0] == 4.0
     assert values["weights"][1] != 9.0
 
 
-def test_a_lock_holds_all_of_it(bells):
-    bells.add("[parameters.Gain]\nlock = true")
-    values, result = fitted(bells)
+def test_a_lock_fixes_all_values_of_an_expansion(expansion_project):
+    expansion_project.add("[parameters.Gain]\nlock = true")
+    values, result = fitted(expansion_project)
     assert values["weights"] == [4.0, 9.0]
     assert result["values"]["free"] == 0
 
 
-def test_a_step_that_locks_what_has_no_data_leaves_it_free(bells):
-    bells.add('[[step]]\nlock = { Gain = "no-data" }')
-    (quality,) = fitted(bells)[1]["quality"]
+def test_a_step_that_locks_values_without_data_leaves_an_expansion_free(expansion_project):
+    expansion_project.add('[[step]]\nlock = { Gain = "no-data" }')
+    (quality,) = fitted(expansion_project)[1]["quality"]
     assert quality["rmse_after"] < quality["rmse_before"]
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("bounds = [0, 10]", f"bounds: the bounds of Gain must have {SIZE} values"),
         ("smoothness = 1", "smoothness: not supported for Gain, an RBF expansion"),
@@ -76,11 +76,11 @@ def test_a_step_that_locks_what_has_no_data_leaves_it_free(bells):
         ("lock = [{ x = [0, 2000] }]", "lock: a part of Gain cannot be locked"),
     ],
 )
-def test_what_means_nothing_for_it_is_reported(bells, text, said):
-    bells.add(f"[parameters.Gain]\n{text}")
-    assert bells.error().startswith(f"kennfeld.toml [parameters.Gain] {said}")
+def test_keys_without_meaning_for_an_expansion_are_errors(expansion_project, text, message):
+    expansion_project.add(f"[parameters.Gain]\n{text}")
+    assert expansion_project.error().startswith(f"kennfeld.toml [parameters.Gain] {message}")
 
 
-def test_all_of_it_at_once(bells):
-    bells.add("[parameters.Gain]\ninitial = 1\nsmoothness = 1\nlock = 'no-data'\nbounds = [0, 1]")
-    assert len(bells.errors()) == 4
+def test_all_invalid_keys_of_an_expansion_are_reported_at_once(expansion_project):
+    expansion_project.add("[parameters.Gain]\ninitial = 1\nsmoothness = 1\nlock = 'no-data'\nbounds = [0, 1]")
+    assert len(expansion_project.errors()) == 4

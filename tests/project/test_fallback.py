@@ -20,7 +20,7 @@ from tests.project.simulated_datasets import SimulatedDatasets
 
 
 class Line:
-    """What results need of a project."""
+    """The part of a project that results need."""
 
     formats = (".dcm",)
     surrogates = ()
@@ -60,55 +60,55 @@ def full_below(monkeypatch, *folders):
     monkeypatch.setattr(folder_replacement, "_sync", fails)
 
 
-def test_a_result_goes_to_its_folder_without_a_word(result, tmp_path, temporary):
-    told = Findings()
-    written = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
+def test_a_result_is_written_to_its_folder_without_a_message(result, tmp_path, temporary):
+    findings = Findings()
+    written = write_somewhere(result, Line(), tmp_path / "results", {}, None, findings)
     assert {path.parent for path in written} == {tmp_path / "results"}
-    assert len(told) == 0
+    assert len(findings) == 0
     assert not list(temporary.iterdir())
 
 
-def test_where_a_disk_is_full_all_files_go_to_a_temporary_folder(result, tmp_path, temporary, monkeypatch):
+def test_all_files_are_written_to_a_temporary_folder_if_the_disk_is_full(result, tmp_path, temporary, monkeypatch):
     full_below(monkeypatch, tmp_path / "results")
-    told = Findings()
-    written = write_somewhere(result, Line(), tmp_path / "results", {"report.html": "<p></p>"}, None, told)
+    findings = Findings()
+    written = write_somewhere(result, Line(), tmp_path / "results", {"report.html": "<p></p>"}, None, findings)
     (other,) = temporary.iterdir()
     assert {path.parent for path in written} == {other}
     assert json.loads((other / "result.json").read_text(encoding="utf-8"))["status"] == result.status
-    assert [f"{one.severity} {one}" for one in told] == [
+    assert [f"{finding.severity} {finding}" for finding in findings] == [
         f"error {tmp_path / 'results'}: cannot be written: No space left on device. Written to {other} instead."
     ]
     assert not list((tmp_path / "results").iterdir())
 
 
-def test_where_that_is_too_small_the_parameters_go_there(result, tmp_path, temporary, monkeypatch):
+def test_only_parameters_are_written_to_a_small_temporary_folder(result, tmp_path, temporary, monkeypatch):
     full_below(monkeypatch, tmp_path)
-    told = Findings()
-    (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
-    assert [one.name for one in temporary.iterdir()] == [path.parent.name]
+    findings = Findings()
+    (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, findings)
+    assert [folder.name for folder in temporary.iterdir()] == [path.parent.name]
     assert read_parameters(path)["b"].value == pytest.approx(2.0)
 
 
-def test_where_nothing_can_be_written_that_is_said(result, tmp_path, monkeypatch):
+def test_a_message_says_that_no_folder_can_be_written(result, tmp_path, monkeypatch):
     (tmp_path / "results").write_text("a file", encoding="utf-8")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "results"))
-    told = Findings()
-    assert write_somewhere(result, Line(), tmp_path / "results", {}, None, told) == ()
-    assert "A temporary folder cannot be written either." in str(next(iter(told)))
+    findings = Findings()
+    assert write_somewhere(result, Line(), tmp_path / "results", {}, None, findings) == ()
+    assert "A temporary folder cannot be written either." in str(next(iter(findings)))
 
 
-def test_a_fault_in_a_writer_loses_no_values(result, tmp_path, temporary, monkeypatch):
+def test_a_fault_in_a_writer_does_not_lose_values(result, tmp_path, temporary, monkeypatch):
     def fails(*_):
         raise ZeroDivisionError("so")
 
     monkeypatch.setattr(fallback, "write", fails)
-    told = Findings()
-    (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
+    findings = Findings()
+    (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, findings)
     assert read_parameters(path)["b"].value == pytest.approx(2.0)
-    assert "cannot be written (ZeroDivisionError: so). Written to" in str(next(iter(told)))
+    assert "cannot be written (ZeroDivisionError: so). Written to" in str(next(iter(findings)))
 
 
-def test_an_interrupt_is_no_failure_to_write(result, tmp_path, temporary, monkeypatch):
+def test_an_interrupt_does_not_count_as_a_failure_to_write(result, tmp_path, temporary, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -118,18 +118,18 @@ def test_an_interrupt_is_no_failure_to_write(result, tmp_path, temporary, monkey
     assert not list(Path(temporary).iterdir())
 
 
-def test_what_cannot_be_simulated_is_kept_too(result, tmp_path, temporary):
+def test_parameters_that_cannot_be_simulated_are_written(result, tmp_path, temporary):
     class Broken(Line):
         def simulation(self, parameters=None, shifts=None):
             raise InputError.of(Location("model"), "cannot be simulated")
 
-    told = Findings()
-    (path,) = write_somewhere(result, Broken(), tmp_path / "results", {}, None, told)
+    findings = Findings()
+    (path,) = write_somewhere(result, Broken(), tmp_path / "results", {}, None, findings)
     assert path.name == "parameters.json"
-    assert "model: cannot be simulated. Written to" in str(next(iter(told)))
+    assert "model: cannot be simulated. Written to" in str(next(iter(findings)))
 
 
-def test_a_cross_validation_is_written_elsewhere_if_its_folder_is_gone(tmp_path):
+def test_a_cross_validation_is_written_elsewhere_if_its_folder_is_removed(tmp_path):
     (tmp_path / "results").write_text("a file", encoding="utf-8")
     findings = Findings()
     [path] = write_validation_somewhere({"folds": []}, tmp_path / "results", findings)
@@ -139,7 +139,7 @@ def test_a_cross_validation_is_written_elsewhere_if_its_folder_is_gone(tmp_path)
     shutil.rmtree(path.parent)
 
 
-def test_a_surrogate_is_written_elsewhere_if_its_folder_is_gone(tmp_path):
+def test_a_surrogate_is_written_elsewhere_if_its_folder_is_removed(tmp_path):
     bell = Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]])
     surrogate = StaticSurrogate("bell", ("x",), "y", (), bell)
     findings = Findings()
@@ -150,7 +150,7 @@ def test_a_surrogate_is_written_elsewhere_if_its_folder_is_gone(tmp_path):
     assert write_surrogate_somewhere(surrogate, tmp_path / "engine.json", Findings()) == tmp_path / "engine.json"
 
 
-def test_a_results_folder_that_vanishes_during_the_run_costs_nothing(tmp_path, monkeypatch):
+def test_a_result_is_written_elsewhere_if_its_folder_vanishes_during_the_run(tmp_path, monkeypatch):
     result = calibrate("y = a * x", {"x": [0.0, 1, 2], "t": [0.0, 1, 2]}, {"a": 0.0}, target="t")
     (tmp_path / "results").mkdir()
     require_room(tmp_path / "results")

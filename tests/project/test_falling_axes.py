@@ -82,7 +82,7 @@ def test_a_run_writes_the_axes_as_its_initial_file_has_them(project, ending, set
     assert_falling(folder, values)
 
 
-def test_the_order_of_axes_does_not_make_another_fit(project):
+def test_the_fit_does_not_depend_on_the_order_of_axes(project):
     digests = []
     for turned in (False, True):
         read = Project.read(project(".csv", SETTINGS["free"], turned))
@@ -90,7 +90,7 @@ def test_the_order_of_axes_does_not_make_another_fit(project):
     assert digests[0] == digests[1]
 
 
-def test_values_of_a_file_are_simulated_whatever_their_order(project):
+def test_values_of_a_file_are_simulated_in_any_order(project):
     read = Project.read(project(".csv"))
     values = read.problem().parameters
     [expected] = read.simulate(values)

@@ -50,7 +50,7 @@ def problems(validators, text):
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_the_schema_accepts(validators, path):
+def test_the_schema_accepts_valid_sections(validators, path):
     text = path.read_text(encoding="utf-8")
     tables = tomllib.loads(text)
     is_training = "surrogate" in tables and "model" not in tables
@@ -122,7 +122,7 @@ def test_the_schema_accepts_the_example_of_the_documentation(validators):
         "[[step]]\ngrid_reduction = 0",
     ],
 )
-def test_the_schema_refuses(validators, section):
+def test_the_schema_refuses_invalid_sections(validators, section):
     assert problems(validators, SOUND) == []
     assert problems(validators, f"{SOUND}{section}\n") != []
 
@@ -130,5 +130,5 @@ def test_the_schema_refuses(validators, section):
 @pytest.mark.parametrize(
     "keys", ["inputs = ['n']", "inputs = []\noutput = 'y'\ncentres = 0", "input = 1\noutput = 'y'"]
 )
-def test_the_schema_of_training_files_refuses(validators, keys):
+def test_the_schema_refuses_invalid_training_files(validators, keys):
     assert problems(validators, f"[surrogate]\n{keys}\n[[dataset]]\nfiles = 'a'\n") != []

@@ -86,7 +86,7 @@ def test_start_values_are_fitted_if_a_section_frees_them(tmp_path, capsys):
     assert result["plant.x.start"].value == pytest.approx(1.5, rel=1e-6)
 
 
-def test_info_runs_no_code(built, capsys, monkeypatch):
+def test_info_does_not_run_code(built, capsys, monkeypatch):
     monkeypatch.setattr(instance, "FmuInstance", None)
     assert cli.run(["info", str(built)]) == 0
     assert "lag.fmu: FMI 2.0 for model exchange" in capsys.readouterr().out
@@ -107,7 +107,7 @@ def test_start_values_are_converted_to_calibration_files(tmp_path, built, capsys
 
 
 @pytest.mark.parametrize("call", ["plant.x(u)", "plant.y.2(u)"])
-def test_a_call_of_what_is_not_an_output_is_a_finding(tmp_path, built, capsys, call):
+def test_a_call_of_an_unknown_output_is_a_finding(tmp_path, built, capsys, call):
     project = written(tmp_path, built, TEXT)
     (tmp_path / "torque.kf").write_text(f"torque = {call}\n")
     assert cli.run(["check", "--trust", project]) == 2

@@ -75,28 +75,28 @@ def leftovers(folder):
     return [path.name for path in folder.iterdir() if path.name.startswith(".kennfeld")]
 
 
-def test_files_are_replaced_and_nothing_else_is_left(folder):
+def test_files_are_replaced_without_leaving_others(folder):
     replace_all(folder)
     assert contents(folder) == expected("new")
 
 
 @posix
 @pytest.mark.parametrize("renames", mostly_slow(range(len(NAMES)), 1))
-def test_what_a_killed_process_began_to_replace_is_replaced_by_the_next_one(folder, renames):
+def test_a_replacement_of_a_killed_process_is_completed_by_the_next_one(folder, renames):
     die(folder, renames)
     finish_interrupted(folder)
     assert contents(folder) == expected("new")
 
 
 @posix
-def test_what_a_process_had_written_but_not_completed_is_removed(folder):
+def test_incomplete_files_of_a_process_are_removed(folder):
     die(folder, 0, "before")
     with scratch_folder(folder) as scratch:
         assert leftovers(folder) == [scratch.name]
     assert contents(folder) == expected("old")
 
 
-def test_the_scratch_folder_of_a_process_at_work_is_left_alone(folder):
+def test_the_scratch_folder_of_a_running_process_stays(folder):
     with scratch_folder(folder) as scratch:
         fill(scratch, "new")
         replace_all(folder)
@@ -105,7 +105,7 @@ def test_the_scratch_folder_of_a_process_at_work_is_left_alone(folder):
     assert leftovers(folder) == []
 
 
-def test_a_folder_of_an_older_version_is_removed_and_a_users_folder_is_not(folder):
+def test_a_folder_of_an_older_version_is_removed_but_not_one_of_a_user(folder):
     (folder / ".kennfeld-4711").mkdir()
     (folder / ".kennfeld-mine").mkdir()
     (folder / ".kennfeld").mkdir()
@@ -113,7 +113,7 @@ def test_a_folder_of_an_older_version_is_removed_and_a_users_folder_is_not(folde
     assert sorted(leftovers(folder)) == [".kennfeld", ".kennfeld-mine"]
 
 
-def test_half_a_list_of_names_is_no_list(folder):
+def test_an_incomplete_list_of_names_is_ignored(folder):
     scratch = folder / ".kennfeld-0"
     scratch.mkdir()
     fill(scratch, "new")
@@ -142,7 +142,7 @@ def test_a_disk_that_is_full_when_files_are_written_through_leaves_the_old_ones(
     assert contents(folder) == expected("old")
 
 
-def test_a_folder_that_another_process_removes_meanwhile_is_made_again(tmp_path, monkeypatch):
+def test_a_folder_that_another_process_removes_is_created_again(tmp_path, monkeypatch):
     folder, tokens = tmp_path / "results", ["1", "2"]
 
     def token(size):
@@ -155,7 +155,7 @@ def test_a_folder_that_another_process_removes_meanwhile_is_made_again(tmp_path,
         assert scratch.name == ".kennfeld-2"
 
 
-def test_finishing_a_folder_that_does_not_exist_does_nothing(tmp_path):
+def test_finishing_a_folder_that_does_not_exist_has_no_effect(tmp_path):
     finish_interrupted(tmp_path / "results")
     assert not list(tmp_path.iterdir())
 

@@ -33,18 +33,18 @@ def gain(shop, x, more=""):
         ("{ input = 'Speed', count = 3, free = true }", [1000, 1750, 3000]),
     ],
 )
-def test_any_axis_can_be_freed_and_begins_where_it_says_else_where_the_file_says(shop, x, points):
+def test_a_free_axis_starts_at_its_breakpoints_or_those_of_the_file(shop, x, points):
     free_axis = axis(gain(shop, x))
     assert free_axis.free
     assert free_axis.breakpoints.tolist() == points
 
 
-def test_an_axis_stands_still_unless_it_is_freed(shop):
+def test_an_axis_is_fixed_by_default(shop):
     assert not axis(shop).free
     assert not axis(gain(shop, "{ breakpoints = [1000, 1200, 3000], free = false }")).free
 
 
-def test_distance_and_range_are_taken(shop):
+def test_an_axis_has_its_distance_and_range(shop):
     free_axis = axis(gain(shop, '{ breakpoints = "free", min_distance = 100, range = [900, 3100] }'))
     assert (free_axis.min_distance, free_axis.range) == (100.0, (900.0, 3100.0))
 
@@ -87,7 +87,7 @@ def test_a_group_axis_of_the_initial_file_can_be_freed(shop):
         ('{ breakpoints = "free", begin = 1 }', "the axis has"),
     ],
 )
-def test_what_is_wrong_is_one_finding(shop, x, expected):
+def test_an_invalid_free_axis_is_one_finding(shop, x, expected):
     if '"A"' in x:
         shop.add("[axes.A]\nbreakpoints = [1000, 3000]")
     assert expected in gain(shop, x).error()
@@ -104,7 +104,7 @@ def test_a_free_group_axis_without_a_start_is_a_finding(shop):
     assert "but the initial files have no group axis AxisSpeed" in gain(shop, '{ axis = "AxisSpeed" }').error()
 
 
-def test_a_table_that_would_move_along_unfitted_is_a_finding(shop):
+def test_a_table_on_a_free_axis_that_is_not_fitted_is_a_finding(shop):
     speed = Axis([1000, 2000, 3000], name="AxisSpeed")
     shop.values("start.json", Curve("Gain", speed, [1.0] * 3), Curve("Drag", speed, [1.0] * 3), Scalar("offset", 0.0))
     shop.add("[axes.AxisSpeed]\nfree = true")
@@ -140,7 +140,7 @@ def test_a_project_fits_breakpoints_and_writes_them(shop, tmp_path):
     assert result.quality[0].rmse_after < 1e-4
 
 
-def test_pins_and_gradients_go_with_free_breakpoints(shop):
+def test_pins_and_gradients_hold_with_free_breakpoints(shop):
     speed = np.linspace(1000, 3000, 201)
     load = 10.0 + np.arange(speed.size) % 4
     torque = np.interp(speed, [1000, 1370, 2600, 3000], [1, 2, 2.5, 4]) * load + 5
@@ -158,7 +158,7 @@ def test_pins_and_gradients_go_with_free_breakpoints(shop):
     assert len(pressed.active) == np.count_nonzero(np.abs(slopes - 0.0025) < 1e-9) > 0
 
 
-def test_the_result_of_parameters_from_a_file_still_tells_what_moved(shop):
+def test_the_result_of_parameters_from_a_file_lists_moved_breakpoints(shop):
     shop.values(
         "start.json", Curve("Gain", Axis([1000, 2000, 3000], name="AxisSpeed"), [1.0] * 3), Scalar("offset", 0.0)
     )
@@ -169,7 +169,7 @@ def test_the_result_of_parameters_from_a_file_still_tells_what_moved(shop):
     np.testing.assert_array_equal(again.moved["AxisSpeed"][1], result.moved["AxisSpeed"][1])
 
 
-def test_a_saved_search_goes_on_with_the_breakpoints_it_had(shop):
+def test_a_saved_search_resumes_with_its_breakpoints(shop):
     speed = np.linspace(1000, 3000, 201)
     load = 10.0 + np.arange(speed.size) % 4
     torque = np.interp(speed, [1000, 1370, 3000], [1, 2, 3]) * load + 5

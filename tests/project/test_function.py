@@ -33,7 +33,7 @@ def test_a_model_file_that_cannot_be_read_is_a_finding(shop, file, expected):
     assert expected in shop.change("sensor.kf", file).error()
 
 
-def test_an_undeclared_scalar_is_told_from_an_input_by_the_parameters(shop):
+def test_parameters_distinguish_an_undeclared_scalar_from_an_input(shop):
     shop.text = "Predict = Gain(Speed) * Load + offset\n"
     assert shop.findings() == []
     assert shop.project.problem().model.graph.inputs == ("Speed", "Load")
@@ -45,7 +45,7 @@ def test_a_name_that_is_a_node_and_a_parameter_is_a_finding(shop):
     assert "base is both a node and a parameter" in shop.error()
 
 
-def test_a_channel_for_what_is_no_input_is_a_finding(shop):
+def test_a_channel_for_an_unknown_input_is_a_finding(shop):
     shop.change('Speed = "n"', 'Speed = "n"\nLoda = "Load"')
     assert "[channels] Loda: unknown input Loda. Did you mean Load?" in shop.error()
 
@@ -57,7 +57,7 @@ def test_a_criterion_may_be_an_expression(shop):
     assert "abs(base - 3) / 2" in names
 
 
-def test_a_criterion_may_use_channels_that_the_function_does_not(shop):
+def test_a_criterion_may_use_channels_that_the_function_does_not_read(shop):
     shop.bench("bench.csv", set=np.arange(6))
     shop.add('[[criterion]]\nnode = "base - set"\ntarget = 0')
     assert shop.findings() == []
@@ -97,7 +97,7 @@ def test_a_wrong_criterion_is_a_finding(shop, criterion, expected):
     assert expected in shop.add(f"[[criterion]]\n{criterion}").error()
 
 
-def test_only_weights_of_zero_are_a_finding(shop):
+def test_criteria_whose_weights_are_all_zero_are_a_finding(shop):
     assert "[[criterion]]: all weights are 0" in shop.change('node = "Predict"', 'node = "Predict"\nweight = 0').error()
 
 

@@ -50,7 +50,7 @@ COMMAND_LINES = (
 )
 
 # arguments with which a page asks each question; None: asked by a test of its own
-GIVEN: dict[str, dict[str, Any]] = {
+ARGUMENTS: dict[str, dict[str, Any]] = {
     "add-files": {"files": ["bench.csv"]},
     "add-functions": {"files": ["my.py"]},
     "calibrations": {},
@@ -141,9 +141,9 @@ def test_a_page_saves_and_exports_through_no_link(project: Path, outside: Path) 
         TRAPS[trap](project.parent, outside)
     before = contents(outside)
     workspace = AppWorkspace(project)
-    workspace.answer("set-values", GIVEN["set-values"])
+    workspace.answer("set-values", ARGUMENTS["set-values"])
     with pytest.raises(KennfeldError, match=r"calibrate\.py: cannot be written: it is a symbolic link"):
-        workspace.answer("export", GIVEN["export"])
+        workspace.answer("export", ARGUMENTS["export"])
     workspace.answer("export", {"report": True})
     TRAPS["values"](project.parent, outside)
     assert workspace.answer("save", {}).head["conflicts"][0]["file"] == "values.json"
@@ -153,27 +153,27 @@ def test_a_page_saves_and_exports_through_no_link(project: Path, outside: Path) 
     assert contents(outside) == before
 
 
-def test_what_is_kept_of_an_earlier_session_runs_no_code(project: Path, outside: Path) -> None:
+def test_files_of_an_earlier_session_run_no_code(project: Path, outside: Path) -> None:
     write_start(project)
     plant_pickles(project.parent, outside / "exploded")
     for line in (["check", "."], ["report", "."], ["calibrate", ".", "--resume"], ["info", "values.json"]):
         cli.run(line)
     workspace = AppWorkspace(project)
-    for question, given in (("recover", {}), ("outcome", {}), ("export", {"stored": True}), ("calibrations", {})):
+    for question, arguments in (("recover", {}), ("outcome", {}), ("export", {"stored": True}), ("calibrations", {})):
         with suppress(KennfeldError):
-            workspace.answer(question, given)
+            workspace.answer(question, arguments)
     workspace.close()
     assert not (outside / "exploded").exists()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
-def test_files_that_others_may_write_are_read_as_any_other(project: Path) -> None:
+def test_files_that_others_may_write_are_read_like_any_other(project: Path) -> None:
     (project.parent / ".kennfeld").mkdir()
     for path in (project.parent, project.parent / ".kennfeld", *project.parent.iterdir()):
         path.chmod(0o777)
     assert cli.run(["check", "."]) == 0
     workspace = AppWorkspace(project)
-    workspace.answer("set-values", GIVEN["set-values"])
+    workspace.answer("set-values", ARGUMENTS["set-values"])
     workspace.answer("save", {})
     workspace.close()
     assert (project.parent / "values.json").is_file()
@@ -189,7 +189,7 @@ def test_files_that_others_may_write_are_read_as_any_other(project: Path) -> Non
     ],
 )
 @pytest.mark.skipif(os.name != "posix", reason="names that Windows does not have")
-def test_the_name_of_a_project_is_no_code_of_the_exported_script(project: Path, name: str) -> None:
+def test_the_name_of_a_project_does_not_run_as_code_of_the_exported_script(project: Path, name: str) -> None:
     named = project.rename(project.with_name(name))
     workspace = AppWorkspace(named)
     workspace.answer("export", {"script": True})
@@ -221,7 +221,7 @@ def answers(workspace: AppWorkspace) -> Iterator[str]:
         if name in ("run", "train-surrogate"):  # in processes of their own
             continue
         with suppress(KennfeldError, KeyError, TypeError, IndexError):
-            workspace.answer(name, GIVEN.get(name, {}))
+            workspace.answer(name, ARGUMENTS.get(name, {}))
         yield name
 
 
@@ -240,7 +240,7 @@ def test_no_question_of_the_app_writes_outside(project: Path, outside: Path, tra
 
 
 def test_every_question_that_writes_is_asked() -> None:
-    assert set(GIVEN) <= {*QUESTIONS, *COMMANDS}
+    assert set(ARGUMENTS) <= {*QUESTIONS, *COMMANDS}
     assert {*_OWN} == {"projects", "open", "demo", "new", "forget"}
 
 
@@ -263,7 +263,7 @@ def test_a_function_outside_of_the_folder_is_read_and_not_written(project: Path,
 
 
 @pytest.mark.parametrize("file", ["../outside.json", "/tmp/kennfeld-outside.json", "bench.json/../../outside.json"])
-def test_a_surrogate_is_written_beside_its_training_file(
+def test_a_surrogate_is_written_to_the_folder_of_its_training_file(
     project: Path, file: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     training = project.with_name("training.toml")

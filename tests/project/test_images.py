@@ -34,7 +34,7 @@ def test_an_image_of_another_program_is_a_warning(flash):
     assert "ecu.a2l is for 'XY'. Use the A2L file of this program." in "\n".join(flash.warnings())
 
 
-def test_an_image_may_stand_in_a_list_and_need_no_description(flash):
+def test_an_image_in_a_list_needs_no_description(flash):
     flash.change(START, 'initial = ["start.json", { hex = "ecu.hex" }]')
     assert flash.project.problem().parameters["Gain"].values.tolist() == [1, 1, 1]
     flash.change('{ hex = "ecu.hex" }', '"ecu.hex"')
@@ -52,11 +52,11 @@ def test_an_image_may_stand_in_a_list_and_need_no_description(flash):
         ('output = ["hex"', 'output = ["s19"', "ecu.hex is Intel HEX, which has other endings than .s19"),
     ],
 )
-def test_what_is_wrong_with_an_image_is_a_finding(flash, old, new, message):
+def test_errors_of_an_image_are_findings(flash, old, new, message):
     assert message in "\n".join(flash.change(old, new).errors())
 
 
-def test_an_image_that_cannot_hold_the_values_leaves_the_other_results(flash, capsys):
+def test_an_image_that_cannot_store_the_values_does_not_affect_the_other_results(flash, capsys):
     flash.write("ecu.a2l", A2L.replace("UWORD ROW_DIR", "UBYTE ROW_DIR").replace("0x1006", "0x1003"))
     flash.write("ecu.hex", hex_of(100, 100, 100, 0, size=1))
     flash.write("results/parameters.hex", "of another run")

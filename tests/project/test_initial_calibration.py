@@ -69,31 +69,31 @@ def test_a_parameter_file_of_canape_needs_one_to_write_over(line):
     assert any("par requires a parameter file of CANape" in str(finding) for finding in line.project.check())
 
 
-def test_the_variant_that_is_asked_for_is_fitted_and_written(line):
+def test_the_requested_variant_is_fitted_and_written(line):
     line.toml += "variant = 'Engine=2'\n"
     assert line.project.problem().parameters["factor"].value == 2
     changed = [old for old, new in zip(START.splitlines(), calibrated(line), strict=True) if old != new]
     assert changed == ["  WERT 1.50", "  WERT 2.0"]
 
 
-def test_a_variant_that_is_nowhere_is_reported_with_those_that_are(line):
+def test_a_missing_variant_is_reported_with_the_existing_ones(line):
     line.toml += "variant = 'Engine=3'\n"
     [finding] = [str(finding) for finding in line.findings() if "variant" in str(finding)]
     assert "[calibration] variant: no parameter has the variant 'Engine=3'" in finding
     assert "Engine=1, Engine=2" in finding
 
 
-def test_what_is_left_aside_of_a_file_is_told(line):
+def test_skipped_parts_of_a_file_are_remarks(line):
     (line.folder / "start.dcm").write_text(START + 'KENNLINIE T 2\n ST_TX/X "a" "b"\n WERT 1 2\nEND\n')
-    told = [finding for finding in line.project.check() if "skipped" in finding.message]
-    assert [(finding.severity, str(finding.location)) for finding in told] == [
+    findings = [finding for finding in line.project.check() if "skipped" in finding.message]
+    assert [(finding.severity, str(finding.location)) for finding in findings] == [
         ("remark", "start.dcm line 16 (elsewhere)"),
         ("remark", "start.dcm line 18 (T)"),
     ]
 
 
-def test_many_remarks_on_a_file_are_one(line):
+def test_many_remarks_on_a_file_are_summarised(line):
     tables = "".join(f'KENNLINIE T{i} 2\n ST_TX/X "a" "b"\n WERT 1 2\nEND\n' for i in range(10))
     (line.folder / "start.dcm").write_text(START + tables)
-    [told] = [finding for finding in line.project.check() if finding.severity == "remark"]
-    assert str(told) == ("start.dcm: 11 entries were skipped or are unusual. List them with kennfeld info start.dcm.")
+    [remark] = [finding for finding in line.project.check() if finding.severity == "remark"]
+    assert str(remark) == ("start.dcm: 11 entries were skipped or are unusual. List them with kennfeld info start.dcm.")

@@ -27,7 +27,7 @@ def test_limits_units_and_defaults_come_from_the_schema() -> None:
     assert plain_text("a `[formula](formula.md)`") == "a formula"
 
 
-def test_sections_say_how_they_are_written() -> None:
+def test_sections_have_their_notation() -> None:
     headings = [section["heading"] for section in SECTIONS.values()]
     assert headings[:5] == ["[model]", "[channels]", "[calculated]", "[units]", "[[dataset]]"]
     assert "[parameters.NAME]" in headings
@@ -38,7 +38,7 @@ def test_required_keys_are_marked() -> None:
     assert [name for name, required in criterion.items() if required] == ["node", "target"]
 
 
-def test_alternatives_are_told_apart_by_titles() -> None:
+def test_alternatives_have_different_titles() -> None:
     keys = {key["name"]: key["form"] for key in SECTIONS["parameters"]["form"]["keys"]}
     assert [(form["title"], form["kind"]) for form in keys["lock"]["forms"]] == [
         ("all", "flag"),

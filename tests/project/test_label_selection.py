@@ -29,7 +29,7 @@ def test_lists_and_patterns_add_up(shop):
     assert free_names(shop) == ("Gain", "offset")
 
 
-def test_names_in_a_list_are_no_patterns(listed):
+def test_names_in_a_list_are_not_patterns(listed):
     listed.text = listed.text.replace("offset", "%off[set]*%")
     start = [Curve("Gain", Axis([1000, 2000, 3000], input="Speed"), [1.0, 1.0, 1.0]), Scalar("off[set]*", 0.0)]
     listed.values("start.json", *start)
@@ -55,7 +55,7 @@ def test_a_group_axis_in_a_list_is_known(listed):
     assert listed.findings() == []
 
 
-def test_unknown_names_are_said_at_once_with_the_nearest(listed):
+def test_unknown_names_are_reported_at_once_with_the_nearest(listed):
     listed.write("airpath.lab", "Gain\nofset\nKfTrq\nKlEta\n")
     assert listed.warning() == (
         "kennfeld.toml [calibration] free: airpath.lab lists 3 labels (ofset, KfTrq, KlEta) that the function does not "
@@ -76,7 +76,7 @@ def test_unknown_names_are_said_at_once_with_the_nearest(listed):
         ("\0\0", "airpath.lab: is not a label list. Write a text file with a name a line."),
     ],
 )
-def test_a_list_that_selects_nothing_is_an_error(listed, content, message):
+def test_a_list_without_a_match_is_an_error(listed, content, message):
     listed.write("airpath.lab", content)
     assert f"kennfeld.toml [calibration] free: {message}" in listed.errors()
 
@@ -86,7 +86,7 @@ def test_a_missing_list_is_an_error_with_the_nearest(listed):
     assert "kennfeld.toml [calibration] free: airpath.lab: file not found. Did you mean airpaht.lab?" in listed.errors()
 
 
-def test_a_step_takes_lists_too(shop):
+def test_a_step_accepts_lists(shop):
     shop.write("airpath.lab", "offset\nKfTrq\n")
     shop.add('[[step]]\nfree = "@airpath.lab"')
     assert shop.project.options.steps[0].free == ("offset",)
@@ -95,7 +95,7 @@ def test_a_step_takes_lists_too(shop):
     )
 
 
-def test_a_calibration_lists_what_it_has_changed(shop):
+def test_a_calibration_lists_its_changed_labels(shop):
     shop.change('initial = "start.json"', 'initial = "start.json"\nfree = ["offset"]\nresults = ["lab"]')
     project = shop.project
     written = write(project.calibrate(), project, shop.folder / "results")
@@ -103,7 +103,7 @@ def test_a_calibration_lists_what_it_has_changed(shop):
     assert read_label_list(shop.folder / "results" / "changed.lab").labels == ("offset",)
 
 
-def test_what_a_calibration_has_changed_selects_what_the_next_one_fits(shop):
+def test_changed_labels_of_a_calibration_select_those_of_the_next_one(shop):
     shop.change('initial = "start.json"', 'initial = "start.json"\nresults = ["lab"]')
     project = shop.project
     write(project.calibrate(), project, shop.folder / "results")

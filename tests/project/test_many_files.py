@@ -59,7 +59,7 @@ def write_drives(folder, drives):
 
 @pytest.fixture
 def project(tmp_path):
-    """Writes recordings with a project."""
+    """Return a function that writes recordings with a project."""
 
     def create(name, drives, formula=LAG, text=TIMED):
         folder = tmp_path / name
@@ -82,15 +82,15 @@ def run(project):
     return result, data["figures"], pyarrow.parquet.read_table(folder / "simulation.parquet")
 
 
-def close(left, right):
+def close(first, second):
     """Return whether two structures are equal, numbers but for rounding."""
-    if isinstance(left, dict):
-        return left.keys() == right.keys() and all(close(left[key], right[key]) for key in left)
-    if isinstance(left, list):
-        return len(left) == len(right) and all(map(close, left, right))
-    if isinstance(left, float):
-        return left == pytest.approx(right, rel=1e-5, abs=1e-7)
-    return left == right
+    if isinstance(first, dict):
+        return first.keys() == second.keys() and all(close(first[key], second[key]) for key in first)
+    if isinstance(first, list):
+        return len(first) == len(second) and all(map(close, first, second))
+    if isinstance(first, float):
+        return first == pytest.approx(second, rel=1e-5, abs=1e-7)
+    return first == second
 
 
 @pytest.mark.parametrize(
@@ -117,12 +117,12 @@ def test_points_may_lie_in_one_file_or_in_many(project):
     del columns["time"]
     split = [{name: values[at : at + 500] for name, values in columns.items()} for at in range(0, 3000, 500)]
     text = TIMED.replace("warmup = 2.0\n", "")
-    (one, _, simulation), (several, _, others) = (
+    (single, _, simulation), (several, _, others) = (
         run(project(name, drives, STEADY, text)) for name, drives in (("one", [columns]), ("several", split))
     )
-    np.testing.assert_array_equal(one.parameters["Settled"].values, several.parameters["Settled"].values)
-    assert one.cost_after == several.cost_after
-    assert vars(one.quality[0]) == vars(several.quality[0])
+    np.testing.assert_array_equal(single.parameters["Settled"].values, several.parameters["Settled"].values)
+    assert single.cost_after == several.cost_after
+    assert vars(single.quality[0]) == vars(several.quality[0])
     assert others.drop_columns(["file", "piece"]).equals(simulation.drop_columns(["file", "piece"]))
 
 

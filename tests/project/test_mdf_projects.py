@@ -49,13 +49,13 @@ def test_a_project_calibrates_on_several_files_and_rasters(project):
     assert result.parameters["Offset"].value == pytest.approx(3.0, rel=1e-6)
 
 
-def test_a_missing_raster_is_said_for_each_file(project):
+def test_a_missing_raster_is_reported_for_each_file(project):
     messages = [str(finding) for finding in project("").check() if "rasters" in finding.message]
     assert [line.split(":")[0] for line in messages] == ["bench_a.mf4", "bench_b.mf4"]
     assert "Give a raster in s, such as raster = 0.01." in messages[0]
 
 
-def test_a_name_of_several_groups_is_to_be_chosen(project):
+def test_a_name_in_several_groups_must_be_chosen(project):
     messages = [str(finding) for finding in project("raster = 0.02", twice=True).check()]
     assert "bench_a.mf4: 2 channels are named Speed. Name one of them: 10ms/Speed, 100ms/Speed." in messages
     chosen = project("raster = 0.02", twice=True, channels='[channels]\nSpeed = "10ms/Speed"')
@@ -64,11 +64,11 @@ def test_a_name_of_several_groups_is_to_be_chosen(project):
 
 
 def test_a_damaged_file_is_named(project, tmp_path):
-    made = project("raster = 0.02")
+    benches = project("raster = 0.02")
     path = tmp_path / "bench_b.mf4"
     path.write_bytes(path.read_bytes()[:600])
     with pytest.raises(InputError, match=r"bench_b\.mf4: the MDF file is damaged"):
-        made.calibrate()
+        benches.calibrate()
 
 
 def test_a_second_run_does_not_read_the_files_again(project, tmp_path, monkeypatch):
@@ -87,17 +87,17 @@ def test_a_dataset_can_do_without_the_cache(project, tmp_path):
     assert not (tmp_path / ".kennfeld").exists()
 
 
-def test_what_a_file_lacks_is_not_found_out_twice(project, tmp_path, monkeypatch):
+def test_missing_channels_are_cached(project, tmp_path, monkeypatch):
     from asammdf import MDF, Signal
 
-    made = project("raster = 0.02")
+    benches = project("raster = 0.02")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with MDF(version="4.10") as file:
             time = np.arange(0, 5, 0.01)
             file.append([Signal(1000 + 100 * time, time, name="Speed", unit="rpm")])
             file.save(tmp_path / "bench_b.mf4", overwrite=True)
-    first = made.problem().datasets[0]
+    first = benches.problem().datasets[0]
     monkeypatch.setattr("kennfeld.measurement.cache.read_leniently", None)
     monkeypatch.setattr("kennfeld.preprocessing.recordings.describe", None)
     second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]

@@ -1,4 +1,4 @@
-"""Whether the method suits the problem: what a global search needs, and who needs a global search."""
+"""Checks of the method: requirements of a global search, and problems that require one."""
 
 import pytest
 
@@ -14,7 +14,7 @@ BOUNDS = "\n[parameters.Gain]\nbounds = [0, 5]\n[parameters.offset]\nbounds = [-
 GLOBAL = "\n[optimizer]\nmethod = 'global'\n"
 
 
-def test_the_method_reaches_the_search(shop):
+def test_the_search_uses_the_method_of_the_project(shop):
     options = shop.add(GLOBAL + "max_evaluations = 70\nseed = 3").project.options
     assert (options.method, options.max_evaluations, options.seed) == ("global", 70, 3)
 
@@ -25,7 +25,7 @@ def test_a_project_is_searched_without_gradients(shop):
     assert result.quality[0].rmse_after == pytest.approx(0, abs=1e-6)
 
 
-def test_missing_bounds_are_errors_with_their_place(shop):
+def test_missing_bounds_are_errors_with_their_location(shop):
     assert shop.add("\n[parameters.Gain]\nbounds = [0, inf]\n" + GLOBAL).errors() == [
         'kennfeld.toml [parameters.offset] bounds: offset has no lower and no upper bound; method = "global" '
         "requires both. Write bounds = [lower, upper], as narrow as you know them.",
@@ -66,7 +66,7 @@ def test_one_warning_recommends_the_search_for_a_model_with_events(shop):
     assert shop.warnings() == []
 
 
-def test_events_that_no_free_parameter_and_no_criterion_feels_are_none(shop):
+def test_events_that_affect_no_free_parameter_or_criterion_are_ignored(shop):
     shop.text = RELAY.replace("10 * on", "10 * Gain(Speed)")
     assert shop.warnings() == []
     shop.text = RELAY.replace("10 * on", "10 * on * Other")
@@ -75,7 +75,7 @@ def test_events_that_no_free_parameter_and_no_criterion_feels_are_none(shop):
     assert shop.warnings() == []
 
 
-def test_of_many_parameters_that_decide_some_are_named(shop):
+def test_some_of_many_parameters_that_decide_an_event_are_named(shop):
     names = [f"k{number}" for number in range(40)]
     shop.text = "input Speed[rpm]\ninput Load\n" + f"Predict[Nm] = Load * Speed > {' + '.join(names)}\n"
     shop.values("start.json", *(Scalar(name, 1.0) for name in names))

@@ -150,7 +150,7 @@ def test_positions_of_a_value_block_are_locked_by_ranges(project_of):
     assert block.locked.ravel().tolist() == [False] * 5 + [True]
 
 
-def test_a_network_that_starts_at_zero_is_warned_of_and_fitted_from_other_weights(project_of, tmp_path):
+def test_a_network_that_starts_at_zero_is_a_warning_and_fitted_from_other_weights(project_of, tmp_path):
     project = project_of(FITTED + ROUGH)
     perceptron(tmp_path / "net.onnx", [(np.zeros((2, 8)), np.zeros(8)), (np.zeros((8, 1)), np.zeros(1))])
     warnings = [str(finding) for finding in project.check() if finding.severity == "warning"]
@@ -160,7 +160,7 @@ def test_a_network_that_starts_at_zero_is_warned_of_and_fitted_from_other_weight
     assert result.quality[0].r2_after > 0.9
 
 
-def test_neurons_that_start_with_equal_weights_are_warned_of(project_of, tmp_path):
+def test_neurons_that_start_with_equal_weights_are_a_warning(project_of, tmp_path):
     project = project_of(FITTED + "\n[optimizer]\nmax_iterations = 1\n")
     perceptron(tmp_path / "net.onnx", [(np.ones((2, 8)), np.zeros(8)), (np.ones((8, 1)), np.zeros(1))])
     (warning,) = [str(finding) for finding in project.check() if finding.severity == "warning"]

@@ -125,7 +125,7 @@ def test_addresses_that_combine_others_or_run_code_are_refused(tmp_path, address
         find_sources(tmp_path, address)
 
 
-def test_a_store_is_asked_for_before_it_is_reached(tmp_path, capsys, monkeypatch):
+def test_a_store_needs_consent_before_a_connection(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("fsspec.core.url_to_fs", lambda address: pytest.fail(f"{address} was reached"))
     path = write_steady(tmp_path, text=STEADY.replace("bench_*", "s3://stranger/bench_*") + PARTITIONS)
     for command in ("check", "simulate", "calibrate", "report"):
@@ -135,7 +135,7 @@ def test_a_store_is_asked_for_before_it_is_reached(tmp_path, capsys, monkeypatch
     assert run(["info", str(path)]) == 0
 
 
-def test_stores_are_read_in_partitions_alone(tmp_path, capsys):
+def test_stores_are_read_only_in_partitions(tmp_path, capsys):
     path = write_stored(tmp_path, text=STEADY)
     assert run(["check", str(path)]) == 2
     assert "Object stores are read in partitions: write partition in [cluster]." in capsys.readouterr().err
@@ -150,7 +150,7 @@ def test_a_changed_file_is_read_again(stored):
     assert Project.read(stored).problem().partitions.samples == before - 90
 
 
-def test_a_file_of_the_same_size_but_another_time_is_another_one(tmp_path):
+def test_a_file_of_the_same_size_with_another_time_counts_as_changed(tmp_path):
     (tmp_path / "a.csv").write_text("x\n1\n")
     (before,) = find_sources(tmp_path, f"file://{tmp_path}/a.csv")
     os.utime(tmp_path / "a.csv", (1, 1))
@@ -160,7 +160,7 @@ def test_a_file_of_the_same_size_but_another_time_is_another_one(tmp_path):
         pass
 
 
-def test_a_file_that_is_gone_when_it_is_read_is_named(tmp_path):
+def test_a_file_that_is_missing_during_reading_is_named(tmp_path):
     (tmp_path / "a.csv").write_text("x\n1\n")
     (source,) = find_sources(tmp_path, f"file://{tmp_path}/a.csv")
     (tmp_path / "a.csv").unlink()
@@ -185,7 +185,7 @@ class _Store:
 
 
 @pytest.mark.parametrize("facts", [{"size": 3, "ETag": '"abc"', "LastModified": 5}, {"size": 3, "md5Hash": "x"}])
-def test_the_state_of_a_file_does_not_depend_on_the_way_to_ask(tmp_path, monkeypatch, facts):
+def test_the_state_of_a_file_does_not_depend_on_the_kind_of_request(tmp_path, monkeypatch, facts):
     monkeypatch.setattr("kennfeld.preprocessing.recording_sources._open_store", lambda address: (_Store(**facts), "a*"))
     (listed,) = find_sources(tmp_path, "s3://bucket/a*.csv")
     monkeypatch.setattr("kennfeld.preprocessing.recording_sources._open_store", lambda address: (_Store(**facts), "a"))

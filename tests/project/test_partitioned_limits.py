@@ -75,7 +75,7 @@ def calibrated(request, tmp_path_factory):
     return path, Project.read(path).calibrate(), in_partitions(path, 100).calibrate()
 
 
-def test_a_calibration_ends_at_the_values_without_partitions_and_keeps_its_limits(calibrated):
+def test_a_calibration_ends_at_the_values_without_partitions_within_its_limits(calibrated):
     check_ends(*calibrated, 100)
 
 
@@ -94,32 +94,33 @@ def check_ends(path, plain, parted, size):
         assert [each.beyond for each in output_ranges(problem, parted.parameters)] == [0] * len(problem.limits)
 
 
-def test_the_samples_at_a_limit_and_what_they_determine_are_those_of_all_data(calibrated):
+def test_the_samples_at_a_limit_and_their_derivatives_are_those_of_all_data(calibrated):
     path, result, parted_result = calibrated
     plain, parted = limits_of(path, None), limits_of(path, 100)
     values = plain._penalised.values.pack(result.parameters)[: plain._penalised.values.free]
-    one, other = plain.near_active(values), parted.near_active(values)
-    assert one.side.size >= 1
+    expected, other = plain.near_active(values), parted.near_active(values)
+    assert expected.side.size >= 1
     assert np.array_equal(
-        np.transpose([other.side, other.data, other.sample]), np.transpose([one.side, one.data, one.sample])
+        np.transpose([other.side, other.data, other.sample]),
+        np.transpose([expected.side, expected.data, expected.sample]),
     )
-    assert np.allclose(other.rows, one.rows, rtol=1e-9, atol=1e-12)
-    assert np.allclose(other.excess, one.excess, rtol=0, atol=1e-12)
+    assert np.allclose(other.rows, expected.rows, rtol=1e-9, atol=1e-12)
+    assert np.allclose(other.excess, expected.excess, rtol=0, atol=1e-12)
     assert [(h.limit, h.directions, h.parameters) for h in parted_result.trust.holdings] == [
         (h.limit, h.directions, h.parameters) for h in result.trust.holdings
     ]
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_violations_are_named_as_without_partitions(tmp_path, write):
+def test_violations_are_named_like_those_without_partitions(tmp_path, write):
     path = write(tmp_path)
     plain, parted = limits_of(path, None), limits_of(path, 100)
     start = scattered(plain)
     assert plain.describe_violations(start).count("is exceeded at") == len(plain.sides)
     assert parted.describe_violations(start) == plain.describe_violations(start)
-    one, other = plain.measure(start), parted.measure(start)
-    assert other.largest == pytest.approx(one.largest, rel=1e-12)
-    assert other.squares == pytest.approx(one.squares, rel=1e-12)
+    expected, other = plain.measure(start), parted.measure(start)
+    assert other.largest == pytest.approx(expected.largest, rel=1e-12)
+    assert other.squares == pytest.approx(expected.squares, rel=1e-12)
 
 
 @pytest.mark.parametrize("write", WRITERS)
@@ -152,7 +153,7 @@ def test_lost_multipliers_are_computed_again(tmp_path):
     assert limits_of(path, 100).penalise(3.0, rounds).cost(values) == cost
 
 
-def test_a_changed_condition_is_no_longer_that_on_disk(tmp_path):
+def test_a_changed_condition_is_evaluated_again(tmp_path):
     path = write_limited(tmp_path)
     values = limits_of(path, 100)._penalised.start[:-1]
     costs = []
@@ -169,13 +170,13 @@ def test_equal_samples_at_a_limit_are_taken_in_their_order(tmp_path):
     path = write_steady(tmp_path, files=3, samples=500, text=text)
     plain, parted = limits_of(path, None), limits_of(path, 100)
     values = plain._penalised.start[: plain._penalised.values.free] * 2
-    one, other = plain.near_active(values), parted.near_active(values)
-    assert np.array_equal(other.sample, one.sample)
-    assert one.sample.size == 400
-    assert np.all(np.diff(one.sample) > 0)
+    expected, other = plain.near_active(values), parted.near_active(values)
+    assert np.array_equal(other.sample, expected.sample)
+    assert expected.sample.size == 400
+    assert np.all(np.diff(expected.sample) > 0)
 
 
-def test_a_limit_with_memory_keeps_pieces_whole(tmp_path):
+def test_pieces_are_not_divided_for_a_limit_with_memory(tmp_path):
     text = STEADY + MEMORY_OF_A_LIMIT
     path = write_steady(
         tmp_path,
@@ -194,7 +195,7 @@ def test_a_limit_with_memory_keeps_pieces_whole(tmp_path):
 
 
 @pytest.mark.slow
-def test_limits_that_contradict_each_other_are_reported_with_how_far(tmp_path):
+def test_contradictory_limits_are_reported_with_their_distance(tmp_path):
     path = write_limited(tmp_path)
     path.write_text(path.read_text() + '\n[[limit]]\nnode = "TorqueModel"\nmin = 160.0\nwhere = "n < 2000"\n')
     path.write_text(path.read_text().replace("tolerance = 1e-8", "tolerance = 1e-2"))
@@ -204,7 +205,7 @@ def test_limits_that_contradict_each_other_are_reported_with_how_far(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_global_search_keeps_limits_in_partitions(tmp_path):
+def test_a_global_search_respects_limits_in_partitions(tmp_path):
     text = TIMED + TIMED_LIMITS + '\n[optimizer]\nmethod = "global"\nmax_evaluations = 30\n'
     text = text.replace("smoothness = 1e-4", "bounds = [0, 5]").replace("count = 5", "count = 3")
     path = write_timed(tmp_path, files=2, samples=150, text=text)

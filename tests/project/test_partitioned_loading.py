@@ -57,8 +57,8 @@ FITTED = [
 ]
 
 
-def close(left, right, tolerance=1e-10):
-    return np.allclose(left, right, rtol=tolerance, atol=tolerance * np.abs(right).max(initial=0.0))
+def close(first, second, tolerance=1e-10):
+    return np.allclose(first, second, rtol=tolerance, atol=tolerance * np.abs(second).max(initial=0.0))
 
 
 def compiled_pair(folder, write, size):
@@ -112,11 +112,13 @@ def test_rows_are_those_of_all_data(tmp_path, write):
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_derivatives_of_faint_values_are_judged_alike(tmp_path, write):
+def test_derivatives_of_faint_values_are_judged_as_without_partitions(tmp_path, write):
     plain, parted = compiled_pair(tmp_path, write, 300)
-    one, other = LeastSquaresObjective(plain), LeastSquaresObjective(parted)
-    assert close(other.mean_curvature(np.ones(one.start.size)), one.mean_curvature(np.ones(one.start.size)))
-    assert np.array_equal(other.faint(other.start), one.faint(one.start))
+    expected, other = LeastSquaresObjective(plain), LeastSquaresObjective(parted)
+    assert close(
+        other.mean_curvature(np.ones(expected.start.size)), expected.mean_curvature(np.ones(expected.start.size))
+    )
+    assert np.array_equal(other.faint(other.start), expected.faint(expected.start))
 
 
 def fit_pair(folder, write, size):
@@ -142,17 +144,17 @@ def test_a_calibration_ends_at_the_same_values(fitted):
     assert parted.status == plain.status == "converged"
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-7)
     assert parted.cost_before == pytest.approx(plain.cost_before, rel=1e-12)
-    for one, other in zip(plain.quality, parted.quality, strict=True):
-        assert (one.criterion, one.dataset, one.use, one.samples) == (
+    for row, other in zip(plain.quality, parted.quality, strict=True):
+        assert (row.criterion, row.dataset, row.use, row.samples) == (
             other.criterion,
             other.dataset,
             other.use,
             other.samples,
         )
-        assert other.rmse_before == pytest.approx(one.rmse_before, rel=1e-9)
-        assert other.rmse_after == pytest.approx(one.rmse_after, rel=1e-4)
-        assert other.r2_after == pytest.approx(one.r2_after, rel=1e-4)
-        assert other.max_abs_after == pytest.approx(one.max_abs_after, rel=1e-2)
+        assert other.rmse_before == pytest.approx(row.rmse_before, rel=1e-9)
+        assert other.rmse_after == pytest.approx(row.rmse_after, rel=1e-4)
+        assert other.r2_after == pytest.approx(row.r2_after, rel=1e-4)
+        assert other.max_abs_after == pytest.approx(row.max_abs_after, rel=1e-2)
 
 
 def test_uncertainties_are_those_of_all_data(few_fitted):
@@ -197,7 +199,7 @@ def write_lasting(folder, memories=(0.95, 0.95), offset=0.0):
     return folder / "kennfeld.toml"
 
 
-def test_what_a_fit_takes_from_lasting_errors_is_corrected_in_partitions_as_well(tmp_path):
+def test_persistence_is_corrected_for_the_fitted_values_in_partitions(tmp_path):
     path = write_lasting(tmp_path)
     plain, parted = (project.calibrate().trust for project in (Project.read(path), in_partitions(path, 400)))
     [group] = plain.estimate.groups
@@ -207,14 +209,14 @@ def test_what_a_fit_takes_from_lasting_errors_is_corrected_in_partitions_as_well
 
 
 @pytest.mark.parametrize(("memories", "offset"), [((0.95, 0, 0), 0.0), ((0, 0, 0), 0.5)])
-def test_errors_that_last_in_one_file_or_differ_between_files_persist_in_partitions_as_well(tmp_path, memories, offset):
+def test_persistent_errors_of_files_are_measured_in_partitions(tmp_path, memories, offset):
     path = write_lasting(tmp_path, memories, offset)
     plain, parted = (project.calibrate().trust for project in (Project.read(path), in_partitions(path, 400)))
     assert plain.persistence["y"] > 10
     assert parted.persistence == pytest.approx(plain.persistence, rel=0.1)
 
 
-def test_the_place_of_a_derivative_that_is_not_finite_is_named_in_partitions_as_well(tmp_path):
+def test_the_sample_of_a_derivative_that_is_not_finite_is_named_in_partitions(tmp_path):
     path = write_lasting(tmp_path)
     (tmp_path / "level.kf").write_text("y = C(x) + k * sqrt(p - x)\n", encoding="utf-8")
     scalars = "\n[parameters.p]\ninitial = 1.0\n[parameters.k]\ninitial = 1.0\n"
@@ -233,7 +235,7 @@ def test_sample_weights_have_groups_of_their_own(tmp_path):
     assert len(parted.trust.estimate.groups) == len(plain.trust.estimate.groups) == 2
 
 
-def test_results_do_not_depend_on_what_is_kept_on_disk(tmp_path):
+def test_results_do_not_depend_on_cached_entries(tmp_path):
     path = write_few(tmp_path, FEW + OFF + "max_iterations = 1\n")
     first = in_partitions(path, 150).calibrate()
     again = in_partitions(path, 150).calibrate()
@@ -263,7 +265,7 @@ def test_a_flipped_bit_in_an_entry_is_noticed(tmp_path, monkeypatch):
     assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
 
 
-def test_a_recording_of_the_same_size_and_time_is_another_one(tmp_path):
+def test_a_recording_of_the_same_size_and_time_counts_as_changed(tmp_path):
     path = write_few(tmp_path)
     file = tmp_path / "bench_0.csv"
     os.utime(file, ns=(10**18, 10**18))
@@ -275,7 +277,7 @@ def test_a_recording_of_the_same_size_and_time_is_another_one(tmp_path):
     assert in_partitions(path, 150).problem().datasets[0]["torque"].values[1] != before
 
 
-def test_another_version_of_the_package_prepares_again(tmp_path, monkeypatch):
+def test_another_version_of_the_package_prepares_entries_again(tmp_path, monkeypatch):
     path = write_few(tmp_path)
     in_partitions(path, 150).problem()
     folder = tmp_path / ".kennfeld" / "partitions"
@@ -288,7 +290,7 @@ def test_another_version_of_the_package_prepares_again(tmp_path, monkeypatch):
     assert len(after) == 2 * len(before)
 
 
-def test_a_full_disk_keeps_nothing_and_changes_no_sum(tmp_path, monkeypatch):
+def test_a_full_disk_keeps_no_entry_and_does_not_change_sums(tmp_path, monkeypatch):
     path = write_few(tmp_path)
     values = CompiledProblem(Project.read(path).problem()).start
     cost = CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values)
@@ -303,7 +305,7 @@ def test_a_full_disk_keeps_nothing_and_changes_no_sum(tmp_path, monkeypatch):
     assert not list((tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"))
 
 
-def test_four_that_prepare_the_same_files_read_the_same(tmp_path):
+def test_four_processes_that_prepare_the_same_files_read_the_same_entries(tmp_path):
     path = write_few(tmp_path)
     values = CompiledProblem(Project.read(path).problem()).start
     cost = CompiledProblem(Project.read(path).problem()).sums.cost(values)
@@ -335,12 +337,12 @@ def test_partitions_follow_files_and_lengths(tmp_path):
     assert [p.samples for p in partitions.test] == [400, 100]
 
 
-def test_a_model_with_memory_keeps_pieces_whole(tmp_path):
+def test_pieces_are_not_divided_for_a_model_with_memory(tmp_path):
     partitions = in_partitions(write_timed(tmp_path), 100).problem().partitions
     assert [p.samples for p in partitions.training] == [400, 450, 500]
 
 
-def test_a_warmup_begins_with_pieces_only(tmp_path):
+def test_a_warmup_begins_only_with_pieces(tmp_path):
     path = write_timed(tmp_path)
     (tmp_path / "lag.kf").write_text("input u\nLagged = K(u) * T\n")
     plain, parted = (CompiledProblem(each.problem()) for each in (Project.read(path), in_partitions(path, 300)))
@@ -353,14 +355,14 @@ def test_quantiles_are_those_of_all_data(tmp_path, rounding):
     path = write_steady(tmp_path, text=STEADY.replace("count = 6 }", f"count = 6{rounding} }}"))
     plain, parted = Project.read(path), in_partitions(path, 300)
     axes = [project.problem().parameters["M"].axes for project in (plain, parted)]
-    for one, other in zip(*axes, strict=True):
-        assert np.array_equal(other.breakpoints, one.breakpoints)
+    for axis, other in zip(*axes, strict=True):
+        assert np.array_equal(other.breakpoints, axis.breakpoints)
     remarks = [[f.message for f in project.check() if "rounded" in f.message] for project in (plain, parted)]
     assert remarks[0] == remarks[1]
     assert len(remarks[0]) == (2 if rounding else 3)
 
 
-def test_values_without_data_are_locked_alike(tmp_path):
+def test_values_without_data_are_locked_as_without_partitions(tmp_path):
     axis = 'x = { input = "n", begin = 0, end = 9000, count = 9 }'
     path = write_steady(tmp_path, text=STEADY.replace('x = { input = "n", count = 6 }', axis))
     plain, parted = Project.read(path).problem(), in_partitions(path, 300).problem()
@@ -370,10 +372,10 @@ def test_values_without_data_are_locked_alike(tmp_path):
 
 def test_smoothed_lookups_use_samples_of_all_partitions(tmp_path):
     plain, parted = compiled_pair(tmp_path, write_steady, 300)
-    one, other = (Continuation.of(compiled)._smooth for compiled in (plain, parted))
-    for form in (one, other):
+    expected, other = (Continuation.of(compiled)._smooth for compiled in (plain, parted))
+    for form in (expected, other):
         form.set_width(0.5)
-    assert close(other.sums.cost(plain.start), one.sums.cost(plain.start))
+    assert close(other.sums.cost(plain.start), expected.sums.cost(plain.start))
 
 
 def test_searches_are_compared_with_samples_of_all_partitions(tmp_path, monkeypatch):
@@ -391,7 +393,7 @@ def test_searches_are_compared_with_samples_of_all_partitions(tmp_path, monkeypa
 
 
 @pytest.mark.slow
-def test_a_search_on_some_samples_of_partitions_ends_as_one_without(tmp_path, monkeypatch):
+def test_a_search_on_some_samples_of_partitions_ends_like_one_without(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 300)
     monkeypatch.setattr(compiled_form, "SAMPLES_PER_VALUE", 0)
     path = write_steady(tmp_path, files=2, samples=500, text=FEW + OFF)
@@ -430,7 +432,7 @@ def test_the_excerpt_has_the_extremes_of_every_channel(tmp_path, monkeypatch):
         assert np.nanmin(data[name].values) == np.nanmin(whole[name].values)
 
 
-def test_a_condition_that_no_sample_of_one_file_meets_is_no_error(tmp_path):
+def test_a_condition_may_exclude_all_samples_of_a_file(tmp_path):
     path = write_steady(
         tmp_path, text=STEADY.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nwhere = "n > 3000"')
     )
@@ -478,7 +480,7 @@ def test_units_of_all_files_are_those_of_the_first(tmp_path):
     )
 
 
-def test_files_of_an_object_store_are_copied_to_where_they_are_read(tmp_path):
+def test_files_of_an_object_store_are_copied_to_the_process_that_reads_them(tmp_path):
     fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed")
     path = write_few(tmp_path)
     store = fsspec.filesystem("memory")
@@ -491,7 +493,7 @@ def test_files_of_an_object_store_are_copied_to_where_they_are_read(tmp_path):
     assert CompiledProblem(remote.problem()).sums.cost(values) == CompiledProblem(local.problem()).sums.cost(values)
 
 
-def test_the_folder_of_prepared_files_keeps_to_its_size(tmp_path):
+def test_the_folder_of_prepared_files_stays_within_its_size(tmp_path):
     path = write_few(tmp_path)
     whole = in_partitions(path, 150)
     compiled = CompiledProblem(whole.problem())
@@ -506,9 +508,9 @@ def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path, monkeyp
     monkeypatch.setattr(file_state, "SETTLED", -1)  # as if the files were two seconds old
     path = write_steady(tmp_path)
     first = in_partitions(path, 300)
-    one = CompiledProblem(first.problem()).sums
+    sums = CompiledProblem(first.problem()).sums
     values = CompiledProblem(first.problem()).start
-    cost = one.cost(values)
+    cost = sums.cost(values)
     entries = set((tmp_path / ".kennfeld" / "partitions").iterdir())
     datasets = tuple(replace(entry, weight=3.0) for entry in first.file.datasets)
     heavier = replace(in_partitions(path, 300), file=replace(first.file, datasets=datasets))
@@ -571,7 +573,7 @@ def test_errors_by_recording_are_those_of_all_data(tmp_path, write, size):
 
 
 @pytest.mark.parametrize("pause", [150, 180])
-def test_a_simulation_continues_pieces_that_are_cut(tmp_path, pause):
+def test_a_simulation_continues_divided_pieces(tmp_path, pause):
     text = "y = a * u\n"
     (tmp_path / "model.kf").write_text(text)
     rows = "\n".join(f"{0.1 * k + (50 if k >= pause else 0):g},{k}" for k in range(400))
@@ -603,12 +605,12 @@ def write_many(folder, text=TIMED):
 def test_a_search_of_a_model_with_memory_begins_with_the_recordings_of_one_without_partitions(tmp_path, few_recordings):
     path = write_many(tmp_path)
     plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 600)))
-    one, other = plain.thinned(), parted.thinned()
-    assert other.problem.partitions.samples == sum(piece.last - piece.first for piece in one.samples.pieces)
+    expected, other = plain.thinned(), parted.thinned()
+    assert other.problem.partitions.samples == sum(piece.last - piece.first for piece in expected.samples.pieces)
     assert 2 * other.problem.partitions.samples < parted.problem.partitions.samples
     values = plain.start * 1.05
-    assert close(other.sums.cost(values), one.sums.cost(values))
-    assert close(other.sums.normal(values).matrix, one.sums.normal(values).matrix)
+    assert close(other.sums.cost(values), expected.sums.cost(values))
+    assert close(other.sums.normal(values).matrix, expected.sums.normal(values).matrix)
     assert other.weights == pytest.approx(parted.weights, rel=1e-12)
 
 
@@ -627,12 +629,12 @@ def test_smoothed_lookups_of_a_model_with_memory_use_the_same_recordings(tmp_pat
     path = write_many(tmp_path, TIMED + "\n[optimizer]\nmax_iterations = 2\n")
     (tmp_path / "lag.kf").write_text("input u\nLagged = K(PT1(u, T))\n")
     plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 600)))
-    one, other = (Continuation.of(compiled) for compiled in (plain, parted))
-    assert one.thinned
+    expected, other = (Continuation.of(compiled) for compiled in (plain, parted))
+    assert expected.thinned
     assert other.thinned
-    for form in (one._smooth, other._smooth):
+    for form in (expected._smooth, other._smooth):
         form.set_width(0.5)
-    assert close(other._smooth.sums.cost(plain.start), one._smooth.sums.cost(plain.start))
+    assert close(other._smooth.sums.cost(plain.start), expected._smooth.sums.cost(plain.start))
     again = other.with_start(parted.with_start(parted.problem))
     assert again._smooth.problem.partitions is other._smooth.problem.partitions
 
@@ -661,7 +663,7 @@ def test_starts_of_a_search_begin_with_the_same_recordings(tmp_path, few_recordi
 
 
 @pytest.mark.slow
-def test_recordings_weigh_the_same_if_nothing_is_kept_on_disk(tmp_path, few_recordings, monkeypatch):
+def test_recordings_have_the_same_weight_without_cached_entries(tmp_path, few_recordings, monkeypatch):
     path = write_many(tmp_path)
     costs = []
     for _ in range(2):

@@ -28,7 +28,7 @@ def test_each_matching_file_is_a_piece_in_the_order_of_its_name(shop):
     assert data["n"].values.tolist() == [1000, 1100, 1500, 2000, 2500, 3000]
 
 
-def test_what_the_cache_keeps_is_no_recording(shop):
+def test_files_of_the_cache_are_not_recordings(shop):
     shop.bench("bench.parquet")
     shop.write(".kennfeld/cache/1-2-3.parquet", b"kept")
     shop.write("kennfeld/cache/a.parquet", b"mine")
@@ -43,7 +43,7 @@ def test_a_file_that_two_patterns_match_is_read_once(shop):
     assert dataset(shop.change('"bench.csv"', '"bench.csv", "b*.csv"')).samples == 6
 
 
-def test_files_in_folders_and_with_absolute_paths_are_found(shop):
+def test_files_in_folders_and_with_absolute_paths_match(shop):
     shop.bench("data/a.csv")
     shop.bench("data/deep/b.csv")
     assert dataset(shop.change('"bench.csv"', '"data/**/*.csv"')).samples == 12
@@ -51,12 +51,12 @@ def test_files_in_folders_and_with_absolute_paths_are_found(shop):
     assert dataset(shop.change('"data/**/*.csv"', f'"{absolute}"')).samples == 6
 
 
-def test_brackets_in_a_file_name_are_no_pattern_where_the_file_exists(shop):
+def test_brackets_in_the_name_of_an_existing_file_are_not_a_pattern(shop):
     shop.bench("run[1].csv")
     assert dataset(shop.change('"bench.csv"', '"run[1].csv"')).samples == 6
 
 
-def test_a_dataset_is_called_like_its_file_or_as_it_says(shop):
+def test_a_dataset_has_its_stated_name_or_that_of_its_file(shop):
     assert dataset(shop).name == "bench"
     assert dataset(shop.change('files = ["bench.csv"]', 'files = "bench.csv"\nname = "engine"')).name == "engine"
 
@@ -98,12 +98,12 @@ def test_two_datasets_of_one_name_are_a_finding(shop):
     assert "[[dataset]] 2 name: duplicate dataset name bench" in error
 
 
-def test_a_channel_that_is_missing_names_the_nearest_and_what_it_is_for(shop):
+def test_a_missing_channel_is_named_with_the_nearest_and_its_use(shop):
     shop.change('Speed = "n"', 'Speed = "nn"')
     assert shop.error() == "bench.csv: has no channel nn, the input Speed of the function. Did you mean n?"
 
 
-def test_an_input_without_a_channel_shows_where_to_name_it(shop):
+def test_an_input_without_a_channel_shows_the_line_to_write(shop):
     shop.bench("bench.csv", **{"n [rpm]": None, "rotation": [1.0] * 6})
     error = shop.change('[channels]\nSpeed = "n"\n', "").error()
     assert "bench.csv: has no channel Speed, the input Speed of the function. It has Load, Torque, rotation." in error
@@ -123,7 +123,7 @@ def test_findings_of_a_reader_come_with_the_others(shop):
     assert any("file nothing.dcm does not exist" in e for e in errors)
 
 
-def test_another_kind_of_file_under_a_familiar_name_is_told(shop):
+def test_another_kind_of_file_with_a_known_ending_is_named(shop):
     shop.write("bench.csv", b"%PDF-1.7" + b"\0" * 200)
     assert "this is a PDF file, which cannot be read as a measurement" in shop.error()
 
@@ -139,7 +139,7 @@ def test_calculated_channels_may_use_each_other_in_any_order(shop):
     assert dataset(shop)["Load"].values.tolist() == [3, 5, 7, 9, 11, 13]
 
 
-def test_a_calculated_channel_with_memory_starts_anew_at_each_piece(shop):
+def test_a_calculated_channel_with_memory_restarts_at_each_piece(shop):
     for name in ("run1.csv", "run2.csv"):
         timed(shop, name, 3)
     shop.change('"bench.csv"', '"run?.csv"').add('[calculated]\nLoad = "prev(n, -1) + 0 * t"')
@@ -175,16 +175,16 @@ def test_a_loop_of_calculated_channels_is_named(shop):
     assert "circular definition: a -> b -> a" in shop.error()
 
 
-def test_a_calculated_channel_that_nothing_uses_is_a_warning(shop):
+def test_an_unused_calculated_channel_is_a_warning(shop):
     assert "[calculated] air: unused channel" in shop.add('[calculated]\nair = "n / 2"').warning()
 
 
-def test_a_condition_takes_samples_out_of_the_score(shop):
+def test_a_condition_excludes_samples_from_the_score(shop):
     data = dataset(shop.change('"bench.csv"]', '"bench.csv"]\nwhere = "n > 1200 and Load < 13"'))
     assert data.scored.tolist() == [False, True, True, False, True, False]
 
 
-def test_a_condition_may_use_channels_that_the_function_does_not(shop):
+def test_a_condition_may_use_channels_that_the_function_does_not_read(shop):
     shop.bench("bench.csv", **{"%valid": [1.0, 0, 1, np.nan, 1, 1]})
     data = dataset(shop.change('"bench.csv"]', '"bench.csv"]\nwhere = "%%%valid%"'))
     assert data.scored.tolist() == [True, False, True, False, True, True]
@@ -208,7 +208,7 @@ def test_a_condition_on_a_wrong_calculated_channel_adds_no_finding(shop):
     assert "[calculated] air" in shop.error()
 
 
-def test_warmup_takes_the_begin_of_each_piece_out_of_the_score(shop):
+def test_a_warmup_excludes_the_begin_of_each_piece_from_the_score(shop):
     timed(shop, "run1.csv", 4)
     timed(shop, "run2.csv", 3)
     shop.change('"bench.csv"]', '"run?.csv"]\nwarmup = 0.2')
@@ -221,7 +221,7 @@ def test_a_warmup_longer_than_the_data_is_a_finding(shop):
 
 
 @pytest.mark.parametrize("key", ["warmup = 1.0", "max_gap = 1.0"])
-def test_what_needs_time_is_a_finding_without_it(shop, key):
+def test_keys_that_require_time_stamps_are_a_finding_without_them(shop, key):
     assert "requires time stamps, but the data have none" in shop.change('"bench.csv"]', f'"bench.csv"]\n{key}').error()
 
 
@@ -238,7 +238,7 @@ def test_steady_data_cannot_be_shifted_by_half_a_sample(shop):
     assert "shift: 0.5 samples of Torque" in shop.error()
 
 
-def test_time_data_are_shifted_in_seconds_each_file_for_itself(shop):
+def test_time_data_are_shifted_in_seconds_in_each_file(shop):
     timed(shop, "run1.csv", 3)
     timed(shop, "run2.csv", 3)
     shop.change('"bench.csv"]', '"run?.csv"]\nshift = { Torque = 0.1 }')
@@ -256,7 +256,7 @@ def test_a_shift_of_an_unknown_channel_is_a_finding(shop):
     assert "shift: channel Torqe is not used. Did you mean Torque?" in shop.error()
 
 
-def test_a_raster_puts_the_data_onto_an_even_grid(shop):
+def test_a_raster_resamples_the_data_to_an_even_grid(shop):
     timed(shop)
     data = dataset(shop.change('"bench.csv"]', '"bench.csv"]\nraster = 0.25'))
     np.testing.assert_allclose(data.time, [0, 0.25, 0.5])
@@ -279,7 +279,7 @@ def test_a_model_step_that_does_not_divide_the_data_is_a_finding(shop):
     assert "[[dataset]] 1: the data's step of 0.1 s is not a whole multiple of the model's step" in shop.error()
 
 
-def test_the_step_of_a_model_without_memory_does_not_matter(shop):
+def test_the_step_of_a_model_without_memory_is_ignored(shop):
     timed(shop)
     assert dataset(shop.change('file = "sensor.kf"', 'file = "sensor.kf"\nstep = 0.03')).samples == 6
 
@@ -293,13 +293,13 @@ def test_a_target_that_one_dataset_lacks_is_a_warning(shop):
 POWER = '[[dataset]]\nfiles = "other.csv"\n[[criterion]]\nnode = "Predict"\ntarget = { channel = "Power" }'
 
 
-def test_a_dataset_of_its_own_for_another_criterion_is_no_warning(shop):
+def test_a_separate_dataset_for_another_criterion_does_not_warn(shop):
     shop.bench("other.csv", **{"Torque [Nm]": None, "Power [Nm]": np.arange(6)})
     shop.add(POWER)
     assert shop.findings() == []
 
 
-def test_a_target_that_others_have_beside_it_is_a_warning(shop):
+def test_a_target_missing_in_one_of_several_datasets_is_a_warning(shop):
     """Both criteria are scored on the first dataset, so the second may have lost a channel."""
     shop.bench("bench.csv", **{"Power [Nm]": np.arange(6)})
     shop.bench("other.csv", **{"Torque [Nm]": None, "Power [Nm]": np.arange(6)})
@@ -319,7 +319,7 @@ def test_files_with_other_units_are_a_warning(shop):
     assert any("channel Torque is in Nm in one file and in bar in another" in text for text in warnings)
 
 
-def test_files_with_and_without_time_do_not_go_together(shop):
+def test_files_with_and_without_time_cannot_be_combined(shop):
     timed(shop, "bench2.csv")
     assert "mixes recordings with and without time stamps" in shop.change('"bench.csv"', '"bench*.csv"').error()
 
@@ -334,13 +334,13 @@ def test_no_training_dataset_is_a_finding(shop):
     assert "[[dataset]]: no dataset is used for training" in error
 
 
-def test_inputs_that_are_never_known_together_are_a_finding(shop):
+def test_inputs_that_never_have_values_together_are_a_finding(shop):
     nan = np.nan
     shop.bench("bench.csv", **{"n [rpm]": [1e3, 2e3, 3e3, nan, nan, nan], "Load": [nan, nan, nan, 1, 2, 3]})
     assert "no sample of dataset bench has all inputs: n is missing in 50%, Load is missing in 50%" in shop.error()
 
 
-def test_the_warmup_is_known_to_the_dataset_so_that_gaps_have_one_too(shop):
+def test_a_dataset_has_its_warmup_and_its_longest_gap(shop):
     timed(shop)
     shop.change('"bench.csv"]', '"bench.csv"]\nwarmup = 0.2\nmax_gap = 0.5')
     assert (dataset(shop).warmup, dataset(shop).max_gap) == (0.2, 0.5)

@@ -1,4 +1,4 @@
-"""What a project does: problem, calibration, simulation."""
+"""Actions of a project: problem, calibration, simulation."""
 
 import os
 import subprocess
@@ -45,7 +45,7 @@ def test_the_published_torque_problem_runs_from_its_files(shop):
     assert max(bench.rmse_after, fresh.rmse_after) < 2.2
 
 
-def test_options_reach_the_solver(shop):
+def test_the_solver_uses_the_options_of_the_project(shop):
     result = shop.add("[optimizer]\nmax_iterations = 1\ncontinuation = 'off'").project.calibrate()
     assert result.status == "max_iterations"
 
@@ -100,7 +100,7 @@ def test_simulation_refuses_tables_that_do_not_fit(shop):
         shop.project.simulate(ParameterSet([Map("Gain", [1], [1], [[1]])]))
 
 
-def test_a_simulated_target_that_is_called_like_a_node_gets_a_suffix(shop):
+def test_a_simulated_target_with_the_name_of_a_node_gets_a_suffix(shop):
     shop.bench("bench.csv", base=np.arange(6))
     shop.add('[[criterion]]\nnode = "Predict"\ntarget = { channel = "base" }')
     (data,) = shop.project.simulate()
@@ -110,9 +110,9 @@ def test_a_simulated_target_that_is_called_like_a_node_gets_a_suffix(shop):
 
 def test_a_model_with_memory_is_calibrated_on_its_own_step(shop):
     time, u = np.arange(200) * 0.1, np.repeat([0.0, 1.0, 0.3, 2.0, 1.2], 40)
-    held = np.repeat(u, 2)[:399]  # as set values are between their samples
-    y, state = [], held[0] * 3
-    for k, x in enumerate(held):
+    repeated = np.repeat(u, 2)[:399]  # as set values are between their samples
+    y, state = [], repeated[0] * 3
+    for k, x in enumerate(repeated):
         state = 3 * x if k == 0 else state + 0.05 / (0.8 + 0.05) * (3 * x - state)
         y.append(state)
     shop.csv("bench.csv", {"time": time, "u": u + 0.0, "y": np.array(y)[::2]})
@@ -177,7 +177,7 @@ def folders(tmp_path):
     return tmp_path
 
 
-def test_a_project_keeps_its_folder_when_the_present_one_changes(folders, monkeypatch):
+def test_a_project_keeps_its_folder_when_the_working_directory_changes(folders, monkeypatch):
     monkeypatch.chdir(folders / "here")
     project = Project.read("kennfeld.toml")
     monkeypatch.chdir(folders / "there")
@@ -187,7 +187,7 @@ def test_a_project_keeps_its_folder_when_the_present_one_changes(folders, monkey
     assert not (folders / "there" / "results").exists()
 
 
-def test_the_file_of_parameters_is_updated_whatever_the_present_folder_is(folders, monkeypatch):
+def test_the_file_of_parameters_is_updated_from_any_working_directory(folders, monkeypatch):
     monkeypatch.chdir(folders / "here")
     start = read_parameters("start.dcm")
     monkeypatch.chdir(folders / "there")
@@ -197,7 +197,7 @@ def test_the_file_of_parameters_is_updated_whatever_the_present_folder_is(folder
 
 @pytest.mark.guests
 @pytest.mark.parametrize("at", ["here", ".", "there"])
-def test_messages_name_files_as_they_are_reached_from_the_present_folder(at, folders, monkeypatch):
+def test_messages_name_files_relative_to_the_working_directory(at, folders, monkeypatch):
     (folders / "here" / "net.onnx").write_bytes(b"damaged")
     (folders / "here" / "kennfeld.toml").write_text(GAIN.replace("gain.kf", "net.onnx"), encoding="utf-8")
     monkeypatch.chdir(folders / at)

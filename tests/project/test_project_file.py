@@ -8,16 +8,16 @@ from kennfeld.project import Project
 from tests.draws import few_or_many
 
 
-def test_a_right_project_has_no_findings(shop):
+def test_a_valid_project_has_no_findings(shop):
     assert shop.findings() == []
 
 
-def test_reading_looks_at_the_project_file_alone(shop):
+def test_reading_opens_only_the_project_file(shop):
     shop.change('file = "sensor.kf"', 'file = "not there.kf"')
     assert shop.project.file.model.file == "not there.kf"
 
 
-def test_a_project_is_called_like_its_folder_or_its_file(shop):
+def test_a_project_has_the_name_of_its_folder_or_its_file(shop):
     assert shop.project.name == shop.folder.name
     shop.path.rename(shop.folder / "torque.toml")
     assert Project.read(shop.folder / "torque.toml").name == "torque"
@@ -54,13 +54,13 @@ def test_a_syntax_error_has_its_line_column_and_excerpt(shop):
     assert "Text needs quotes" in str(finding)
 
 
-def test_a_project_file_cut_in_half_says_so(shop):
+def test_a_truncated_project_file_is_an_error(shop):
     shop.toml = shop.toml[: shop.toml.index("bench.csv") + 3]
     assert "kennfeld.toml line 8" in shop.error()
 
 
 @pytest.mark.parametrize(
-    ("added", "told"),
+    ("added", "message"),
     [
         (
             '[model]\nfile = "b.kf"',
@@ -80,8 +80,8 @@ def test_a_project_file_cut_in_half_says_so(shop):
         ("[parameters.Gain]\nx = { count = 3, count = 4 }", "line 18: duplicate key count. Remove one of them."),
     ],
 )
-def test_what_stands_twice_is_told_in_words(shop, added, told):
-    assert shop.add(added).error() == f"kennfeld.toml {told}"
+def test_duplicates_are_errors_with_their_line(shop, added, message):
+    assert shop.add(added).error() == f"kennfeld.toml {message}"
 
 
 def test_windows_paths_in_double_quotes_get_a_hint(shop):
@@ -101,7 +101,7 @@ def test_windows_paths_in_double_quotes_get_a_hint(shop):
         (b"x = {y = 1, a" + b".a" * 50_000 + b" = 1}", "has more than 32 parts"),
     ],
 )
-def test_other_files_under_the_name_are_told_apart(shop, content, expected):
+def test_files_of_another_kind_are_distinguished(shop, content, expected):
     path = shop.path
     path.write_bytes(content)
     with pytest.raises(InputError, match=expected.replace("(", r"\(")):
@@ -116,7 +116,7 @@ def test_a_project_file_of_many_megabytes_is_refused_unread(shop):
         Project.read(path)
 
 
-def test_many_dots_in_texts_and_comments_are_no_deep_keys(shop):
+def test_many_dots_in_texts_and_comments_do_not_count_as_keys(shop):
     dots = "-." * 100
     path = shop.path
     path.write_text(f"# {dots}\n{path.read_text()}\n[units]\nx = '{dots}'\n")
@@ -203,13 +203,13 @@ def test_each_wrong_key_is_one_finding(shop, section, expected):
         Project.read(shop.path)
 
 
-@pytest.mark.parametrize("given", ["'auto'", "{ x = 'auto' }"])
-def test_smoothness_may_be_automatic(shop, given):
-    problem = shop.add(f"[parameters.Gain]\nsmoothness = {given}").project.problem()
+@pytest.mark.parametrize("smoothness", ["'auto'", "{ x = 'auto' }"])
+def test_smoothness_may_be_automatic(shop, smoothness):
+    problem = shop.add(f"[parameters.Gain]\nsmoothness = {smoothness}").project.problem()
     assert problem.automatic_names == ("Gain",)
 
 
-def test_a_word_that_is_no_smoothness_is_refused(shop):
+def test_an_invalid_smoothness_is_refused(shop):
     expected = "smoothness x: must be a number >= 0 or \"auto\", got 'automatic'"
     assert expected in shop.add("[parameters.Gain]\nsmoothness = { x = 'automatic' }").error()
 
@@ -230,7 +230,7 @@ def test_a_channel_that_others_are_calculated_from_has_no_automatic_shift(shop):
     assert 'the shift of Load cannot be "auto" because [calculated] half reads it' in shop.error()
 
 
-def test_a_test_dataset_cannot_find_a_shift_by_itself(shop):
+def test_a_test_dataset_cannot_estimate_a_shift(shop):
     shop.bench("fresh.csv")
     shop.add("[[dataset]]\nfiles = 'fresh.csv'\nuse = 'test'\nshift = { Torque = 'auto' }")
     assert 'shift = "auto" for Torque must be set on a training dataset' in shop.error()
@@ -254,7 +254,7 @@ def test_an_unknown_output_format_is_refused(shop):
         ("[model]", "speed = 1\n[model]", "kennfeld.toml speed: unknown key"),
     ],
 )
-def test_missing_and_mistaken_sections_are_named(shop, old, new, expected):
+def test_missing_and_misspelt_sections_are_named(shop, old, new, expected):
     assert expected in shop.change(old, new).error()
 
 
@@ -275,7 +275,7 @@ TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", 
 
 
 @few_or_many(data=st.data(), few=50, many=400)
-def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, data):
+def test_a_damaged_project_file_is_read_or_refused(shop, sound_toml, data):
     text = (
         sound_toml.replace("[[dataset]]", STEADY)
         + "\n[parameters.Gain]\nx = { input = 'Speed', count = 3 }\nbounds = [0, inf]\nlock = [{ x = [1, 2] }]\n"
@@ -315,6 +315,6 @@ def test_an_input_may_be_called_calculated(shop):
     assert shop.project.file.channels == {"Speed": "n", "calculated": "Torque"}
 
 
-def test_a_formula_that_is_no_text_is_an_error(shop):
+def test_a_formula_must_be_text(shop):
     shop.change('Speed = "n"', 'Speed = "n"\n[channels.calculated]\nhalf = 3')
     assert "[channels] calculated half: must be a text, got 3" in shop.error()

@@ -31,7 +31,7 @@ def write_calling(folder, model="Lagged = PT1(gain(K(u), 0.5), T)"):
 @pytest.mark.guests
 @pytest.mark.parametrize("size", mostly_slow([120, 10**6], 1))
 @pytest.mark.parametrize("model", ["Lagged = PT1(gain(K(u), 0.5), T)", "Lagged = gain(K(u), T)"])
-def test_functions_over_partitions_give_what_they_give_for_all_samples(tmp_path, size, model):
+def test_functions_give_the_same_values_over_partitions_as_over_all_samples(tmp_path, size, model):
     path = write_calling(tmp_path, model)
     whole, parted = (CompiledProblem(each.problem()) for each in (Project.read(path), in_partitions(path, size)))
     for factor in (1.0, 1.1):
@@ -63,7 +63,7 @@ def test_a_function_whose_file_is_missing_or_a_folder_is_an_error(tmp_path):
 
 
 @pytest.mark.guests
-def test_an_input_of_a_function_in_a_file_is_set_to_a_number_and_not_made_a_parameter(tmp_path):
+def test_an_input_of_a_function_in_a_file_is_set_to_a_number_and_does_not_become_a_parameter(tmp_path):
     (tmp_path / "twice.py").write_text("def twice(u, k):\n    return k * u\n")
     (tmp_path / "bench.csv").write_text("u,y\n1,2\n2,4\n")
     text = '[model]\nfile = "twice.py:twice"\n[[dataset]]\nfiles = "bench.csv"\n'

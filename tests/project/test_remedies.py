@@ -48,7 +48,7 @@ def settings(path: Path) -> dict[str, object]:
     return tables
 
 
-def test_what_the_null_space_says_determines_everything(tmp_path: Path) -> None:
+def test_the_remedy_of_the_null_space_determines_all_values(tmp_path: Path) -> None:
     path = project(tmp_path, CURVE + OFFSET)
     problem, result = calibrated(path)
     assert result.trust.null_space.dimension == 2  # sum of curve and offset, and the point at 4
@@ -62,7 +62,7 @@ def test_what_the_null_space_says_determines_everything(tmp_path: Path) -> None:
     assert calibrated(path)[1].trust.null_space.dimension == 0
 
 
-def test_every_choice_of_a_direction_alone_reduces_what_is_open(tmp_path: Path) -> None:
+def test_every_remedy_of_a_direction_reduces_the_null_space(tmp_path: Path) -> None:
     text = CURVE + OFFSET
     path = project(tmp_path, text)
     problem, result = calibrated(path)
@@ -77,7 +77,7 @@ def test_every_choice_of_a_direction_alone_reduces_what_is_open(tmp_path: Path) 
         assert calibrated(path)[1].trust.null_space.dimension < open_before, change.title
 
 
-def test_more_smoothness_multiplies_what_the_run_had(tmp_path: Path) -> None:
+def test_more_smoothness_multiplies_that_of_the_run(tmp_path: Path) -> None:
     path = project(tmp_path, CURVE + "smoothness = 0.02\n", "y_model = C(x)")
     problem, _ = calibrated(path)
     change = key_changes(Remedy(smoother=("C",)), problem, settings(path))
@@ -89,7 +89,7 @@ def test_more_smoothness_multiplies_what_the_run_had(tmp_path: Path) -> None:
     assert again.applied
 
 
-def test_without_smoothness_it_comes_from_the_data(tmp_path: Path) -> None:
+def test_smoothness_is_chosen_from_the_data_if_there_was_none(tmp_path: Path) -> None:
     path = project(tmp_path, CURVE, "y_model = C(x)")
     problem, _ = calibrated(path)
     change = key_changes(Remedy(smoother=("C",)), problem, settings(path))
@@ -105,7 +105,7 @@ def test_smoothness_that_was_chosen_from_the_data_is_multiplied(tmp_path: Path) 
     assert change.changes[0][1] == pytest.approx(10 * result.smoothness["C"]["x"], rel=1e-3)
 
 
-def test_a_pin_joins_those_that_are_there(tmp_path: Path) -> None:
+def test_a_pin_is_added_to_existing_ones(tmp_path: Path) -> None:
     path = project(tmp_path, CURVE + "pin = [{ at = [1], value = 2 }]\n", "y_model = C(x)")
     problem, _ = calibrated(path)
     change = key_changes(Remedy(pins=(kf.Pin("C", (3.0,), 4.0),)), problem, settings(path))

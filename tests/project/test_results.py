@@ -25,7 +25,7 @@ FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulat
 
 
 class Line:
-    """What results need of a project: formats, and a simulation of two datasets, one of them in time."""
+    """The part of a project that results need: formats, and a simulation of two datasets, one of them in time."""
 
     formats = (".dcm",)
     further_results = ()
@@ -50,13 +50,13 @@ def everything_in(folder):
     return {path.relative_to(folder): path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
 
 
-def test_a_run_leaves_these_files_and_no_others(result, tmp_path):
+def test_a_run_writes_exactly_the_documented_files(result, tmp_path):
     written = write(result, Line(), tmp_path / "deep" / "results")
     assert sorted(path.name for path in written) == sorted(FILES)
     assert sorted(path.name for path in (tmp_path / "deep" / "results").iterdir()) == sorted(FILES)
 
 
-def test_the_keys_of_the_result_stay(result, tmp_path):
+def test_the_result_has_its_documented_keys(result, tmp_path):
     write(result, Line(), tmp_path)
     contents = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(contents) == [
@@ -109,14 +109,14 @@ def test_the_trust_has_a_line_for_each_free_value(tmp_path):
     assert [int(row["samples"]) for row in rows[:6]] == fit.trust.samples["M"].ravel().tolist()
     assert [row["informed"] for row in rows[:6]] == ["1"] * 4 + ["0"] * 2
     assert rows[0]["unit"] == "Nm"
-    told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["trust"]
-    assert list(told) == [
+    trust = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["trust"]
+    assert list(trust) == [
         *("noise", "persistence", "freedom", "undetermined", "by_smoothness"),
         *("null_space", "directions", "holdings", "remark"),
     ]
-    assert told["undetermined"] == 2
-    assert list(told["directions"][0]) == ["sentence", "remedy", "exact", "determined", "ratio", "parameters"]
-    assert told["directions"][0]["parameters"] == ["M"]
+    assert trust["undetermined"] == 2
+    assert list(trust["directions"][0]) == ["sentence", "remedy", "exact", "determined", "ratio", "parameters"]
+    assert trust["directions"][0]["parameters"] == ["M"]
 
 
 def test_only_names_and_pieces_of_a_simulation_have_a_dictionary(result, tmp_path):
@@ -127,14 +127,14 @@ def test_only_names_and_pieces_of_a_simulation_have_a_dictionary(result, tmp_pat
     assert repeated == ["dataset", "file", "piece"]
 
 
-def test_what_is_not_known_of_the_trust_stays_empty(tmp_path):
+def test_unknown_cells_of_the_trust_are_empty(tmp_path):
     two = calibrate("y = a + b * x", {"x": [0.0, 1], "t": [1.0, 3]}, {"a": 0.0, "b": 0.0}, target="t")
     write(two, Line(), tmp_path)
     with (tmp_path / "trust.csv").open(encoding="utf-8", newline="") as file:
         assert [row["deviation"] for row in csv.DictReader(file)] == ["", ""]
 
 
-def test_the_simulation_holds_all_datasets_one_below_the_other(result, tmp_path):
+def test_the_simulation_contains_all_datasets_in_order(result, tmp_path):
     write(result, Line(), tmp_path)
     table = pyarrow.parquet.read_table(tmp_path / "simulation.parquet").to_pydict()
     assert table == {
@@ -147,7 +147,7 @@ def test_the_simulation_holds_all_datasets_one_below_the_other(result, tmp_path)
     }
 
 
-def test_units_stay_with_the_simulation(tmp_path):
+def test_a_simulation_has_its_units(tmp_path):
     path = write_simulation(SimulatedDatasets(Line().simulation().datasets[0]), tmp_path / "simulation.parquet")
     assert read(path)["y"].unit == "Nm"
 
@@ -189,7 +189,7 @@ def test_a_parquet_file_keeps_names_as_they_are(tmp_path):
     assert (table["dataset"], table["=b"]) == (["=a"], [1.0])
 
 
-def test_a_node_that_is_called_like_our_own_columns_gets_another_name(tmp_path):
+def test_a_node_with_the_name_of_a_reserved_column_gets_another_name(tmp_path):
     path = write_simulation(
         SimulatedDatasets(Dataset.of("bench", {"piece": [7.0], "time": [8.0]})), tmp_path / "s.parquet"
     )
@@ -197,7 +197,7 @@ def test_a_node_that_is_called_like_our_own_columns_gets_another_name(tmp_path):
     assert (table["piece"], table["piece (model)"], table["time (model)"]) == ([1], [7.0], [8.0])
 
 
-def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
+def test_a_simulation_with_an_unknown_ending_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"extension \.parquet, \.csv, \.mf4 or \.mat, got \.xlsx"):
         write_simulation(Line().simulation(), tmp_path / "s.xlsx")
     assert not list(tmp_path.iterdir())
@@ -217,7 +217,7 @@ def test_documents_are_written_with_the_other_files(result, tmp_path):
     assert (tmp_path / "report.html").read_bytes() == "<p>Öl</p>\n".encode()
 
 
-def test_a_text_is_written_whole_into_a_folder_that_is_made(tmp_path):
+def test_a_text_is_written_into_a_new_folder(tmp_path):
     assert write_text("text", tmp_path / "deep" / "a.html").read_text(encoding="utf-8") == "text"
     assert everything_in(tmp_path) == {Path("deep/a.html"): b"text"}
 
@@ -253,7 +253,7 @@ def test_an_old_result_is_replaced(result, tmp_path):
 
 
 @pytest.mark.parametrize("breaks_at", range(len(FILES)))
-def test_where_one_file_cannot_be_replaced_all_stay_as_they_were(result, tmp_path, monkeypatch, breaks_at):
+def test_all_files_stay_unchanged_if_one_cannot_be_replaced(result, tmp_path, monkeypatch, breaks_at):
     for name in FILES[1:]:
         (tmp_path / name).write_text(f"old {name}", encoding="utf-8")
     before = everything_in(tmp_path)
@@ -272,7 +272,7 @@ def test_where_one_file_cannot_be_replaced_all_stay_as_they_were(result, tmp_pat
     assert everything_in(tmp_path) == before
 
 
-def test_a_file_system_without_links_does_as_well(result, tmp_path, monkeypatch):
+def test_files_are_replaced_on_a_file_system_without_links(result, tmp_path, monkeypatch):
     def refuses(source, target):
         raise OSError(1, "no links here")
 
@@ -300,7 +300,7 @@ def test_an_interrupt_while_writing_leaves_the_old_files(result, tmp_path, monke
     assert everything_in(tmp_path) == before
 
 
-def test_room_is_required_without_leaving_a_trace(tmp_path):
+def test_requiring_space_leaves_no_files(tmp_path):
     require_room(tmp_path / "a" / "b")
     assert not list(tmp_path.iterdir())
     (tmp_path / "results").mkdir()
@@ -308,7 +308,7 @@ def test_room_is_required_without_leaving_a_trace(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
-def test_a_file_in_the_place_of_the_folder_leaves_no_room(tmp_path):
+def test_a_file_in_the_place_of_the_folder_is_an_error(tmp_path):
     (tmp_path / "results").write_text("a file", encoding="utf-8")
     with pytest.raises(InputError, match=r"results: cannot be written.*-o"):
         require_room(tmp_path / "results")
@@ -316,7 +316,7 @@ def test_a_file_in_the_place_of_the_folder_leaves_no_room(tmp_path):
         require_room(tmp_path / "results" / "deeper")
 
 
-def test_shifts_of_a_result_are_read_again(result, tmp_path):
+def test_shifts_of_a_result_are_read(result, tmp_path):
     assert read_shifts(tmp_path) == {}
     write(replace(result, shifts={"drive": {"Torque": -0.25}}), Line(), tmp_path)
     assert read_shifts(tmp_path) == {"drive": {"Torque": -0.25}}

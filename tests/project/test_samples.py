@@ -25,7 +25,7 @@ def test_a_channel_weighs_the_samples(shop, where):
     assert result.quality[0].samples == 5  # without that of weight 0
 
 
-def test_a_calculated_channel_weighs_too(shop):
+def test_a_calculated_channel_weighs_the_samples(shop):
     weighted(shop, name="inverse").add("[calculated]\ninverse = '1 / Load'")
     assert shop.warnings() == []
     assert shop.project.problem().datasets[0]["inverse"].values[0] == 0.1
@@ -70,7 +70,7 @@ def test_weights_that_are_all_zero_are_an_error(shop):
     ]
 
 
-def test_weights_in_test_data_are_not_needed(shop):
+def test_weights_are_optional_in_test_data(shop):
     weighted(shop)
     shop.bench("fresh.csv", speed=(1100, 1600, 2100, 2600, 2900, 1300))
     shop.add("[[dataset]]\nfiles = 'fresh.csv'\nuse = 'test'")

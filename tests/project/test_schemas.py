@@ -21,7 +21,7 @@ def without_schema(path):
 
 
 @pytest.mark.parametrize("name", mostly_slow(NAMES, ["exhaust", "torque"]))
-def test_every_file_of_a_demo_names_a_schema_that_is_beside_it(name, tmp_path):
+def test_every_file_of_a_demo_names_a_schema_in_its_folder(name, tmp_path):
     write(name, tmp_path)
     files = list(tmp_path.glob("*.toml"))
     assert files
@@ -52,7 +52,7 @@ def test_a_demo_of_an_earlier_version_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize("earlier", [False, True])
-def test_a_demo_is_not_written_over_another_one(earlier, tmp_path):
+def test_a_demo_does_not_overwrite_another_one(earlier, tmp_path):
     path = write("torque", tmp_path)
     if earlier:
         without_schema(path)

@@ -20,7 +20,7 @@ def points(shop):
     return shop.change('files = ["bench.csv"]', 'files = ["bench.csv"]\nsettle = 20.0\naverage = 1.0\nstep = 0.1')
 
 
-def test_points_are_held_and_scored_once_each(points, tmp_path):
+def test_each_point_is_held_and_scored_once(points, tmp_path):
     project = points.project
     assert project.check() == []
     result = project.calibrate()
@@ -45,12 +45,12 @@ def test_the_step_of_the_model_is_the_default(points):
     )
 
 
-def test_the_step_of_the_dataset_wins(points):
+def test_the_step_of_the_dataset_takes_precedence(points):
     points.change("[channels]", "step = 0.5\n[channels]")
     assert points.project.problem().training[0].count == 6 * 201
 
 
-def test_recorded_time_stamps_do_not_matter(points):
+def test_recorded_time_stamps_are_ignored(points):
     columns = {"time [s]": np.arange(4), "n [rpm]": [1000, 2000, 3000, 1500], "Load": [1, 2, 3, 4], "Torque": [5] * 4}
     points.csv("bench.csv", columns)
     data = points.project.problem().datasets[0]
@@ -58,21 +58,21 @@ def test_recorded_time_stamps_do_not_matter(points):
     assert points.project.simulate()[0].samples == 4
 
 
-def test_without_settle_the_message_names_it(points):
+def test_the_message_names_settle_if_it_is_missing(points):
     points.change("\nsettle = 20.0\naverage = 1.0\nstep = 0.1", "")
     assert points.error().endswith(
         "Name the time channel `time`, or write settle = ... if these are steady-state points."
     )
 
 
-def test_a_function_without_memory_is_told_that_it_needs_no_holding(points):
+def test_settle_is_a_finding_for_a_function_without_memory(points):
     points.text = TEXT.replace("PT1(Gain(Speed) * Load + offset, 2.0, 0)", "Gain(Speed) * Load + offset")
     assert points.warning() == (
         "kennfeld.toml [[dataset]] 1 (bench) settle: settle has no effect: the function has no states. Remove settle."
     )
 
 
-def test_more_samples_than_memory_holds_are_an_error(points):
+def test_too_many_samples_for_the_memory_are_an_error(points):
     message = points.change("step = 0.1", "step = 1e-6").error()
     assert "6 points of 20000001 samples each are 120000006 samples, which exceeds 100000000" in message
 
@@ -91,5 +91,5 @@ def test_more_samples_than_memory_holds_are_an_error(points):
         ("settle = 5\nmax_gap = 1", "max_gap: max_gap contradicts settle"),
     ],
 )
-def test_keys_that_do_not_go_together_are_errors(shop, keys, error):
+def test_keys_that_exclude_each_other_are_errors(shop, keys, error):
     assert error in shop.change('files = ["bench.csv"]', f'files = ["bench.csv"]\n{keys}').error()

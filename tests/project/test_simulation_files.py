@@ -137,7 +137,7 @@ def test_missing_values_are_invalid_samples(folder, recorded):
         assert read_all(file, 0, "y").invalidation_bits is None
 
 
-def test_units_and_comments_say_what_a_channel_is(folder, recorded):
+def test_channels_have_units_and_comments(folder, recorded):
     Project.read(folder / "kennfeld.toml").simulation().save(folder / "out.mf4")
     with MDF(folder / "out.mf4") as file:
         described = {c.name: (c.unit, c.comment) for c in file.groups[1].channels}
@@ -151,14 +151,14 @@ def test_units_and_comments_say_what_a_channel_is(folder, recorded):
     }
 
 
-def test_pieces_are_numbered_where_a_recording_has_several(folder, recorded):
+def test_pieces_are_numbered_if_a_recording_has_several(folder, recorded):
     Project.read(folder / "kennfeld.toml").simulation().save(folder / "out.mf4")
     with MDF(folder / "out.mf4") as file:
         assert read_all(file, 0, "piece").samples.tolist() == [1] * 25 + [2] * 15
         assert "piece" not in file.groups[1].channels
 
 
-def test_different_start_times_are_said(folder, recorded, capsys):
+def test_different_start_times_are_reported(folder, recorded, capsys):
     record(folder / "b.mf4", 30, LATER, seed=1)
     assert cli.run(["simulate", str(folder / "kennfeld.toml"), "-o", str(folder / "out.mf4")]) == 0
     assert "out.mf4: the recordings start at different times" in capsys.readouterr().err
@@ -212,7 +212,7 @@ def test_points_without_time_have_none(folder, ending):
         np.testing.assert_array_equal(read_all(file, 0, "y").samples, [2.5, 4.5, 6.5])
 
 
-def test_a_calibration_writes_them_among_its_results(folder, recorded):
+def test_a_calibration_writes_simulation_files_among_its_results(folder, recorded):
     project = Project.read(folder / "kennfeld.toml")
     result = project.calibrate()
     names = {path.name for path in write(result, project, results_folder(project.path))}
@@ -230,7 +230,7 @@ def test_an_unknown_format_is_named_with_the_nearest(folder):
         Project.read(folder / "kennfeld.toml")
 
 
-def test_the_missing_library_is_said_before_anything_runs(folder, recorded, monkeypatch, capsys):
+def test_a_missing_library_is_reported_before_the_run(folder, recorded, monkeypatch, capsys):
     monkeypatch.setattr("kennfeld.measurement.mdf_writer.find_spec", lambda name: None)
     assert cli.run(["simulate", str(folder / "kennfeld.toml"), "-o", str(folder / "out.mf4")]) == 2
     assert 'asammdf is not installed. Run: pip install "kennfeld[mdf]"' in capsys.readouterr().err
@@ -239,7 +239,7 @@ def test_the_missing_library_is_said_before_anything_runs(folder, recorded, monk
     assert [str(error.location) for error in errors] == ["kennfeld.toml line 17 [calibration] results"]
 
 
-def test_a_format_that_fails_leaves_the_other_results(folder, recorded, monkeypatch):
+def test_a_format_that_fails_does_not_affect_the_other_results(folder, recorded, monkeypatch):
     monkeypatch.setattr("kennfeld.measurement.matlab_writer._MOST_BYTES", 100)
     project = Project.read(folder / "kennfeld.toml")
     names = {path.name for path in write(project.calibrate(), project, folder / "results")}
@@ -250,7 +250,7 @@ def test_a_format_that_fails_leaves_the_other_results(folder, recorded, monkeypa
     assert not (folder / "out.mat").exists()
 
 
-def test_nothing_is_written_through_a_link_of_the_project(folder, recorded, tmp_path_factory):
+def test_simulations_are_not_written_through_a_link_of_the_project(folder, recorded, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere") / "target.mf4"
     (folder / "out.mf4").symlink_to(elsewhere)
     assert cli.run(["simulate", str(folder / "kennfeld.toml"), "-o", str(folder / "out.mf4")]) == 2
@@ -263,17 +263,19 @@ def test_partitions_write_the_same_file(folder, recorded):
     project = Project.read(folder / "kennfeld.toml")
     parts = project.simulation().save(folder / "parts.mf4")
     assert any("data in partitions is not among the results" in str(finding) for finding in project.check())
-    with MDF(whole) as one, MDF(parts) as other:
-        assert one.start_time == other.start_time
-        for number, group in enumerate(one.groups):
-            assert group.channel_group.comment == other.groups[number].channel_group.comment
+    with MDF(whole) as first, MDF(parts) as second:
+        assert first.start_time == second.start_time
+        for number, group in enumerate(first.groups):
+            assert group.channel_group.comment == second.groups[number].channel_group.comment
             for index, channel in enumerate(group.channels):
-                signals = [file.get(group=number, index=index, ignore_invalidation_bits=True) for file in (one, other)]
+                signals = [
+                    file.get(group=number, index=index, ignore_invalidation_bits=True) for file in (first, second)
+                ]
                 assert signals[0].samples.tobytes() == signals[1].samples.tobytes(), channel.name
 
 
 @pytest.mark.parametrize("partition", ["", "\n[cluster]\npartition = 64\n"])
-def test_a_finer_step_of_the_model_leaves_the_samples_of_the_recording(folder, recorded, partition):
+def test_a_finer_step_of_the_model_does_not_change_the_recorded_samples(folder, recorded, partition):
     time = 3.0 + 0.1 * np.arange(40)
     columns = {"n": 2.0 + np.sin(time), "Torque": 4.0 + 0.1 * time}
     for name in ("a.mf4", "b.mf4", "c.mf4"):

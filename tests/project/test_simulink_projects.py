@@ -92,12 +92,12 @@ def test_limits_of_a_dictionary_hold_for_a_value_from_a_calibration_file(bounded
     assert bounded.project.calibrate().parameters["Slope"].value == 2.5
 
 
-def test_parameters_that_state_limits_have_their_way(bounded):
-    given = ParameterSet([Scalar("Slope", 0.5, lower=np.array(0.25))])
+def test_limits_of_parameters_take_precedence_over_a_dictionary(bounded):
+    start = ParameterSet([Scalar("Slope", 0.5, lower=np.array(0.25))])
     path, dictionary = bounded.folder / "line.slx", bounded.folder / "data.sldd"
     for parameters in (
-        merge_start_values(simulink(path, parameters=[dictionary]).values, given),
-        simulink(path, parameters=[dictionary, given]).values,
+        merge_start_values(simulink(path, parameters=[dictionary]).values, start),
+        simulink(path, parameters=[dictionary, start]).values,
     ):
         assert (float(parameters["Slope"].lower), float(parameters["Slope"].upper)) == (0.25, np.inf)
 
@@ -138,7 +138,7 @@ def test_a_literal_that_the_project_names_is_a_parameter(drawn):
     assert parameters["Plus:Bias"].value == pytest.approx(1.5, rel=1e-9)
 
 
-def test_a_block_is_cut_and_fed_from_a_formula(drawn):
+def test_a_block_is_replaced_by_a_formula(drawn):
     drawn.change("[[dataset]]", 'bind = { "Plus" = "3 * u + 1.5" }\n[[dataset]]')
     drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
     [data] = drawn.project.simulate()
@@ -173,7 +173,7 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
     assert "formula text" in capsys.readouterr().err
 
 
-def test_python_writes_formula_text_though_no_calibration_file_was_read_before(drawn, monkeypatch):
+def test_python_writes_formula_text_without_reading_a_calibration_file_before(drawn, monkeypatch):
     monkeypatch.setattr(parameter_set, "_writer", None)
     (drawn.folder / "init.m").write_text("Slope = 3;")
     request = ImportRequest(drawn.folder / "line.slx", ImportOptions(parameters=(drawn.folder / "init.m",)))
@@ -182,7 +182,7 @@ def test_python_writes_formula_text_though_no_calibration_file_was_read_before(d
     assert read(written[1])["Slope"].value == 3
 
 
-def test_formula_text_has_the_blocks_names_below_their_subsystems(tmp_path):
+def test_formula_text_names_nodes_by_subsystem_and_block(tmp_path):
     drawn = Model("plant", step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     for name, gain in (("Left", "2"), ("Right side", "3")):
@@ -208,7 +208,7 @@ def test_formula_text_has_the_blocks_names_below_their_subsystems(tmp_path):
     np.testing.assert_array_equal(evaluate(again.graph, {"u": u}, ParameterSet([]))["y"], 5 * np.abs(u))
 
 
-def test_libraries_are_looked_for_in_the_folders_that_the_project_names(drawn, capsys):
+def test_libraries_are_searched_in_the_folders_of_the_project(drawn, capsys):
     library = Model("lib", kind="Library")
     inner = library.subsystem("Twice")
     inner.inport("x")
@@ -232,7 +232,7 @@ def test_libraries_are_looked_for_in_the_folders_that_the_project_names(drawn, c
     assert "was not found" not in capsys.readouterr().out
 
 
-def test_formula_text_goes_on_beyond_the_ends_of_a_table_as_its_model_does(tmp_path):
+def test_formula_text_extrapolates_tables_like_its_model(tmp_path):
     drawn = Model("beyond", step="0.1", solver="FixedStepDiscrete")
     for name, method in (("Eta", "Linear"), ("Phi", "Clip")):
         drawn.inport(f"u_{name}")
@@ -251,7 +251,7 @@ def test_formula_text_goes_on_beyond_the_ends_of_a_table_as_its_model_does(tmp_p
 
 
 @pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json", "m"])
-def test_a_table_from_a_calibration_file_goes_on_beyond_its_ends_as_in_the_model(ending, tmp_path):
+def test_a_table_from_a_calibration_file_extrapolates_like_the_model(ending, tmp_path):
     drawn = Model("beyond", step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
     drawn.block("Lookup_n-D", "T", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 3]",
@@ -317,7 +317,7 @@ def test_a_step_on_the_command_line_replaces_that_of_the_model(drawn, capsys):
         assert cli.run(["info", source, "--step", wrong]) == 2
 
 
-def test_info_tells_how_much_of_a_model_is_supported(drawn, capsys):
+def test_info_states_the_supported_share_of_a_model(drawn, capsys):
     assert cli.run(["info", str(drawn.folder / "line.slx")]) == 0
     out = capsys.readouterr().out
     assert "1 of 4 blocks supported, 2 not reached behind others; not all outputs can be calibrated" in out
@@ -339,7 +339,7 @@ def test_the_demo_drawn_as_blocks_takes_the_same_steps(layout, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_the_demo_drawn_as_blocks_is_calibrated_to_the_same_answer(layout, tmp_path):
+def test_the_demo_drawn_as_blocks_is_calibrated_to_the_same_values(layout, tmp_path):
     check_demo_drawn_as_blocks(write("torque", tmp_path / "demo").with_name("load-only.toml"), layout)
 
 
@@ -352,10 +352,10 @@ def check_demo_drawn_as_blocks(path, layout):
     path.write_text(text, encoding="utf-8")
     parameters = Project.read(path).calibrate().parameters
     assert parameters.keys() == expected.keys()
-    for name, one in expected.items():
-        np.testing.assert_allclose(parameters[name].values, one.values, rtol=1e-12)
+    for name, parameter in expected.items():
+        np.testing.assert_allclose(parameters[name].values, parameter.values, rtol=1e-12)
         assert [axis.breakpoints.tolist() for axis in parameters[name].axes] == [
-            a.breakpoints.tolist() for a in one.axes
+            a.breakpoints.tolist() for a in parameter.axes
         ]
 
 
@@ -371,13 +371,13 @@ def axes_script(start):
     return "\n".join(lines)
 
 
-def said(shop):
-    """What a project's check says of its model, its parameters and its criteria."""
+def model_messages(shop):
+    """Return the findings of a check on the model, its parameters and its criteria, as text."""
     return [str(finding) for finding in shop.findings()]
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "told"),
+    ("before", "after", "expected"),
     [
         ("line.slx", "lime.slx", "kennfeld.toml [model] file: file lime.slx does not exist. Did you mean line.slx?"),
         (
@@ -394,7 +394,7 @@ def said(shop):
         ),
     ],
 )
-def test_a_model_that_cannot_be_read_is_the_one_thing_that_is_told(drawn, before, after, told):
+def test_a_model_that_cannot_be_read_is_the_only_finding(drawn, before, after, expected):
     (drawn.folder / "parts").mkdir()
     (drawn.folder / "init.m").write_text("Slope = 1;")
     inner = drawn.model.subsystem("Engine")
@@ -402,21 +402,21 @@ def test_a_model_that_cannot_be_read_is_the_one_thing_that_is_told(drawn, before
     drawn.model.write(drawn.folder, DRAWN)
     drawn.change("[parameters.Slope]\ninitial = 1.0\n", "[parameters.Slope]\nbounds = [0, 5]\n")
     drawn.change(before, after)
-    [message] = said(drawn)
-    assert message.removeprefix(f"{drawn.folder}/") == told
+    [message] = model_messages(drawn)
+    assert message.removeprefix(f"{drawn.folder}/") == expected
 
 
-def test_a_protected_model_is_told_as_such(drawn):
+def test_a_protected_model_is_named(drawn):
     (drawn.folder / "line.slxp").write_bytes(b"PK")
     drawn.change("line.slx", "line.slxp")
     drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
-    [message] = said(drawn)
+    [message] = model_messages(drawn)
     assert "line.slxp is a protected model; its blocks cannot be read. Obtain the unprotected model" in message
     assert cli.run(["convert", str(drawn.folder / "line.slxp"), "x.kf"]) == 2
 
 
 @pytest.mark.parametrize(
-    ("section", "told"),
+    ("section", "expected"),
     [
         ('"Pluss:Bias"', "line.slx: unknown block Pluss (field Bias to promote to a parameter). Did you mean Plus?"),
         ('"Plus:Bais"', "line.slx Plus: Bias has no field Bais. Did you mean Bias?"),
@@ -429,13 +429,13 @@ def test_a_protected_model_is_told_as_such(drawn):
         ("Slop", "kennfeld.toml [parameters.Slop]: unknown parameter Slop. Did you mean Slope?"),
     ],
 )
-def test_a_parameter_that_the_model_does_not_have_is_told_once_with_the_nearest(drawn, section, told):
+def test_a_parameter_that_the_model_does_not_have_is_reported_once_with_the_nearest(drawn, section, expected):
     drawn.add(f"[parameters.{section}]\nbounds = [0, 5]\n")
-    [message] = said(drawn)
-    assert message.startswith(told)
+    [message] = model_messages(drawn)
+    assert message.startswith(expected)
 
 
-def test_a_field_that_a_block_needs_as_a_number_is_given_and_not_fitted(drawn):
+def test_a_field_that_a_block_needs_as_a_number_is_not_fitted(drawn):
     model = drawn.model
     model.block("Delay", "Later", DelayLength="2", SampleTime="-1")
     model.outport("late")
@@ -451,7 +451,7 @@ def test_a_field_that_a_block_needs_as_a_number_is_given_and_not_fitted(drawn):
 
 
 @pytest.mark.parametrize(
-    ("node", "told"),
+    ("node", "expected"),
     [
         ("Engine/Gian", "unknown node Engine/Gian. Did you mean Engine/Gain?"),
         ("Engine/Gain x", "unknown node Engine/Gain x. Did you mean Engine/Gain?"),
@@ -459,7 +459,7 @@ def test_a_field_that_a_block_needs_as_a_number_is_given_and_not_fitted(drawn):
         ("Speed", "unknown node Speed. The function has y."),
     ],
 )
-def test_a_node_that_is_a_misspelt_path_is_no_formula(drawn, node, told):
+def test_a_misspelt_path_as_a_node_does_not_count_as_a_formula(drawn, node, expected):
     model = Model("line")
     model.inport("u")
     inner = model.subsystem("Engine")
@@ -472,11 +472,11 @@ def test_a_node_that_is_a_misspelt_path_is_no_formula(drawn, node, told):
     model.chain("u", "Engine", "y")
     model.write(drawn.folder, DRAWN)
     drawn.change("node = 'y'", f"node = '{node}'")
-    [message] = [one for one in said(drawn) if "unknown node" in one]
-    assert message == f"kennfeld.toml [[criterion]] 1 node: {told}"
+    [message] = [text for text in model_messages(drawn) if "unknown node" in text]
+    assert message == f"kennfeld.toml [[criterion]] 1 node: {expected}"
 
 
-def test_what_runs_otherwise_than_in_simulink_is_a_remark_of_the_check(drawn):
+def test_differences_from_simulink_are_remarks_of_the_check(drawn):
     model = Model("line", solver="ode45", step="auto")
     model.inport("u")
     model.block("Gain", "Times", Gain="Slope")
@@ -490,7 +490,7 @@ def test_what_runs_otherwise_than_in_simulink_is_a_remark_of_the_check(drawn):
     assert drawn.project.calibrate().parameters["Slope"].value == pytest.approx(3, rel=1e-9)
 
 
-def test_parameters_that_a_format_has_no_name_for_are_left_out_and_told(drawn, capsys):
+def test_parameters_that_a_format_cannot_name_are_skipped_with_a_message(drawn, capsys):
     model = Model("line")
     model.inport("u")
     model.block("Gain", "Times", Gain="Slope")
@@ -499,7 +499,7 @@ def test_parameters_that_a_format_has_no_name_for_are_left_out_and_told(drawn, c
     model.chain("u", "Times", "Plus so much", "y")
     model.write(drawn.folder, DRAWN)
     drawn.add('[parameters."Plus so much:Bias"]\ninitial = 0.0\n[calibration]\noutput = ["dcm", "cdfx", "m"]\n')
-    [warning] = said(drawn)
+    [warning] = model_messages(drawn)
     assert warning == (
         "kennfeld.toml [calibration] output: dcm cannot hold Plus so much:Bias: 'Plus so much:Bias' is not a "
         "valid DCM name: it must be one word without quotes. parameters.json holds every parameter."
@@ -527,22 +527,22 @@ def test_info_shows_values_limits_and_the_ports_of_the_part(drawn, capsys):
     model.chain("u", "Engine", "y")
     path = model.write(drawn.folder, DRAWN)
     (drawn.folder / "init.m").write_text("Slope = 2.5;")
-    given = ["info", str(path), "--parameters", str(drawn.folder / "init.m")]
-    assert cli.run(given) == 0
+    arguments = ["info", str(path), "--parameters", str(drawn.folder / "init.m")]
+    assert cli.run(arguments) == 0
     out = capsys.readouterr().out
     assert re.search(r"Slope +scalar +2\.5 +init\.m", out)
     assert re.search(r"Engine/Eta:Table +curve +3 +1 to 6 +a literal of the block, locked", out)
     assert re.search(r"input +unit\nu +rpm", out)
-    assert cli.run([*given, "--subsystem", "Engine"]) == 0
+    assert cli.run([*arguments, "--subsystem", "Engine"]) == 0
     out = capsys.readouterr().out
     assert re.search(r"input +unit\nx +Nm\n\noutput +unit\npower +W", out)
-    assert cli.run([*given, "--subsystem", "Motor"]) == 2
+    assert cli.run([*arguments, "--subsystem", "Motor"]) == 2
     assert "unknown subsystem Motor" in capsys.readouterr().err
-    assert cli.run([*given, "--folder", str(drawn.folder / "libs")]) == 2
+    assert cli.run([*arguments, "--folder", str(drawn.folder / "libs")]) == 2
     assert "libs: folder not found" in capsys.readouterr().err
 
 
-def test_info_says_how_a_block_is_bound_and_what_is_fixed(drawn, capsys):
+def test_info_lists_bound_blocks_and_fixed_values(drawn, capsys):
     model = Model("line")
     model.inport("u")
     model.block("S-Function", "Code", ports=(1, 1), FunctionName="f")
@@ -568,18 +568,18 @@ def test_a_model_without_outputs_names_the_subsystems_that_have_some(drawn):
         simulink(Model("line").write(drawn.folder, DRAWN))
 
 
-def test_the_report_lists_the_scripts_that_a_model_has_its_values_from(drawn):
+def test_the_report_lists_the_scripts_that_define_the_values_of_a_model(drawn):
     (drawn.folder / "init.m").write_text("Slope = 1;")
     drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
-    roles = {one.name: one.role for one in sources(drawn.project)}
+    roles = {source.name: source.role for source in sources(drawn.project)}
     assert roles["init.m"] == "values of the model"
-    assert all(one.digest for one in sources(drawn.project))
+    assert all(source.digest for source in sources(drawn.project))
 
 
-def test_why_a_script_gives_a_variable_no_value_is_told_with_the_block_that_needs_it(drawn):
+def test_an_undefined_variable_is_reported_with_its_script_and_its_block(drawn):
     (drawn.folder / "init.m").write_text("Slope = made_elsewhere(3);")
     drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
     drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
-    [message] = said(drawn)
+    [message] = model_messages(drawn)
     assert message.startswith("line.slx variable Slope: undefined (assignment failed in init.m line 1)")
     assert "; used by Times. Define it in a script" in message

@@ -33,7 +33,7 @@ def test_two_factors_of_zero_are_a_warning_with_a_start_that_moves(product):
     assert product.findings() == []
 
 
-def test_one_factor_of_zero_is_none(product):
+def test_one_factor_of_zero_is_not_a_warning(product):
     start(product, 1.0, 0.0)
     assert product.findings() == []
 
@@ -59,5 +59,5 @@ def test_the_advice_for_a_section_without_values_is_a_level_that_moves(product):
     start(product, 1.0, 0.0)
     product.text = "input Speed\ninput Load\nPredict = Gain(Speed) * New(Load) + offset + Last(Load)\n"
     product.add('[parameters.New]\nx = { input = "Load", count = 3 }\n[parameters.Last]\nx = { count = 3 }')
-    mends = [finding.remedy for finding in product.findings() if "no values" in finding.message]
-    assert mends == ["Write initial = 1.0, or all values.", "Write initial = 0.0, or all values."]
+    remedies = [finding.remedy for finding in product.findings() if "no values" in finding.message]
+    assert remedies == ["Write initial = 1.0, or all values.", "Write initial = 0.0, or all values."]

@@ -15,9 +15,9 @@ LEVELS = (1000.0, 1500.0, 2500.0, 3000.0)
 @pytest.fixture
 def ridden(shop):
     """A recording at 10 Hz: four levels of speed for 10 s each, with ramps of 2 s between them."""
-    held = [np.full(101, level) for level in LEVELS]
+    levels = [np.full(101, level) for level in LEVELS]
     ramps = [np.linspace(a, b, 21)[1:-1] for a, b in pairwise(LEVELS)]
-    n = np.concatenate([part for pair in zip(held, [*ramps, []], strict=True) for part in pair])
+    n = np.concatenate([part for pair in zip(levels, [*ramps, []], strict=True) for part in pair])
     n[:101] += np.where(np.arange(101) % 2, 4.0, -4.0)
 
     def write(name="bench.csv", **changes):
@@ -58,7 +58,7 @@ def test_a_run_on_plateaus_finds_the_values(ridden):
     assert result.parameters["offset"].value + result.parameters["Gain"].values[0] * 11 == pytest.approx(16, abs=0.1)
 
 
-def test_what_was_found_is_a_remark(ridden):
+def test_the_number_of_plateaus_is_a_remark(ridden):
     [remark] = [f for f in ridden.findings() if f.severity == "remark"]
     assert str(remark) == "kennfeld.toml [[dataset]] 1 steady: 4 plateaus of 10 s, 87% of the 46 s recorded"
 
@@ -72,12 +72,12 @@ def test_no_plateau_names_the_longest_stretch_and_the_tolerance_that_gives_one(r
     assert points(ridden).samples >= 1
 
 
-def test_a_window_longer_than_the_recording_is_told(ridden):
+def test_a_window_longer_than_the_recording_is_an_error(ridden):
     again(ridden, "window = 5.0", "window = 500.0")
     assert "no part of the recording without a gap is 500 s long; the longest is 46 s" in ridden.error()
 
 
-def test_several_channels_have_to_be_steady_at_once(ridden):
+def test_several_channels_must_be_steady_at_once(ridden):
     load = np.where(np.arange(ridden.speed.size) < 50, 0.0, 20.0)
     ridden.ride(Load=load)
     text = '{ channel = "n", window = 5.0, tolerance = 10 }'
@@ -88,7 +88,7 @@ def test_several_channels_have_to_be_steady_at_once(ridden):
     assert "each alone: n " in ridden.error()
 
 
-def test_samples_that_fail_the_condition_are_left_out_of_the_means(ridden):
+def test_samples_that_fail_the_condition_are_excluded_from_the_means(ridden):
     lambda_ = np.ones(ridden.speed.size)
     torque = np.full(ridden.speed.size, 7.0)
     lambda_[30], torque[30] = 2.0, 1e6
@@ -99,7 +99,7 @@ def test_samples_that_fail_the_condition_are_left_out_of_the_means(ridden):
     assert data.scored is None
 
 
-def test_without_max_gap_a_sample_that_fails_the_condition_ends_a_plateau(ridden):
+def test_a_sample_that_fails_the_condition_ends_a_plateau_without_max_gap(ridden):
     lambda_ = np.ones(ridden.speed.size)
     lambda_[40] = 2.0
     ridden.ride(**{"lambda": lambda_})
@@ -116,7 +116,7 @@ def test_calculated_channels_are_calculated_in_time_and_then_averaged(ridden):
     assert points(ridden)["Load"].values[0] == pytest.approx(np.mean(first**2))
 
 
-def test_the_condition_may_leave_out_the_first_seconds(ridden):
+def test_the_condition_may_exclude_the_first_seconds(ridden):
     again(ridden, "steady =", 'where = "t > 6"\nsteady =')
     assert points(ridden)["n"].values == pytest.approx(LEVELS[1:])
 
@@ -138,7 +138,7 @@ def test_plateaus_do_not_cross_files(ridden):
     assert points(again(ridden, '"bench.csv"', '"bench*.csv"')).samples == 8
 
 
-def test_a_raster_comes_first(ridden):
+def test_a_raster_is_applied_before_averaging(ridden):
     assert points(again(ridden, "steady =", "raster = 0.5\nsteady =")).samples == 4
 
 
@@ -170,7 +170,7 @@ def test_keys_without_a_meaning_are_refused(ridden):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("true", "must be a table or a list of tables"),
         ("[]", "must be a table or a list of tables"),
@@ -185,17 +185,17 @@ def test_keys_without_a_meaning_are_refused(ridden):
         ),
     ],
 )
-def test_values_without_a_meaning_are_findings(shop, text, said):
-    assert said in steady(shop, text).error()
+def test_values_without_a_meaning_are_findings(shop, text, message):
+    assert message in steady(shop, text).error()
 
 
-def test_a_channel_without_values_is_told(ridden):
+def test_a_channel_without_values_is_a_finding(ridden):
     ridden.ride(Load=np.full(ridden.speed.size, np.nan))
     error = again(ridden, 'channel = "n"', 'channel = "Load"').errors()[0]
     assert "no scored sample has Load" in error
 
 
-def test_a_shift_comes_first(ridden):
+def test_a_shift_is_applied_before_averaging(ridden):
     plain = points(ridden)["Torque"].values
     again(ridden, "steady =", "shift = { Torque = 2.0 }\nsteady =")
     shifted = points(ridden)["Torque"].values
@@ -226,8 +226,8 @@ initial = 0.0
     assert 40 < data.samples < 150
     recorded = [kf.read(path) for path in sorted(REAL.glob("gengine1_m1*.csv.gz"))]
     for name in ("speed", "load"):
-        low = min(np.nanmin(one[name].values) for one in recorded)
-        high = max(np.nanmax(one[name].values) for one in recorded)
+        low = min(np.nanmin(recording[name].values) for recording in recorded)
+        high = max(np.nanmax(recording[name].values) for recording in recorded)
         assert low <= data[name].values.min() < data[name].values.max() <= high
     remark, *others = [f.message for f in shop.findings() if f.severity == "remark"]
     assert remark.startswith(f"{data.samples} plateaus of ")

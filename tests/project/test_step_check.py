@@ -1,4 +1,4 @@
-"""Whether half the step of a drawn model gives the same values."""
+"""Checks that half the step of a drawn model gives the same values."""
 
 import re
 
@@ -50,7 +50,7 @@ def warnings(shop):
     return [finding for finding in shop.project.check() if "too long for the fixed-step solver" in finding.message]
 
 
-def test_a_step_that_a_stiff_model_explodes_with_is_told_with_one_that_is_short_enough(lag):
+def test_an_unstable_step_of_a_stiff_model_is_a_finding_with_a_stable_one(lag):
     shop = lag(2000.0)
     (warning,) = warnings(shop)
     assert "step" in str(warning.location)
@@ -61,14 +61,14 @@ def test_a_step_that_a_stiff_model_explodes_with_is_told_with_one_that_is_short_
     assert warnings(shop) == []
 
 
-def test_a_step_that_is_stable_but_inexact_is_told_too(lag):
+def test_a_stable_but_inexact_step_is_a_finding(lag):
     """At Rate * step = 2.7 ode4 still shrinks, by a factor of 0.88 a step in place of 0.07."""
     (warning,) = warnings(lag(270.0))
     assert re.search(r"y by \d+% of its standard deviation", warning.message)
 
 
 @pytest.mark.parametrize(("rate", "solver"), [(20.0, "ode15s"), (270.0, "ode4")])
-def test_nothing_is_told_where_half_the_step_gives_the_same_or_the_step_is_the_models_own(lag, rate, solver):
+def test_a_step_that_half_of_it_confirms_or_that_the_model_states_has_no_finding(lag, rate, solver):
     assert warnings(lag(rate, solver)) == []
 
 

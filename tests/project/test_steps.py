@@ -31,7 +31,7 @@ def test_a_project_without_steps_has_none(shop):
     assert shop.project.options.steps == ()
 
 
-def test_every_key_reaches_the_step(shop):
+def test_a_step_has_the_values_of_all_keys(shop):
     (step,) = steps(
         shop,
         "name = 'coarse'\nfree = ['Gain', 'Ta*']\nsmoothness = 3\ngrid_reduction = 2\ncriteria = ['Predict']\n"
@@ -40,11 +40,11 @@ def test_every_key_reaches_the_step(shop):
     assert step == Step("coarse", ("Gain", "Ta*"), {"Gain": True}, 3, 2, ("Predict",), 7, 1e-4, "off")
 
 
-def test_a_step_may_say_nothing(shop):
+def test_a_step_may_be_empty(shop):
     assert steps(shop, "", "") == (Step(), Step())
 
 
-def test_numbers_may_be_given_by_parameter_and_axis(shop):
+def test_numbers_may_be_set_by_parameter_and_axis(shop):
     (step,) = steps(
         shop, "grid_reduction = { Table = { x = 2 }, Gain = 3 }\nsmoothness = { '*' = 1, Table = { x = 1, y = 0.5 } }"
     )
@@ -62,7 +62,7 @@ def test_smoothness_may_be_automatic_in_a_step(shop):
     assert some.smoothness == {"Gain": "auto", "Table": ("auto", 2.0)}
 
 
-def test_a_word_that_is_no_smoothness_of_a_step_is_refused(shop):
+def test_an_invalid_smoothness_of_a_step_is_refused(shop):
     shop.add("[[step]]\nsmoothness = { Table = { x = 'automatic' } }")
     assert "[[step]] 1 smoothness Table x: must be a number >= 0 or \"auto\", got 'automatic'" in shop.error()
 
@@ -74,7 +74,7 @@ def test_criteria_may_have_weights_by_node_or_number(shop):
     assert second.criteria == (2,)
 
 
-def test_locks_are_ranges_of_axis_values_or_what_no_data_touch(shop):
+def test_locks_are_ranges_of_axis_values_or_values_without_data(shop):
     shop.bench("bench.csv", (1000, 1100, 1200, 1300))
     (step,) = steps(shop, "lock = { Table = [{ x = [1000, 1500], y = [0, 11] }], Gain = 'no-data' }")
     expected = np.zeros((5, 4), bool)
@@ -84,7 +84,7 @@ def test_locks_are_ranges_of_axis_values_or_what_no_data_touch(shop):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("grid_reduction = 0", "[[step]] 1 grid_reduction: must be an integer >= 1, got 0"),
         ("grid_reduction = 1.5", "[[step]] 1 grid_reduction: must be an integer >= 1, got 1.5"),
@@ -112,25 +112,25 @@ def test_locks_are_ranges_of_axis_values_or_what_no_data_touch(shop):
         ("grid_reducton = 2", "grid_reducton: unknown key. Did you mean grid_reduction?"),
     ],
 )
-def test_what_is_wrong_is_said_once_with_its_place(shop, text, said):
+def test_an_invalid_step_is_one_finding_with_its_location(shop, text, message):
     shop.add(f"[[step]]\n{text}\n[[step]]")
-    assert said in shop.error()
+    assert message in shop.error()
 
 
-def test_the_place_is_that_of_the_step(shop):
+def test_findings_have_the_number_of_the_step(shop):
     shop.add("[[step]]\n[[step]]\nfree = ['Gian']\n[[step]]\ncriteria = ['x']")
     first, second = shop.errors()
     assert first.startswith("kennfeld.toml [[step]] 2 free")
     assert second.startswith("kennfeld.toml [[step]] 3 criteria")
 
 
-def test_a_sequence_that_ends_on_a_coarse_grid_is_warned_of(shop):
+def test_a_sequence_that_ends_on_a_coarse_grid_is_a_warning(shop):
     shop.bench("bench.csv", np.linspace(1000, 3000, 40))
     shop.add("[[step]]\n[[step]]\ngrid_reduction = 2")
     assert "[[step]] 2: the last step has a coarse grid; values between its points are interpolated" in shop.warning()
 
 
-def test_the_steps_are_run(shop):
+def test_a_calibration_runs_the_steps(shop):
     shop.bench("bench.csv", np.linspace(1000, 3000, 40))
     shop.add("[[step]]\nfree = ['offset']\n[[step]]\nname = 'all'\ngrid_reduction = 2\n[[step]]")
     result = shop.project.calibrate()
@@ -139,7 +139,7 @@ def test_the_steps_are_run(shop):
     assert result.quality[0].rmse_after < 1e-3
 
 
-def test_the_starts_are_run(shop):
+def test_a_calibration_runs_the_starts(shop):
     shop.bench("bench.csv", np.linspace(1000, 3000, 12))
     shop.add("[optimizer]\nstarts = 2\nseed = 2\nspread = 0.1")
     options = shop.project.options

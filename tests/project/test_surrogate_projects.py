@@ -27,9 +27,9 @@ from kennfeld.surrogate.uncertainty import Uncertainty
 
 def bench_model(name="bench", validity=True):
     trained = np.random.default_rng(0).uniform([1000, 10], [3000, 14], (300, 2))
-    bells = Expansion(5.0, [0.001, 0.5], [3.0], [[2000.0, 12.0]], [[600.0, 2.0]])
+    expansion = Expansion(5.0, [0.001, 0.5], [3.0], [[2000.0, 12.0]], [[600.0, 2.0]])
     range_ = Validity.around(trained, trained.std(0)) if validity else None
-    return StaticSurrogate(name, ("Speed", "Load"), "Torque", ("rpm", "", "Nm"), bells, range_)
+    return StaticSurrogate(name, ("Speed", "Load"), "Torque", ("rpm", "", "Nm"), expansion, range_)
 
 
 @pytest.fixture
@@ -77,16 +77,18 @@ def test_a_simulation_has_a_column_with_the_deviation_if_asked(outside, monkeypa
 
 
 @pytest.mark.parametrize("lags", [(), (1,), (2,), (1, 3)])  # of the output; none of a filtered model
-def test_the_deviation_of_a_dynamic_surrogate_begins_anew_with_each_piece(tmp_path, lags):
+def test_the_deviation_of_a_dynamic_surrogate_restarts_with_each_piece(tmp_path, lags):
     u = np.random.default_rng(0).normal(size=(40, 1))
     if not lags:
-        bells = Expansion(0.0, [0.0, 1.0], [1.0], [[0.0, 0.0]], [[1.0, 1.0]])
-        model = FilteredSurrogate("tank", ("u",), "y", 1.0, (3.0,), bells, uncertainty=Uncertainty(0.2, 0.1, [0.01]))
+        expansion = Expansion(0.0, [0.0, 1.0], [1.0], [[0.0, 0.0]], [[1.0, 1.0]])
+        model = FilteredSurrogate(
+            "tank", ("u",), "y", 1.0, (3.0,), expansion, uncertainty=Uncertainty(0.2, 0.1, [0.01])
+        )
     else:
         slopes = [*(0.9 / len(lags) for _ in lags), 0.3]
-        bells = Expansion(0.0, slopes, [1.0], np.zeros((1, len(slopes))), np.ones((1, len(slopes))))
+        expansion = Expansion(0.0, slopes, [1.0], np.zeros((1, len(slopes))), np.ones((1, len(slopes))))
         uncertainty = FreeRunUncertainty(0.2, 0.1, 0.05, 2.0)
-        model = DynamicSurrogate("tank", ("u",), ((0,),), "y", lags, 1.0, bells, uncertainty=uncertainty)
+        model = DynamicSurrogate("tank", ("u",), ((0,),), "y", lags, 1.0, expansion, uncertainty=uncertainty)
     pieces = [model.deviation(part) for part in (u[:15], u[15:])]
     write_surrogate(model, tmp_path / "tank.json")
     time = [*range(15), *range(200, 225)]
@@ -124,7 +126,7 @@ def result_of(shop):
     return json.loads((shop.folder / "results" / "result.json").read_text(encoding="utf-8"))
 
 
-def test_data_in_partitions_leave_the_data_of_a_surrogate_at_the_same_samples(outside, monkeypatch):
+def test_data_in_partitions_extrapolate_a_surrogate_at_the_same_samples(outside, monkeypatch):
     whole = Project.read(outside.path)
     rows = find_extrapolation(whole.problem(), whole.problem().parameters)
     monkeypatch.setattr(partitioned_loading, "EXCERPT", 1)
@@ -135,7 +137,7 @@ def test_data_in_partitions_leave_the_data_of_a_surrogate_at_the_same_samples(ou
     assert find_extrapolation(parted, parted.parameters) == rows
 
 
-def test_a_calibration_says_where_it_leaves_the_data_of_a_surrogate(outside, capsys):
+def test_a_calibration_reports_samples_beyond_the_data_of_a_surrogate(outside, capsys):
     assert cli.run(["calibrate", str(outside.path)]) == 0
     out = capsys.readouterr().out
     assert "Surrogate extrapolation:\n  " + SENTENCE in out
@@ -150,7 +152,7 @@ def test_a_calibration_says_where_it_leaves_the_data_of_a_surrogate(outside, cap
     )
 
 
-def test_a_calibration_that_stays_inside_says_nothing_on_the_terminal(inside, capsys):
+def test_a_calibration_within_the_data_prints_no_warning(inside, capsys):
     assert cli.run(["calibrate", str(inside.path)]) == 0
     assert "leaves" not in capsys.readouterr().out
     assert [row["outside"] for row in result_of(inside)["surrogates"]] == [0]
@@ -163,7 +165,7 @@ def test_a_project_without_surrogates_has_no_such_key(shop, capsys):
     assert "leaving" not in document(shop.project)
 
 
-def test_a_simulation_says_so_too_with_the_parameters_that_it_is_given(inside, capsys):
+def test_a_simulation_reports_extrapolation_with_its_own_parameters(inside, capsys):
     path = str(inside.path)
     assert cli.run(["simulate", path]) == 0
     assert "leaves" not in capsys.readouterr().out
@@ -174,7 +176,7 @@ def test_a_simulation_says_so_too_with_the_parameters_that_it_is_given(inside, c
     assert "where Load is 63, above 1" in out
 
 
-def test_the_report_warns_and_lists_and_can_be_made_again(outside):
+def test_the_report_of_a_folder_lists_the_same_extrapolation(outside):
     assert cli.run(["calibrate", str(outside.path)]) == 0
     report = (outside.folder / "results" / "report.html").read_text(encoding="utf-8")
     again = from_folder(Project.read(outside.path), outside.folder / "results")
@@ -197,23 +199,23 @@ def test_the_report_lists_the_errors_of_a_surrogate_and_of_the_plane(inside):
     assert "bench: deviation of a new measurement: not known" in text
 
 
-def test_a_simulation_warns_if_a_deviation_that_is_asked_for_is_not_known(inside, capsys):
+def test_a_simulation_warns_if_a_requested_deviation_is_unknown(inside, capsys):
     assert cli.run(["simulate", str(inside.path), "--deviation"]) == 0
     assert "surrogate bench: its deviation is not known, so no column is written." in capsys.readouterr().err
     assert cli.run(["simulate", str(inside.path)]) == 0
     assert "deviation" not in capsys.readouterr().err
 
 
-def test_the_report_praises_a_surrogate_that_stays_inside(inside):
+def test_the_report_confirms_a_surrogate_within_its_data(inside):
     text = document(inside.project, inside.project.calibrate())
     assert "bench is used within its training data at all 6 samples." in text
 
 
-def test_the_report_on_the_start_says_so_too(outside):
+def test_the_report_on_the_start_lists_extrapolation(outside):
     assert SENTENCE in document(outside.project)
 
 
-def test_one_without_a_range_is_noted_and_not_counted(inside, capsys):
+def test_a_surrogate_without_a_range_is_noted_and_not_counted(inside, capsys):
     write_surrogate(bench_model(validity=False), inside.folder / "bench.json")
     assert cli.run(["calibrate", str(inside.path)]) == 0
     assert "leaves" not in capsys.readouterr().out
@@ -222,12 +224,12 @@ def test_one_without_a_range_is_noted_and_not_counted(inside, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("max", "kennfeld.toml [surrogates] max: max is a built-in function. Use another name."),
         ('"my engine"', "invalid name 'my engine' in formula text"),
     ],
 )
-def test_a_name_that_no_formula_can_call_is_reported(inside, name, said):
+def test_a_name_that_no_formula_can_call_is_reported(inside, name, message):
     inside.change('bench = "bench.json"', f'bench = "bench.json"\n{name} = "bench.json"')
-    assert any(said in one for one in inside.errors())
+    assert any(message in error for error in inside.errors())

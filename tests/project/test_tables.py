@@ -17,11 +17,11 @@ def gain(shop):
     return problem(shop).parameters["Gain"]
 
 
-def test_the_initial_file_is_taken_as_it_is(shop):
+def test_the_initial_file_defines_the_start(shop):
     assert gain(shop) == Curve("Gain", Axis([1000, 2000, 3000], input="Speed"), [1.0, 1.0, 1.0])
 
 
-def test_values_of_later_files_win(shop):
+def test_values_of_later_files_take_precedence(shop):
     shop.values("late.json", Scalar("offset", 7.0))
     shop.change('initial = "start.json"', 'initial = ["start.json", "late.json"]')
     parameters = problem(shop).parameters
@@ -45,27 +45,27 @@ def test_files_that_define_a_name_differently_are_a_finding(shop, other, expecte
     assert expected in shop.error()
 
 
-BELLS = ([0.0], [2.0, 1.0], [[3.0], [5.0]], [[0.5], [0.5]])
+CENTRES = ([0.0], [2.0, 1.0], [[3.0], [5.0]], [[0.5], [0.5]])
 
 
 @pytest.mark.parametrize(
     ("other", "expected"),
     [
-        (Expansion(1.0, *BELLS, kernel="matern52"), "different kernels"),
-        (Expansion(1.0, *BELLS, hinges=((0, 2.0, 1.0),)), "different hinges"),
+        (Expansion(1.0, *CENTRES, kernel="matern52"), "different kernels"),
+        (Expansion(1.0, *CENTRES, hinges=((0, 2.0, 1.0),)), "different hinges"),
         (Expansion(1.0, [0.0, 1.0], [2.0], [[3.0, 1.0]], [[0.5, 0.5]]), "different numbers of inputs"),
     ],
 )
 def test_expansions_whose_values_mean_different_functions_are_a_finding(shop, other, expected):
-    for name, expansion in (("a", Expansion(1.0, *BELLS)), ("b", other)):
+    for name, expansion in (("a", Expansion(1.0, *CENTRES)), ("b", other)):
         shop.values(f"{name}.json", RBF("Model", expansion))
     shop.change('initial = "start.json"', 'initial = ["start.json", "a.json", "b.json"]')
     assert f"Model has {expected} in a.json and b.json" in shop.error()
 
 
-def test_the_later_of_two_expansions_of_one_form_wins(shop):
+def test_the_later_of_two_expansions_of_the_same_form_takes_precedence(shop):
     for name, offset in (("a", 1.0), ("b", 3.0)):
-        shop.values(f"{name}.json", RBF("Model", Expansion(offset, *BELLS, kernel="matern52")))
+        shop.values(f"{name}.json", RBF("Model", Expansion(offset, *CENTRES, kernel="matern52")))
     shop.change('initial = "start.json"', 'initial = ["start.json", "a.json", "b.json"]')
     assert problem(shop).parameters["Model"].values[0] == 3.0
 
@@ -82,24 +82,24 @@ def test_a_missing_initial_file_is_the_only_finding(shop):
     assert "[calibration] initial: file strat.json does not exist. Did you mean start.json?" in shop.error()
 
 
-def test_without_initial_files_wrong_formula_text_is_found_as_well(shop):
+def test_errors_of_formula_text_are_reported_without_an_initial_file(shop):
     shop.text += "more = 2 *\n"
     assert len(shop.change('"start.json"', '"strat.json"').errors()) == 2
 
 
-def test_a_calibration_file_cut_in_half_is_a_finding(shop):
+def test_a_truncated_calibration_file_is_a_finding(shop):
     content = (shop.folder / "start.json").read_bytes()
     shop.write("start.json", content[: len(content) // 2])
     assert shop.errors()
     assert all(error.startswith("start.json") for error in shop.errors())
 
 
-def test_a_section_overrides_what_the_file_says(shop):
+def test_a_section_overrides_the_file(shop):
     shop.add("[parameters.Gain]\nunit = 'Nm'\ndescription = 'd'\ninitial = [1, 2, 3]\nextrapolation = 'linear'")
-    made = gain(shop)
-    assert (made.unit, made.description, made.extrapolation) == ("Nm", "d", "linear")
-    assert made.values.tolist() == [1, 2, 3]
-    assert made.axes[0].input == "Speed"
+    table = gain(shop)
+    assert (table.unit, table.description, table.extrapolation) == ("Nm", "d", "linear")
+    assert table.values.tolist() == [1, 2, 3]
+    assert table.axes[0].input == "Speed"
 
 
 def test_a_single_number_fills_a_table(shop):
@@ -120,7 +120,7 @@ def test_quantiles_spread_the_breakpoints_over_the_training_data(shop):
     assert gain(shop).axes[0].breakpoints.tolist() == [1000, 1750, 3000]
 
 
-def test_an_axis_without_input_takes_what_the_function_looks_up_with(shop):
+def test_an_axis_without_input_has_that_of_its_lookup(shop):
     shop.add("[parameters.Gain]\nx = { count = 2 }")
     assert gain(shop).axes[0] == Axis([1000, 3000], input="Speed", unit="rpm")
 
@@ -181,7 +181,7 @@ def test_rounding_of_written_breakpoints_is_an_error(shop):
     assert "round: applies to quantiles of the training data only" in shop.error()
 
 
-def test_quantiles_of_a_node_of_the_data_alone_are_taken(shop):
+def test_quantiles_of_a_node_that_depends_only_on_data_are_computed(shop):
     shop.text = "half = Speed / 2\nbase = Gain(half) * Load\nPredict = base + offset\n"
     shop.add("[parameters.Gain]\nx = { input = 'half', count = 2 }")
     assert gain(shop).axes[0].breakpoints.tolist() == [500, 1500]
@@ -194,11 +194,11 @@ def test_quantiles_of_a_node_of_the_data_alone_are_taken(shop):
         ("Sped", "unknown input, node or channel Sped. Did you mean Speed?"),
     ],
 )
-def test_quantiles_of_what_has_none_are_a_finding(shop, quantity, expected):
+def test_quantiles_of_parameters_or_unknown_names_are_a_finding(shop, quantity, expected):
     assert expected in shop.add(f"[parameters.Gain]\nx = {{ input = '{quantity}', count = 3 }}").error()
 
 
-def test_other_axes_without_values_take_them_over_by_interpolation(shop):
+def test_other_axes_without_values_interpolate_those_of_the_file(shop):
     shop.values("start.json", Curve("Gain", [1000, 2000, 3000], [1.0, 2.0, 4.0]), Scalar("offset", 0))
     shop.add("[parameters.Gain]\nx = { breakpoints = [1000, 2500, 5000] }")
     assert gain(shop).values.tolist() == [1, 3, 4]
@@ -265,7 +265,7 @@ def test_a_group_axis_that_the_file_and_the_project_define_differently_is_a_find
         ("free = false\npin = [{ at = [1000], value = 0 }]", "[parameters.Gain] pin 1: Gain is not free"),
     ],
 )
-def test_what_does_not_fit_a_table_is_a_finding(shop, section, expected):
+def test_keys_that_do_not_fit_a_table_are_a_finding(shop, section, expected):
     assert expected in shop.add(f"[parameters.Gain]\n{section}").error()
 
 
@@ -276,9 +276,9 @@ def test_values_of_a_scalar_without_an_axis_are_a_finding(shop):
 
 def test_bounds_are_numbers_or_tables_and_may_be_infinite(shop):
     shop.add("[parameters.Gain]\nbounds = [[0, '-inf', 0], inf]")
-    made = gain(shop)
-    assert made.lower.tolist() == [0, -np.inf, 0]
-    assert made.upper.tolist() == [np.inf] * 3
+    table = gain(shop)
+    assert table.lower.tolist() == [0, -np.inf, 0]
+    assert table.upper.tolist() == [np.inf] * 3
 
 
 def test_a_start_outside_its_bounds_is_a_warning(shop):
@@ -320,7 +320,7 @@ def test_values_without_data_can_be_locked(shop):
     assert gain(shop).locked.tolist() == [True, False, False, True, True]
 
 
-def test_samples_that_do_not_count_leave_a_value_locked(shop):
+def test_values_are_locked_if_only_excluded_samples_reach_them(shop):
     shop.change('"bench.csv"]', '"bench.csv"]\nwhere = "n < 1800"')
     shop.add("[parameters.Gain]\nlock = 'no-data'")
     assert gain(shop).locked.tolist() == [False, False, True]
@@ -335,11 +335,11 @@ def test_values_of_a_map_without_data_can_be_locked(shop):
     assert (~locked).nonzero()[1].tolist() == [0, 1, 0, 1]
 
 
-def test_pins_and_smoothness_reach_the_problem(shop):
+def test_the_problem_has_the_pins_and_the_smoothness(shop):
     shop.add("[parameters.Gain]\npin = [{ at = 2000, value = 2 }]\nsmoothness = { x = 0.5 }")
-    made = problem(shop)
-    assert [(pin.parameter, pin.at, pin.value) for pin in made.pins] == [("Gain", (2000.0,), 2.0)]
-    assert made.factors("Gain") == (0.5,)
+    posed = problem(shop)
+    assert [(pin.parameter, pin.at, pin.value) for pin in posed.pins] == [("Gain", (2000.0,), 2.0)]
+    assert posed.factors("Gain") == (0.5,)
 
 
 def test_a_pin_beyond_the_axis_is_a_warning(shop):
@@ -347,7 +347,7 @@ def test_a_pin_beyond_the_axis_is_a_warning(shop):
     assert "pin 1: 9000 is outside the axis, 1000 to 3000" in shop.warning()
 
 
-def test_patterns_and_sections_choose_what_is_free(shop):
+def test_patterns_and_sections_select_the_free_parameters(shop):
     assert problem(shop).free_names == ("Gain", "offset")
     shop.change('initial = "start.json"', 'initial = "start.json"\nfree = ["off*"]')
     assert problem(shop).free_names == ("offset",)
@@ -355,37 +355,37 @@ def test_patterns_and_sections_choose_what_is_free(shop):
     assert problem(shop).free_names == ("Gain",)
 
 
-def test_names_with_brackets_are_no_patterns(shop):
+def test_names_with_brackets_are_not_patterns(shop):
     shop.text = "Predict = Load * %rad[3]% + offset\n"
     shop.values("start.json", Scalar("rad[3]", 1.0), Scalar("rad3", 1.0), Scalar("offset", 0.0))
     shop.change('[channels]\nSpeed = "n"\n', "")
     assert problem(shop).free_names == ("rad[3]", "offset")
 
 
-def test_a_pattern_that_matches_nothing_is_a_finding(shop):
+def test_a_pattern_without_a_match_is_a_finding(shop):
     shop.change('initial = "start.json"', 'initial = "start.json"\nfree = ["Gain", "ofset"]')
     assert "[calibration] free: ofset matches no parameter. Did you mean offset?" in shop.error()
 
 
-def test_freeing_what_the_function_does_not_use_is_a_warning(shop):
+def test_freeing_an_unused_parameter_is_a_warning(shop):
     shop.values("more.json", Scalar("unused", 1.0))
     shop.change('initial = "start.json"', 'initial = ["start.json", "more.json"]\nfree = ["Gain", "unused"]')
     assert "unused matches only parameters that the function does not use: unused" in shop.warning()
 
 
-def test_nothing_free_is_a_finding(shop):
+def test_a_project_without_free_parameters_is_a_finding(shop):
     shop.add("[parameters.Gain]\nfree = false\n[parameters.offset]\nfree = false")
     assert 'no parameter of the function is free. Write free = ["*"] in [calibration].' in shop.error()
 
 
-def test_nothing_free_is_no_finding_if_no_parameter_is_defined(shop):
+def test_a_project_without_parameters_has_no_finding_on_free_ones(shop):
     shop.change('initial = "start.json"', "")
     undefined_gain, undefined_offset = shop.errors()
     assert "undefined name Gain" in undefined_gain
     assert "undefined name offset" in undefined_offset
 
 
-def test_a_map_that_is_looked_up_like_a_curve_is_told_by_its_axes(shop):
+def test_a_map_with_a_lookup_of_a_curve_is_a_finding_by_its_axes(shop):
     """Not by what would lie on the axis that the function does not feed, such as the quantiles of a missing channel."""
     shop.add('[parameters.Gain]\nx = { count = 3 }\ny = { input = "Lod", count = 3 }\ninitial = 0.0')
     assert shop.errors() == [
@@ -394,7 +394,7 @@ def test_a_map_that_is_looked_up_like_a_curve_is_told_by_its_axes(shop):
     ]
 
 
-def test_a_function_that_is_misspelt_is_offered_before_a_table_that_resembles_it_less(shop):
+def test_a_misspelt_function_suggests_the_nearest_name_first(shop):
     shop.text = shop.text.replace("Gain(Speed)", "Sinus(Speed) * sine(Speed)")
     shop.add("[parameters.Sinus]\nx = { breakpoints = [0, 1] }\ninitial = 0.0")
     assert "Did you mean sin? Or define it: [parameters.sine]" in shop.error()
@@ -405,7 +405,7 @@ def test_a_section_of_a_parameter_that_the_function_does_not_use_is_a_warning(sh
     assert "[parameters.other]: the function does not use other" in shop.warning()
 
 
-def test_a_parameter_that_nobody_defines_shows_a_section_to_copy(shop):
+def test_an_undefined_parameter_shows_a_section_to_copy(shop):
     shop.text = "input Speed\ninput Load\nPredict = Gain(Speed) * Load + offset + Extra(Speed, offset)\n"
     (finding,) = shop.findings()
     assert str(finding.location) == "sensor.kf line 3, column 41"
@@ -419,7 +419,7 @@ def test_a_parameter_that_nobody_defines_shows_a_section_to_copy(shop):
     assert [f for f in Project.read(shop.path).check() if f.severity != "remark"] == []
 
 
-def test_a_scalar_that_nobody_defines_shows_a_section_too(shop):
+def test_an_undefined_scalar_shows_a_section_to_copy(shop):
     shop.text += "more = Predict + ofset\n"
     (finding,) = shop.findings()
     assert str(finding) == (
@@ -437,16 +437,16 @@ def test_a_table_with_another_number_of_axes_is_a_finding(shop):
     )
 
 
-def test_value_blocks_are_kept(shop):
+def test_value_blocks_stay_value_blocks(shop):
     shop.values("start.json", Block("Gain", [1.0, 2.0, 3.0]), Scalar("offset", 0))
     shop.add("[parameters.Gain]\ninitial = [4, 5, 6]")
     shop.text = "Predict = Gain(Load - 10) + offset\n"
     shop.change('[channels]\nSpeed = "n"\n', "")
-    made = gain(shop)
-    assert (made.kind, made.values.tolist()) == ("block", [4, 5, 6])
+    table = gain(shop)
+    assert (table.kind, table.values.tolist()) == ("block", [4, 5, 6])
 
 
-def test_an_undeclared_input_is_to_be_declared_if_it_is_a_channel(shop):
+def test_an_undeclared_input_must_be_declared_if_it_is_a_channel(shop):
     """A scalar of this name would hide the channel."""
     shop.text = "input Speed\nPredict = Gain(Speed) * Load + offset\n"
     (finding,) = shop.findings()

@@ -36,7 +36,7 @@ files = ["tank.csv"]
 
 @pytest.fixture
 def training(shop):
-    """Writes a training file, with parts of it replaced."""
+    """Return a function that writes a training file, with parts of it replaced."""
 
     def write(text=STATIC, *changes, name="engine.toml"):
         for old, new in changes:
@@ -79,10 +79,10 @@ def the_problem(path):
     return problem
 
 
-def test_what_a_file_leaves_out_is_as_in_python(training):
-    made = read_training(training(DYNAMIC))
-    assert made.settings == SurrogateSettings("engine", ("u",), "level", kind="dynamic")
-    assert made.target.name == "engine.json"
+def test_missing_keys_have_the_defaults_of_python(training):
+    file = read_training(training(DYNAMIC))
+    assert file.settings == SurrogateSettings("engine", ("u",), "level", kind="dynamic")
+    assert file.target.name == "engine.json"
     assert read_training(training(DYNAMIC, name="surrogate.toml")).settings.name == "level"
 
 
@@ -92,9 +92,9 @@ def test_every_key_is_read(training):
         "lags = { u = [0, 2] }\noutput_lags = [1, 3]\nlongest_lag = 7\nlimits = [0, 10]\nfree_run = false\n"
         "moves_centres = true\nhold = 0.5\niterations = 4\nheld = 'u'\nstructure = 'narx'\nkinks = false\n"
     )
-    made = read_training(training(DYNAMIC, ("[[dataset]]", f"{keys}[[dataset]]")))
-    assert made.target.name == "t.json"
-    assert made.settings == SurrogateSettings(
+    file = read_training(training(DYNAMIC, ("[[dataset]]", f"{keys}[[dataset]]")))
+    assert file.target.name == "t.json"
+    assert file.settings == SurrogateSettings(
         *("tank", ("u",), "level", "dynamic", "sparse", 12, 3, 2, 0.5),
         *({"u": (0, 2)}, (1, 3), 7, (0.0, 10.0), False, True, 0.5, 4),
         held=("u",),
@@ -103,13 +103,13 @@ def test_every_key_is_read(training):
     )
 
 
-def test_all_problems_of_a_file_are_found_at_once(training):
+def test_all_problems_of_a_file_are_reported_at_once(training):
     keys = (
         'method = "exact"\ncentres = 0\nseed = -1\nstarts = 1.5\nstep = 0\nlags = { v = [-1] }\noutput_lags = [0]\n'
         'longest_lag = "a"\nlimits = [3, 1]\nfree_run = 1\nhold = -2\niterations = 0\nfile = "no/x.json"\ncolour = 1\n'
     )
     messages = problems(training(DYNAMIC, ('"level"\n', f'"level"\n{keys}'), ('["u"]', '["u", "level"]')))
-    named = [one.removeprefix("engine.toml [surrogate] ").partition(":")[0] for one in messages]
+    named = [message.removeprefix("engine.toml [surrogate] ").partition(":")[0] for message in messages]
     assert sorted(named) == sorted(
         [
             *("output", "method", "centres", "seed", "starts", "step", "lags v", "lags v", "lags u", "lags level"),
@@ -119,7 +119,7 @@ def test_all_problems_of_a_file_are_found_at_once(training):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "expected"),
     [
         ('["n", "Load"]', "[]", "engine.toml [surrogate] inputs: the list is empty"),
         ('"Torque"\n', '"n"\n', "engine.toml [surrogate] output: n is also an input"),
@@ -134,12 +134,12 @@ def test_all_problems_of_a_file_are_found_at_once(training):
         ("[surrogate]", "[modle]\n[surrogate]", "unknown section"),
     ],
 )
-def test_a_problem_is_named_with_its_place_and_its_mend(training, old, new, said):
-    assert said in the_problem(training(STATIC, (old, new)))
+def test_a_problem_has_its_location_and_remedy(training, old, new, expected):
+    assert expected in the_problem(training(STATIC, (old, new)))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "expected"),
     [
         ('["u"]\n', '["u"]\nlags = { u = [] }\n', "lags u: must be integers >= 0, in samples, got []"),
         ('["u"]\n', '["u"]\nlags = "all"\n', "lags: must be a table, got 'all'"),
@@ -147,18 +147,18 @@ def test_a_problem_is_named_with_its_place_and_its_mend(training, old, new, said
         ('"tank.csv"', '"bench.csv"', "has no channel"),
     ],
 )
-def test_a_problem_of_a_dynamic_one(training, old, new, said):
-    assert any(said in one for one in problems(training(DYNAMIC, (old, new))))
+def test_a_problem_of_a_dynamic_surrogate_has_its_location_and_remedy(training, old, new, expected):
+    assert any(expected in message for message in problems(training(DYNAMIC, (old, new))))
 
 
-def test_a_channel_that_never_changes_teaches_nothing(training, shop):
+def test_a_constant_channel_is_an_error(training, shop):
     shop.bench("bench.csv", Load=np.full(6, 12.0))
     assert the_problem(training()).startswith(
         "engine.toml [surrogate]: channel Load is constant (12) in the training data"
     )
 
 
-def test_a_dynamic_one_needs_time_and_pieces_without_gaps(training, shop):
+def test_a_dynamic_surrogate_needs_time_and_pieces_without_gaps(training, shop):
     shop.csv("tank.csv", {"u": np.arange(9), "level": np.arange(9)})
     assert "requires time stamps" in the_problem(training(DYNAMIC))
     level = np.where(np.arange(20) % 4 == 0, np.nan, np.arange(20))
@@ -166,7 +166,7 @@ def test_a_dynamic_one_needs_time_and_pieces_without_gaps(training, shop):
     assert "all gap-free pieces of the training data are too short" in the_problem(training(DYNAMIC))
 
 
-def test_a_static_one_learns_from_the_plateaus_of_recordings(training, shop):
+def test_a_static_surrogate_learns_from_the_plateaus_of_recordings(training, shop):
     level = np.repeat([1.0, 3.0, 2.0, 5.0, 4.0, 6.0], 10)
     shop.csv("bench.csv", {"time [s]": np.arange(60.0), "n": 1000 * level, "Load": level**2, "Torque": 2 * level})
     steady = 'files = ["bench.csv"]\nsteady = { channel = "n", window = 5, tolerance = 10 }'
@@ -176,20 +176,20 @@ def test_a_static_one_learns_from_the_plateaus_of_recordings(training, shop):
     assert "6 plateaus" in the_problem(path)
 
 
-def test_a_dynamic_one_can_not(training):
+def test_a_dynamic_surrogate_cannot_learn_from_plateaus(training):
     steady = 'files = ["tank.csv"]\nsteady = { channel = "u", window = 5, tolerance = 0 }'
     messages = problems(training(DYNAMIC, ('files = ["tank.csv"]', steady)))
-    assert any("requires time stamps" in one for one in messages)
+    assert any("requires time stamps" in message for message in messages)
 
 
-def test_units_can_be_stated_where_files_have_none(training, shop):
+def test_units_can_be_stated_if_files_have_none(training, shop):
     shop.bench("bench2.csv", **{"n [rpm]": None, "n": 100 * np.arange(6)})
     text = STATIC.replace('"bench.csv"', '"bench*.csv"') + '[units]\nn = "rad/s"\n'
     assert problems(training(text)) == []
     assert read_training(training(text)).datasets()[0]["n"].unit == "rad/s"
 
 
-def test_check_says_that_it_is_a_training_file(training, capsys):
+def test_check_identifies_a_training_file(training, capsys):
     path = training()
     assert cli.run(["check", str(path)]) == 0
     out, err = capsys.readouterr()
@@ -209,7 +209,7 @@ def test_check_gives_problems_of_file_and_data_on_stderr(training, capsys):
     assert "starts: must be an integer >= 1, got 0" in capsys.readouterr().err
 
 
-def test_what_check_accepts_can_be_trained_and_looked_at(training, shop, capsys):
+def test_a_file_that_check_accepts_can_be_trained(training, shop, capsys):
     shop.bench("bench.csv", speed=np.linspace(1000, 3000, 30))
     path = training()
     assert cli.run(["check", str(path)]) == 0
@@ -221,19 +221,19 @@ def test_what_check_accepts_can_be_trained_and_looked_at(training, shop, capsys)
 
 
 @pytest.mark.parametrize("command", ["calibrate", "simulate", "report"])
-def test_other_commands_say_what_it_is(training, capsys, command):
+def test_other_commands_refuse_a_training_file(training, capsys, command):
     assert cli.run([command, str(training())]) == 2
-    said = "engine.toml: this is a training file, not a project. Run `kennfeld surrogate train`.\n"
-    assert capsys.readouterr().err == said
+    message = "engine.toml: this is a training file, not a project. Run `kennfeld surrogate train`.\n"
+    assert capsys.readouterr().err == message
 
 
-def test_a_project_is_no_training_file(shop, capsys):
+def test_a_project_is_refused_as_a_training_file(shop, capsys):
     assert cli.run(["surrogate", "train", str(shop.path)]) == 2
     expected = "kennfeld.toml: this is a project, not a training file. Run `kennfeld calibrate`.\n"
     assert capsys.readouterr().err == expected
 
 
-def test_info_shows_what_it_says(training, capsys):
+def test_info_describes_a_training_file(training, capsys):
     assert cli.run(["info", str(training())]) == 0
     out = capsys.readouterr().out
     assert out.startswith("engine.toml: training file of the static surrogate Torque = engine(n, Load)\n")
@@ -255,7 +255,7 @@ def press_at(monkeypatch, count):
 
 @pytest.mark.parametrize(("text", "inputs"), [(STATIC, ("n", "Load")), (DYNAMIC, ("u",))], ids=["static", "dynamic"])
 @pytest.mark.parametrize("count", [2, 5])
-def test_ctrl_c_writes_the_best_so_far(training, shop, capfd, monkeypatch, text, inputs, count):
+def test_ctrl_c_writes_the_best_surrogate_so_far(training, shop, capfd, monkeypatch, text, inputs, count):
     shop.bench("bench.csv", speed=np.linspace(800, 3000, 60))
     path = training(text)
     press_at(monkeypatch, count)
@@ -267,7 +267,7 @@ def test_ctrl_c_writes_the_best_so_far(training, shop, capfd, monkeypatch, text,
     assert read_surrogate(shop.folder / "engine.json").inputs == inputs
 
 
-def test_ctrl_c_before_the_training_writes_nothing(training, shop, capsys, monkeypatch):
+def test_ctrl_c_before_the_training_writes_no_file(training, shop, capsys, monkeypatch):
     path = training(DYNAMIC)
     monkeypatch.setattr(Training, "datasets", lambda *_: signal.raise_signal(signal.SIGINT))
     assert cli.run(["surrogate", "train", str(path)]) == 130
@@ -275,14 +275,14 @@ def test_ctrl_c_before_the_training_writes_nothing(training, shop, capsys, monke
     assert not (shop.folder / "engine.json").exists()
 
 
-def test_a_quiet_training_prints_nothing(training, shop, capsys):
+def test_a_quiet_training_has_no_output(training, shop, capsys):
     shop.bench("bench.csv", speed=np.linspace(800, 3000, 60))
     assert cli.run(["surrogate", "train", str(training()), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
     assert (shop.folder / "engine.json").is_file()
 
 
-def test_a_file_that_is_listed_twice_is_said(training, shop, capsys):
+def test_a_file_that_is_listed_twice_is_reported(training, shop, capsys):
     shop.bench("bench.csv", speed=np.linspace(1000, 3000, 12))
     again = 'files = ["bench.csv"]\n\n[[dataset]]\nname = "again"\nfiles = ["bench.csv"]'
     path = training(STATIC, ('files = ["bench.csv"]', again))
@@ -295,7 +295,7 @@ def test_a_file_that_is_listed_twice_is_said(training, shop, capsys):
     assert "12 of 24 rows repeat the inputs of another row; they count as one point with less noise" in printed
 
 
-def test_the_number_of_centres_of_the_file_is_kept_to(training, shop):
+def test_the_surrogate_has_the_number_of_centres_of_the_file(training, shop):
     shop.bench("bench.csv", speed=np.linspace(1000, 3000, 30))
     path = training(STATIC, ("starts = 1", 'starts = 1\ncentres = 7\nkernel = "matern52"'))
     assert cli.run(["surrogate", "train", str(path)]) == 0

@@ -23,14 +23,14 @@ def test_an_input_is_converted_to_the_unit_of_the_function(shop):
     assert channel.unit == "rpm"
 
 
-def test_a_conversion_is_told_once_and_is_no_warning(shop):
+def test_a_conversion_is_reported_once_as_a_remark(shop):
     for name in ("bench.csv", "bench2.csv"):
         in_radians(shop, name)
     finding, copies = shop.change('"bench.csv"', '"bench*.csv"').findings()
     assert "have the same inputs and targets" in copies.message
     assert finding.severity == "remark"
-    said = "channel n is converted from rad/s to rpm, the unit of the input Speed"
-    assert str(finding) == f"bench.csv and 1 more: {said}"
+    message = "channel n is converted from rad/s to rpm, the unit of the input Speed"
+    assert str(finding) == f"bench.csv and 1 more: {message}"
 
 
 def test_a_target_is_converted_to_the_unit_of_its_node(shop):
@@ -52,14 +52,14 @@ def test_missing_values_stay_missing(shop):
     assert np.isnan(data(shop)["Torque"].values).tolist() == [False, True, False, False, False, False]
 
 
-def test_a_channel_without_a_unit_is_left_alone(shop):
+def test_a_channel_without_a_unit_is_not_converted(shop):
     for unit in ("n", "n [-]"):
         shop.bench("bench.csv", **{"n [rpm]": None, unit: SPEED})
         assert data(shop)["n"].values.tolist() == SPEED.tolist()
         assert shop.findings() == []
 
 
-def test_a_unit_is_stated_where_the_file_has_none_or_a_wrong_one(shop):
+def test_a_unit_can_be_stated_if_the_file_has_none_or_a_wrong_one(shop):
     for unit in ("n", "n [Nm]"):
         shop.bench("bench.csv", **{"n [rpm]": None, unit: OMEGA})
         shop.toml = shop.toml.split("\n[units]")[0]
@@ -69,18 +69,18 @@ def test_a_unit_is_stated_where_the_file_has_none_or_a_wrong_one(shop):
         assert [f.severity for f in shop.findings()] == ["remark"]
 
 
-def test_a_dash_as_the_stated_unit_leaves_the_channel_alone(shop):
+def test_a_channel_with_a_dash_as_its_unit_is_not_converted(shop):
     in_radians(shop).add('[units]\nn = "-"')
     assert data(shop)["n"].values.tolist() == OMEGA.tolist()
     assert not [f for f in shop.findings() if "unit" in f.message or "rad/s" in f.message]
 
 
-def test_a_unit_stated_for_a_channel_that_nothing_uses_is_an_error(shop):
+def test_a_unit_stated_for_an_unused_channel_is_an_error(shop):
     error = shop.add('[units]\nTorqe = "Nm"').error()
     assert error == "kennfeld.toml [units] Torqe: channel Torqe is not used. Did you mean Torque?"
 
 
-def test_a_function_that_cannot_be_read_leaves_stated_units_alone(shop):
+def test_a_function_that_cannot_be_read_adds_no_finding_on_units(shop):
     shop.text = "y = (\n"
     shop.change('Speed = "n"', 'Speed = "n"\n[units]\nn = "rad/s"')
     assert not [error for error in shop.errors() if "[units]" in error]
@@ -100,7 +100,7 @@ def test_a_channel_of_calculated_ones_alone_keeps_the_unit_of_the_file(shop):
     assert data(shop)["omega"].values.tolist() == OMEGA.tolist()
 
 
-def test_formulas_see_a_converted_channel_in_its_new_unit_and_it_is_told(shop):
+def test_formulas_use_the_new_unit_of_a_converted_channel_with_a_finding(shop):
     in_radians(shop).change('files = ["bench.csv"]', 'files = ["bench.csv"]\nwhere = "n > 2100"')
     assert data(shop).scored.tolist() == (SPEED > 2100).tolist()
     assert [f.message for f in shop.findings() if f.severity == "remark"] == [
@@ -111,19 +111,19 @@ def test_formulas_see_a_converted_channel_in_its_new_unit_and_it_is_told(shop):
     assert data(shop)["double"].values == pytest.approx(2 * SPEED)
 
 
-def test_a_region_over_a_converted_channel_is_told_too(shop):
+def test_a_region_over_a_converted_channel_has_a_finding(shop):
     in_radians(shop).change('target = "Torque"', 'target = "Torque"\nregions = [{ where = "n > 2100", weight = 2 }]')
     assert shop.warning().endswith("the unit of the input Speed; formulas read n in rpm")
 
 
-def test_files_of_a_dataset_are_put_into_the_unit_of_the_function_each(shop):
+def test_each_file_of_a_dataset_is_converted_to_the_unit_of_the_function(shop):
     in_radians(shop, "bench2.csv")
     joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["n"]
     assert joined.values == pytest.approx([*SPEED, *SPEED], rel=1e-12)
     assert joined.unit == "rpm"
 
 
-def test_files_of_a_dataset_are_put_into_the_unit_of_the_first_where_the_function_has_none(shop):
+def test_files_are_converted_to_the_unit_of_the_first_if_the_function_has_none(shop):
     shop.bench("bench.csv", **{"Load": None, "Load [bar]": [1.0, 2, 3, 4, 5, 6]})
     shop.bench("bench2.csv", **{"Load": None, "Load [mbar]": [1000.0, 2000, 3000, 4000, 5000, 6000]})
     joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["Load"]
@@ -132,14 +132,14 @@ def test_files_of_a_dataset_are_put_into_the_unit_of_the_first_where_the_functio
     assert "bench2.csv: channel Load is converted from mbar to bar, the unit of bench.csv" in shop.warnings()[0]
 
 
-def test_datasets_are_put_into_one_unit_where_the_function_has_none(shop):
+def test_datasets_are_converted_to_a_common_unit_if_the_function_has_none(shop):
     shop.bench("bench.csv", **{"Load": None, "Load [bar]": [1.0, 2, 3, 4, 5, 6]})
     shop.bench("other.csv", **{"Load": None, "Load [mbar]": [1000.0, 2000, 3000, 4000, 5000, 6000]})
     shop.add('[[dataset]]\nfiles = "other.csv"')
     assert data(shop, 1)["Load"].values == pytest.approx([1, 2, 3, 4, 5, 6])
 
 
-def test_a_channel_that_two_inputs_want_in_two_units_follows_the_first(shop):
+def test_a_channel_of_two_inputs_in_two_units_is_converted_for_the_first(shop):
     shop.text = shop.text.replace("input Load", "input Load\ninput Omega[rad/s]").replace(
         "+ offset", "+ offset + Omega"
     )
@@ -149,7 +149,7 @@ def test_a_channel_that_two_inputs_want_in_two_units_follows_the_first(shop):
     assert "channel n is in rpm, but the input Omega of the function is in rad/s. Convert it" in warning
 
 
-def test_an_input_counts_before_a_target(shop):
+def test_an_input_takes_precedence_over_a_target(shop):
     shop.text = shop.text.replace("Predict[Nm]", "Predict[rad/s]")
     shop.change('target = "Torque"', 'target = "n"')
     assert data(shop)["n"].unit == "rpm"
@@ -191,7 +191,7 @@ def test_time_that_looks_like_milliseconds_is_a_warning(shop):
     assert lagging(shop).add('[units]\nTime = "s"').findings() == []
 
 
-def test_the_unit_of_the_time_matters_little_to_a_function_without_memory(shop):
+def test_the_unit_of_the_time_is_irrelevant_to_a_function_without_memory(shop):
     lagging(shop).text = "y = T * u\n"
     assert not [warning for warning in shop.warnings() if "milliseconds" in warning]
 
@@ -217,6 +217,6 @@ def test_a_time_cannot_be_in_another_quantity(shop):
     )
 
 
-def test_a_misspelt_name_of_the_time_is_told(shop):
+def test_a_misspelt_name_of_the_time_is_a_finding(shop):
     error = lagging(shop).add('[units]\nTim = "ms"').error()
     assert error == "kennfeld.toml [units] Tim: channel Tim is not used. Did you mean Time?"

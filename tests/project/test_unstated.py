@@ -1,4 +1,4 @@
-"""What the format of a calibration file cannot state stays as the project has it, whatever the format."""
+"""Properties that the format of a calibration file cannot state stay as in the project, for any format."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def project(tmp_path):
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_values_of_any_format_are_simulated_alike(project, ending):
+def test_values_of_any_format_are_simulated_equally(project, ending):
     file = project.path.with_name(f"values{ending}")
     project.problem().parameters.save(file)
     [simulated] = project.simulate(project.read_values(file))
@@ -41,7 +41,7 @@ def test_values_of_any_format_are_simulated_alike(project, ending):
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_a_set_is_completed_to_what_it_was(project, ending):
+def test_a_completed_set_equals_the_original(project, ending):
     file = project.path.with_name(f"values{ending}")
     whole = project.problem().parameters
     whole.save(file)
@@ -58,7 +58,7 @@ def test_a_file_without_extrapolation_has_that_of_the_project(project, ending):
     np.testing.assert_array_equal(simulated["y"].values, [-1.0, 1.0, 5.0])
 
 
-def test_what_a_file_states_counts(project):
+def test_properties_stated_by_a_file_take_precedence(project):
     project.path.write_text(TOML.replace('extrapolation = "linear"\n', ""), encoding="utf-8")
     file = project.path.with_name("values.json")
     continued = Curve("C", Axis([0.0, 5.0, 10.0], input="x"), [0.0, 1.0, 3.0], extrapolation="linear")
@@ -68,7 +68,7 @@ def test_what_a_file_states_counts(project):
     np.testing.assert_array_equal(simulated["y"].values, [-1.0, 1.0, 5.0])
 
 
-def test_a_set_from_python_is_taken_as_it_is(project):
+def test_a_set_from_python_is_not_completed(project):
     clipped = ParameterSet([Curve("C", Axis([0.0, 5.0, 10.0], input="x"), [0.0, 1.0, 3.0])])
     [simulated] = project.simulate(clipped)
     np.testing.assert_array_equal(simulated["y"].values, [0.0, 1.0, 3.0])
@@ -88,7 +88,7 @@ def test_a_set_from_python_is_taken_as_it_is(project):
         lambda values: ParameterSet(values.values()),
     ],
 )
-def test_values_of_a_file_are_simulated_alike_in_whatever_set_they_are(project, change):
+def test_values_of_a_file_are_simulated_equally_in_any_set(project, change):
     file = project.path.with_name("values.dcm")
     project.problem().parameters.save(file)
     [simulated] = project.simulate(change(project.read_values(file)))
@@ -98,34 +98,34 @@ def test_values_of_a_file_are_simulated_alike_in_whatever_set_they_are(project, 
 def test_a_variant_of_a_file_is_completed():
     values = [Curve("C", [0.0, 1.0], [0.0, k], variant=f"Engine={k}") for k in (1, 2)]
     stored = ParameterSet(values[:1], others=values[1:]).read_without(["extrapolation", "bounds"])
-    known = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0)])
-    completed = stored.in_variant("Engine=2").completed(known)["C"]
+    parameters = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0)])
+    completed = stored.in_variant("Engine=2").completed(parameters)["C"]
     assert (completed.values[1], completed.extrapolation, completed.lower[1]) == (2.0, "linear", 0.0)
 
 
 def test_each_parameter_of_a_merged_set_is_completed_by_its_own_file():
-    known = ParameterSet([Curve(name, [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0) for name in "AB"])
+    parameters = ParameterSet([Curve(name, [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0) for name in "AB"])
     stored = {name: ParameterSet([Curve(name, [0.0, 1.0], [0.0, 1.0])]) for name in "AB"}
     merged = stored["A"].read_without(["extrapolation"]).merged(stored["B"].read_without(["bounds"]))
-    completed = merged.completed(known)
+    completed = merged.completed(parameters)
     assert [completed[name].extrapolation for name in "AB"] == ["linear", "clip"]
     assert [completed[name].limited for name in "AB"] == [False, True]
     assert merged.unstated == {"extrapolation", "bounds"}
 
 
-def test_what_python_changes_is_stated():
-    known = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0, locked=True)])
+def test_properties_changed_in_python_take_precedence():
+    parameters = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 0.0], extrapolation="linear", lower=0.0, locked=True)])
     stored = ParameterSet([Curve("C", [0.0, 1.0], [0.0, 1.0])], unstated=["extrapolation", "bounds", "locks"])
     for changes in ({"extrapolation": "clip"}, {"lower": -np.inf}, {"locked": False}):
         changed = stored["C"].changed(**changes)
-        completed = stored.with_parameters(changed).completed(known)["C"]
+        completed = stored.with_parameters(changed).completed(parameters)["C"]
         for name in changes:
             np.testing.assert_array_equal(getattr(completed, name), getattr(changed, name))
     freed = stored["C"].read_without(["free axes"]).changed(axes=[Axis([0.0, 1.0], free=True)])
-    assert ParameterSet([freed]).completed(known)["C"].axes[0].free
+    assert ParameterSet([freed]).completed(parameters)["C"].axes[0].free
 
 
-def test_other_breakpoints_keep_what_belongs_to_the_old_ones(project):
+def test_a_file_with_other_breakpoints_keeps_the_extrapolation(project):
     file = project.path.with_name("values.dcm")
     ParameterSet([Curve("C", [0.0, 10.0], [0.0, 3.0])]).save(file)
     [simulated] = project.simulate(project.read_values(file))
@@ -152,7 +152,7 @@ def test_an_image_is_read_by_the_description_of_the_project(project):
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_a_later_initial_file_leaves_what_it_cannot_state_as_an_earlier_one_says(tmp_path, ending):
+def test_a_later_initial_file_keeps_properties_that_it_cannot_state(tmp_path, ending):
     axis = Axis([0.0, 5.0, 10.0], input="x")
     curve = Curve("C", axis, [0.0, 1.0, 3.0], lower=-1.0, upper=9.0, extrapolation="linear")
     ParameterSet([curve]).save(tmp_path / "first.json")

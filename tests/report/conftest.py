@@ -32,5 +32,5 @@ def project(request, calibrated):
 
 @pytest.fixture
 def opened():
-    """Takes a report apart."""
+    """Return the function that takes a report apart."""
     return Page

@@ -1,4 +1,4 @@
-"""A report in a browser: what pointer, keys, printing and the theme do to its figures."""
+"""A report in a browser: effects of pointer, keys, printing and the theme on its figures."""
 
 from contextlib import ExitStack
 from typing import Any
@@ -138,7 +138,7 @@ def test_every_axis_of_errors_has_two_numbers_or_more(show):
         assert len(lower) >= 2
 
 
-def test_the_tooltip_says_what_the_data_say(show):
+def test_the_tooltip_shows_the_values_of_the_data(show):
     page = show(a_map)
     strip = canvas_of(page, "strip")
     box = strip.bounding_box()

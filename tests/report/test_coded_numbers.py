@@ -1,4 +1,4 @@
-"""Numbers in the little room of a page."""
+"""Numbers in little space."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_numbers_are_within_half_a_step_and_gaps_stay(values, step, order):
     assert np.all(np.abs(decoded[known] - values[known]) <= coded["step"] * 0.5 * (1 + 1e-9) + 1e-9)
 
 
-def test_even_stamps_need_next_to_nothing():
+def test_even_time_stamps_take_little_space():
     time = 100.0 + 0.1 * np.arange(100_000)
     coded = code_numbers(time, 1e-4, order=2)
     assert len(coded["data"]) < 2000
@@ -29,7 +29,7 @@ def test_even_stamps_need_next_to_nothing():
 
 
 @pytest.mark.parametrize("values", [[np.inf, 1.0, -np.inf], [1e307, -1e307], [5e-324, 0.0], [3.0], []])
-def test_extremes_are_coded(values):
+def test_extreme_numbers_are_coded(values):
     values = np.array(values, dtype=float)
     decoded = decode_numbers(code_numbers(values, 1e-9))
     np.testing.assert_array_equal(np.isnan(decoded), ~np.isfinite(values))

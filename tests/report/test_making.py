@@ -1,4 +1,4 @@
-"""Whole reports: of the projects in `conftest.py`, what every one has to hold."""
+"""Whole reports: the properties that those of all projects in `conftest.py` share."""
 
 import json
 import re
@@ -25,7 +25,7 @@ from tests.report.report_projects import (
 )
 
 
-def test_every_report_stands_alone_and_says_what_the_result_says(project, opened):
+def test_every_report_is_self_contained_and_agrees_with_its_result(project, opened):
     result, page = project.result, opened(project.report)
     assert page.addresses
     assert all(address.startswith("#") for address in page.addresses)
@@ -39,7 +39,7 @@ def test_every_report_stands_alone_and_says_what_the_result_says(project, opened
             assert f"{row.rmse_after:.4g}"[:5] in page.words_in_a_row
 
 
-def test_every_report_can_be_made_before_a_calibration(project, opened):
+def test_every_report_can_be_written_before_a_calibration(project, opened):
     page = opened(document(project.project))
     assert page.data["result"] is None
     assert "Not calibrated yet" in page.words_in_a_row
@@ -57,9 +57,13 @@ def test_the_report_of_a_folder_equals_the_one_of_the_run(project, tmp_path, ope
     write(project.result, project.project, tmp_path / "results", {"report.html": direct.text})
     again = opened(from_folder(Project.read(project.project.path), tmp_path / "results"))
     assert again.data["result"] == direct.data["result"]
-    for one, other in zip(again.data["figures"], direct.data["figures"], strict=True):
-        if one["kind"] == "parameter":
-            assert (one["name"], one["after"], one["before"]) == (other["name"], other["after"], other["before"])
+    for figure, other in zip(again.data["figures"], direct.data["figures"], strict=True):
+        if figure["kind"] == "parameter":
+            assert (figure["name"], figure["after"], figure["before"]) == (
+                other["name"],
+                other["after"],
+                other["before"],
+            )
     assert (tmp_path / "results" / "report.html").read_text(encoding="utf-8") == direct.text
 
 
@@ -81,9 +85,9 @@ def test_a_browser_draws_every_picture(project, tmp_path):
 
 
 def test_a_report_calls_data_unseen_only_if_they_are(shop, opened):
-    toml, (one, other) = "[parameters.a]\ninitial = 0\n", (scattered(100, seed) for seed in (0, 1))
-    for test, unseen in ((other, True), (one, False)):
-        project = shop.project("y = a * x\n", toml, one, test=test)
+    toml, (training, other) = "[parameters.a]\ninitial = 0\n", (scattered(100, seed) for seed in (0, 1))
+    for test, unseen in ((other, True), (training, False)):
+        project = shop.project("y = a * x\n", toml, training, test=test)
         words = opened(document(project, project.calibrate(), project.check())).words_in_a_row
         assert ("On unseen test data" in words) is unseen
         assert ("the calibration generalises to unseen data" in words) is unseen
@@ -135,7 +139,7 @@ def test_a_report_lists_recordings_worst_first_and_folds_long_lists(calibrated, 
     assert str(worst) in rows
 
 
-def test_a_report_on_the_start_values_lists_recordings_too(calibrated, opened):
+def test_a_report_on_the_start_values_lists_recordings(calibrated, opened):
     rows = recording_rows(opened(document(calibrated(several_files).project)))
     assert "RMSE before" not in rows
     assert rows.count("drive_") == 15
@@ -153,7 +157,7 @@ def test_a_report_says_that_a_constant_target_has_no_r2(shop, opened):
         assert words.count("constant target") == (1 if result is None else 2)
 
 
-def test_the_report_of_a_folder_shows_the_shifts_that_the_run_found(shop, tmp_path, opened):
+def test_the_report_of_a_folder_shows_the_shifts_of_its_run(shop, tmp_path, opened):
     x = np.sin(np.arange(400) / 5.0) * (1 + np.arange(400) / 200)
     late = np.roll(3 * x + 1, 2)
     time = np.arange(400) * 0.1
@@ -218,7 +222,7 @@ def test_a_long_recording_makes_no_large_report(shop, opened, count):
 
 
 @pytest.mark.slow
-def test_many_datasets_share_the_room(shop, opened):
+def test_many_datasets_share_the_size_of_a_report(shop, opened):
     for i in range(20):
         rng = np.random.default_rng(i)
         shop.csv(f"part_{i:02}.csv", {"x": rng.uniform(0, 9, 4500), "m": rng.normal(size=4500)})
@@ -232,7 +236,7 @@ def test_many_datasets_share_the_room(shop, opened):
     assert len(text) < 3_000_000  # 4.5 million if each had all the room
 
 
-def test_limits_that_press_are_told(shop, opened):
+def test_a_report_lists_active_limits(shop, opened):
     project = limited(shop)
     words = opened(document(project, project.calibrate())).words_in_a_row
     assert "slope along x from 0 to 1.1" in words
@@ -240,7 +244,7 @@ def test_limits_that_press_are_told(shop, opened):
     assert "y - z -∞ to 11 x > 2" in words
 
 
-def test_a_stale_result_is_told(shop, opened, tmp_path):
+def test_a_report_warns_of_a_stale_result(shop, opened, tmp_path):
     project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "m": [1.0, 2, 4]})
     write(project.calibrate(), project, tmp_path / "results")
     shop.csv("bench.csv", {"x": [1.0, 2, 3], "m": [5.0, 2, 4]})
@@ -248,7 +252,7 @@ def test_a_stale_result_is_told(shop, opened, tmp_path):
     assert "cannot be reproduced" in page.words_in_a_row
 
 
-def test_smoothness_that_outweighs_the_data_is_told_and_no_noise_is_blamed(shop, opened, tmp_path):
+def test_a_report_attributes_a_worse_fit_to_smoothness(shop, opened, tmp_path):
     """The start is right; the curve that smoothness asks for is not."""
     x = np.linspace(0, 9, 10)
     toml = '[parameters.C]\nx = { input = "x", begin = 0, end = 9, count = 10 }\nsmoothness = 1e4\ninitial = '
@@ -276,18 +280,18 @@ class TestFolder:
     def project(self, shop):
         return shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0, 2, 3], "m": [1.0, 2, 4]})
 
-    def test_without_a_result_gives_the_start(self, project, tmp_path, opened):
+    def test_a_folder_without_a_result_shows_the_start(self, project, tmp_path, opened):
         assert opened(from_folder(project, tmp_path / "results")).data["result"] is None
 
     @pytest.mark.parametrize("name", ["result.json", "parameters.json", "trace.csv"])
-    def test_that_lacks_a_file_is_named(self, project, tmp_path, name):
+    def test_a_missing_file_of_a_folder_is_named(self, project, tmp_path, name):
         write(project.calibrate(), project, tmp_path / "results")
         (tmp_path / "results" / name).unlink()
         with pytest.raises(InputError, match=rf"{name}: file not found.*calibrate again"):
             from_folder(project, tmp_path / "results")
 
     @pytest.mark.parametrize(
-        ("name", "content", "said"),
+        ("name", "content", "message"),
         [
             ("result.json", "{}", "not a valid result file"),
             ("result.json", "[", "not a valid result file"),
@@ -297,22 +301,22 @@ class TestFolder:
             ("parameters.json", '{"a": {"kind": "curve", "unit": "", "x": [0, 1], "values": [1, 2]}}', "has 1 axes"),
         ],
     )
-    def test_with_a_damaged_file_is_named(self, project, tmp_path, name, content, said):
+    def test_a_damaged_file_of_a_folder_is_named(self, project, tmp_path, name, content, message):
         results = tmp_path / "results"
         write(project.calibrate(), project, results)
         if name != "result.json":
             without_manifest(results)
         (results / name).write_text(content, encoding="utf-8")
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             from_folder(project, results)
 
-    def test_of_a_version_without_a_manifest_is_read(self, project, tmp_path, opened):
+    def test_a_folder_without_a_manifest_is_read(self, project, tmp_path, opened):
         write(project.calibrate(), project, tmp_path / "results")
         without_manifest(tmp_path / "results")
         assert opened(from_folder(project, tmp_path / "results")).data["result"]["status"] == "converged"
 
     @pytest.mark.parametrize("names", [["parameters.json"], ["trace.csv"], ["parameters.json", "trust.csv"]])
-    def test_that_mixes_two_runs_is_refused(self, shop, project, tmp_path, names):
+    def test_a_folder_with_files_of_two_runs_is_refused(self, shop, project, tmp_path, names):
         write(project.calibrate(), project, tmp_path / "results")
         shop.csv("bench.csv", {"x": [1.0, 2, 3], "m": [5.0, 2, 4]})
         other = Project.read(project.path)
@@ -323,13 +327,13 @@ class TestFolder:
         with pytest.raises(InputError, match=listed):
             from_folder(project, tmp_path / "results")
 
-    def test_without_one_of_its_files_is_refused_by_the_name_of_the_file(self, project, tmp_path):
+    def test_a_file_of_the_manifest_that_is_missing_is_named(self, project, tmp_path):
         write(project.calibrate(), project, tmp_path / "results")
         (tmp_path / "results" / "trust.csv").unlink()
         with pytest.raises(InputError, match=r"trust\.csv: the file is missing\. Run kennfeld calibrate again\.$"):
             from_folder(project, tmp_path / "results")
 
-    def test_is_the_run_that_a_killed_process_had_begun_to_put_there(self, project, tmp_path, opened):
+    def test_files_of_a_run_that_was_killed_while_it_replaced_them_are_read(self, project, tmp_path, opened):
         results = tmp_path / "results"
         write(project.calibrate(), project, results)
         scratch = results / ".kennfeld-0"
@@ -340,14 +344,14 @@ class TestFolder:
         assert opened(from_folder(project, results)).data["result"]["status"] == "converged"
         assert not scratch.exists()
 
-    def test_with_a_calibration_file_of_another_run_says_so(self, project, tmp_path, opened):
+    def test_a_calibration_file_of_another_run_is_a_warning(self, project, tmp_path, opened):
         write(project.calibrate(), project, tmp_path / "results")
         (tmp_path / "results" / "parameters.dcm").write_text("KONSERVIERUNG_FORMAT 2.0\n", encoding="utf-8")
         words = opened(from_folder(project, tmp_path / "results")).words_in_a_row
         assert "parameters.dcm does not belong to result.json" in words
 
 
-def test_a_report_that_cannot_be_made_loses_no_result(shop, monkeypatch):
+def test_a_report_that_fails_becomes_a_page_with_the_error(shop, monkeypatch):
     project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", {"x": [1.0], "m": [1.0]})
     result = project.calibrate()
 

@@ -32,7 +32,7 @@ def test_shown_numbers_have_four_digits(value, negative):
 
 
 @given(FLOATS)
-def test_every_number_can_be_shown(value):
+def test_every_number_has_a_text(value):
     assert isinstance(decimal(value), str)
     assert isinstance(percent(value), str)
     assert math.isfinite(value) or decimal(value) == "–"
@@ -59,7 +59,7 @@ def test_an_envelope_keeps_extremes_within_its_size(values, most, cut):
 
 
 @given(st.integers(0, 500), st.integers(1, 50))
-def test_some_samples_are_drawn_once(count, most):
+def test_no_sample_is_selected_twice(count, most):
     chosen = sample_indices(count, most)
     assert len(chosen) == min(most, count)
     assert (np.diff(chosen) > 0).all()
@@ -75,7 +75,7 @@ def test_a_histogram_loses_no_finite_number(values, cut):
 
 
 @given(st.text(), st.text())
-def test_markup_escapes_whatever_stands_in_it(text, title):
+def test_markup_escapes_its_content(text, title):
     import html
 
     created = element("p", text, title=title)
@@ -83,6 +83,6 @@ def test_markup_escapes_whatever_stands_in_it(text, title):
     assert html.unescape(created) == f'<p title="{title}">{text}</p>'
 
 
-def test_a_table_puts_numbers_to_the_right():
+def test_a_table_aligns_numbers_to_the_right():
     created = table(["name", "x"], [["a<b", "1"]])
     assert '<td>a&lt;b</td><td class="number">1</td>' in created

@@ -72,13 +72,13 @@ def write_shifted_drives(folder):
 WRITERS = [write_steady_points, write_drives, write_paused_drives]
 
 
-def same(left, right):
+def same(first, second):
     """Compare figures; numbers may differ in their last digit, as sums over partitions are added in another order."""
-    if isinstance(left, dict):
-        return left.keys() == right.keys() and all(same(left[key], right[key]) for key in left)
-    if isinstance(left, list):
-        return len(left) == len(right) and all(map(same, left, right))
-    return left == pytest.approx(right, rel=2e-4, abs=1e-9) if isinstance(left, float) else left == right
+    if isinstance(first, dict):
+        return first.keys() == second.keys() and all(same(first[key], second[key]) for key in first)
+    if isinstance(first, list):
+        return len(first) == len(second) and all(map(same, first, second))
+    return first == pytest.approx(second, rel=2e-4, abs=1e-9) if isinstance(first, float) else first == second
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""What a zoomed strip shows: samples within the room of a page, inputs and nodes; the same over partitions."""
+"""Samples of a zoomed strip, within the size of a page, with inputs and nodes; the same over partitions."""
 
 import json
 from types import SimpleNamespace
@@ -45,7 +45,7 @@ def data_of(page):
     return json.loads(page.text.split('id="report-data">')[1].split("</script>")[0])
 
 
-def test_all_samples_are_there_to_a_small_part_of_their_errors(drive, report):
+def test_samples_of_a_strip_are_accurate_to_a_small_part_of_the_errors(drive, report):
     (strip,) = report.figures("strip")
     detail = strip["detail"]
     assert (detail["whole"], detail["size"]) == (True, 1)
@@ -59,7 +59,7 @@ def test_all_samples_are_there_to_a_small_part_of_their_errors(drive, report):
     assert np.nanmax(np.abs(decoded - measured)) <= errors / 4000
 
 
-def test_inputs_and_nodes_are_offered_with_their_units(report):
+def test_inputs_and_nodes_of_a_strip_have_their_units(report):
     signals = data_of(report)["signals"]
     (dataset,) = signals.values()
     offered = [(each["name"], each["unit"], each["kind"]) for each in dataset["signals"]]
@@ -68,7 +68,7 @@ def test_inputs_and_nodes_are_offered_with_their_units(report):
     np.testing.assert_allclose(x, 5 + 4 * np.sin(0.03 * 0.1 * np.arange(COUNT)), atol=2e-4)
 
 
-def test_a_page_keeps_its_room_whatever_the_samples(drive, opened, monkeypatch):
+def test_a_page_keeps_to_its_size_with_any_number_of_samples(drive, opened, monkeypatch):
     monkeypatch.setattr(strip_details, "TOTAL_NUMBERS", 50_000)
     page = opened(document(drive.project, drive.result))
     (strip,) = page.figures("strip")
@@ -82,7 +82,7 @@ def test_a_page_keeps_its_room_whatever_the_samples(drive, opened, monkeypatch):
     assert decode_numbers(detail["x"]).size == detail["traces"]["error"]["count"] / 2
 
 
-def test_strips_have_samples_as_far_as_the_room_goes():
+def test_strips_have_samples_within_the_size_of_a_page():
     views = [TraceEnvelope(count, 4000) for count in (250_000, 250_000, 250_000, 1000, 5_000_000)]
     fits = [SimpleNamespace(data=SimpleNamespace(is_timed=True, count=view.count)) for view in views]
     room = DetailRoom.of(fits[:4], views[:4])

@@ -41,12 +41,12 @@ class Trust:
     noise: float = 1.0
 
 
-def test_the_informed_values_may_be_known_alone():
+def test_a_trust_may_have_informed_values_alone():
     informed = {"a": np.array([True, False])}
     assert summarise_trust(Trust(informed=informed)) == TrustSummary(informed=informed)
 
 
-def test_what_is_not_known_is_not_shown():
+def test_an_empty_trust_has_an_empty_summary():
     assert summarise_trust(Trust()) == TrustSummary()
 
 
@@ -63,7 +63,7 @@ def document(shop, trust):
     return page(collect_report_data(project, result, (), summarise_trust(trust)))
 
 
-def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
+def test_a_page_shows_deviations_directions_and_leverage(shop, opened):
     trust = Trust(
         informed={"C": np.array([True, True, False]), "k": np.array(True)},
         samples={"C": np.array([9, 27, 0])},
@@ -83,7 +83,7 @@ def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
     assert "studentized" in page.words_in_a_row
 
 
-def test_coupled_but_determined_directions_are_listed_apart_and_without_a_remedy(shop, opened):
+def test_coupled_but_determined_directions_are_listed_apart_without_a_remedy(shop, opened):
     directions = (
         Direction("Raising C has no effect on the fit.", "Pin one value of C."),
         Direction("Scaling k has little effect on the fit.", "Pin k.", determined=True),
@@ -94,7 +94,7 @@ def test_coupled_but_determined_directions_are_listed_apart_and_without_a_remedy
     assert "Pin k." not in words
 
 
-def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):
+def test_samples_are_counted_from_the_data_if_there_is_no_trust(shop, opened):
     page = opened(document(shop, Trust()))
     (figure,) = page.figures("parameter")
     assert figure["samples"] == [18, 27, 0]
@@ -102,13 +102,13 @@ def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):
     assert "standardised" in page.words_in_a_row
 
 
-def test_what_limits_hold_and_a_search_that_was_cut_off_are_told(shop, opened):
+def test_a_page_shows_values_at_limits_and_an_early_end_of_the_search(shop, opened):
     page = opened(document(shop, Trust(holdings=("The limit y <= 2 is met.",), remark="The search was <stopped>.")))
     assert "The limit y <= 2 is met." in page.words_in_a_row
     assert "The search was <stopped>." in page.words_in_a_row
 
 
-def test_the_number_of_undetermined_changes_is_told_with_what_settles_them(shop, opened):
+def test_a_page_shows_the_number_of_undetermined_changes_with_a_remedy(shop, opened):
     space = NullSpace("7 combinations of values of C and k are undetermined.", "To determine them, pin <all> of C.")
     page = opened(document(shop, Trust(null_space=space)))
     assert page.words_in_a_row.count("7 combinations of values of C and k are undetermined.") == 2  # and as a warning
@@ -121,8 +121,8 @@ def test_fitted_breakpoints_are_a_table(shop, opened, tmp_path):
     project = shop.project("y = C(x)\n", toml, {"x": x, "m": np.abs(x - 1.3) + 0.01 * np.sin(99 * x)})
     result = project.calibrate()
     write(result, project, tmp_path / "results")
-    for shown in (opened(page_of(project, result)), opened(from_folder(project, tmp_path / "results"))):
-        words = shown.words_in_a_row
+    for report in (opened(page_of(project, result)), opened(from_folder(project, tmp_path / "results"))):
+        words = report.words_in_a_row
         assert "Breakpoints axis breakpoint unit before after change std deviation samples" in words
         assert f"{result.trust.deviation['C.x'][1]:.3g}" in words
 
@@ -131,13 +131,13 @@ def page_of(project, result):
     return page(collect_report_data(project, result, (), summarise_trust(result.trust)))
 
 
-def test_arrays_of_another_shape_are_left_out(shop, opened):
+def test_arrays_of_another_shape_are_omitted(shop, opened):
     page = opened(document(shop, Trust(deviation={"C": np.zeros(7)})))
     assert page.figures("parameter")[0]["deviation"] is None
 
 
 class TestStored:
-    """In the folder of a run."""
+    """The trust in the folder of a run."""
 
     HEAD = "parameter,x,y,z,w,value,unit,deviation,scatter,samples,leverage,informed,by_smoothness\n"
     LINES = (
@@ -154,14 +154,14 @@ class TestStored:
         self.project = project
         write(result, project, tmp_path / "results")
         stored = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))
-        whole = {"sentence": "One combination of values is undetermined.", "remedy": "Pin k."}
-        stored["trust"] = {"directions": list(self.DIRECTIONS), "null_space": whole}
+        null_space = {"sentence": "One combination of values is undetermined.", "remedy": "Pin k."}
+        stored["trust"] = {"directions": list(self.DIRECTIONS), "null_space": null_space}
         del stored["files"]  # what follows was written by no run
         (tmp_path / "results" / "result.json").write_text(json.dumps(stored), encoding="utf-8")
         (tmp_path / "results" / "trust.csv").write_text(self.HEAD + "\n".join(self.LINES) + "\n", encoding="utf-8")
         return tmp_path / "results"
 
-    def test_is_read_back(self, folder, opened):
+    def test_the_trust_of_a_folder_is_read(self, folder, opened):
         page = opened(from_folder(self.project, folder))
         (figure,) = page.figures("parameter")
         assert figure["deviation"] == [0.25, -1, None]
@@ -175,14 +175,14 @@ class TestStored:
     @pytest.mark.parametrize(
         "content", ["", "a,b\n1,2\n", HEAD + "C,0,,,,1,,x,0.2,9,0.9,1,0\n", HEAD + LINES[0] + "\n"]
     )
-    def test_is_left_out_where_it_is_damaged_or_about_other_tables(self, folder, content, opened):
+    def test_a_trust_that_is_damaged_or_of_other_tables_is_omitted(self, folder, content, opened):
         (folder / "trust.csv").write_text(content, encoding="utf-8")
         (figure,) = opened(from_folder(self.project, folder)).figures("parameter")
         assert figure["samples"] == [18, 27, 0]
         assert figure["deviation"] is None
 
 
-def test_errors_of_surrogates_stand_beside_those_of_linear_models():
+def test_errors_of_surrogates_are_listed_with_those_of_linear_models():
     errors = {"free run": 0.1, "ARX": 0.25}
     rows = tuple(SurrogateQuality("drive", "test", mode, 40, rmse, 0.9, 1.0) for mode, rmse in errors.items())
     text = str(_surrogate_errors([dynamic_surrogate(quality=rows)]))

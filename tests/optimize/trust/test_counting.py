@@ -1,4 +1,4 @@
-"""Which samples count as training samples of a value."""
+"""Samples that count as training samples of a value."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_a_point_without_a_target_does_not_count():
     assert counts["G"].tolist() == [1, 2, 3, 2, 0]
 
 
-def test_recorded_samples_count_where_they_are_scored():
+def test_recorded_samples_count_if_they_are_scored():
     u = np.repeat([0.5, 1.5, 2.5, 3.5], 50)
     scored = np.ones(200, dtype=bool)
     scored[:30] = False
@@ -51,7 +51,7 @@ def test_recorded_samples_count_where_they_are_scored():
     assert counts["G"].tolist() == [20, 70, 100, 60, 10]
 
 
-def test_what_only_unscored_samples_reach_is_not_held_by_smoothness():
+def test_values_reached_only_by_unscored_samples_do_not_count_as_smoothed():
     """The first half is not scored, but the state remembers it."""
     u = np.repeat([0.5, 2.5], 50)
     scored = np.arange(100) >= 50

@@ -48,7 +48,7 @@ CASES = {
 
 @counts
 @pytest.mark.parametrize("name", mostly_slow(CASES, ["smooth at a bound"]))
-def test_values_scatter_over_repeated_measurements_as_said(name, count):
+def test_values_scatter_over_repeated_measurements_as_predicted(name, count):
     case = CASES[name]
     problem, truth = product(**case)
     trust = run(problem, kf.Options()).trust
@@ -59,7 +59,7 @@ def test_values_scatter_over_repeated_measurements_as_said(name, count):
 
 
 @counts
-def test_a_state_is_accounted_for(count):
+def test_values_before_a_state_scatter_as_predicted(count):
     rng = np.random.default_rng(1)
     time = np.arange(3000) * 0.1
     u, load = np.repeat(rng.uniform(0, 10, 60), 50), np.repeat(rng.uniform(0, 4, 30), 100)
@@ -76,7 +76,7 @@ def test_a_state_is_accounted_for(count):
     assert agree(trust.covariance() / trust.persistence["m"], repeated(problem, truth, draw, count)) == 9
 
 
-def test_the_error_covers_the_truth_where_smoothness_decides_too():
+def test_the_error_covers_the_truth_of_smoothed_values():
     """Nychka's promise: averaged over the grid points, two deviations cover the truth in 95 of 100 cases."""
     x = np.linspace(0, 10, 150)
     grid = np.linspace(0, 10, 41)
@@ -93,7 +93,7 @@ def test_the_error_covers_the_truth_where_smoothness_decides_too():
     assert np.mean(bare) < np.mean(covered)
 
 
-def test_recordings_whose_errors_last_determine_less():
+def test_recordings_with_persistent_errors_determine_less():
     rng = np.random.default_rng(5)
     x = np.repeat(rng.uniform(0, 1, 100), 100)
     noise = np.zeros(x.size)
@@ -125,14 +125,14 @@ def test_leverages_lie_between_0_and_1_and_sum_up_to_the_degrees_of_freedom(seed
     assert np.all((whole >= 0) & (whole <= 1))
     assert whole.sum() == pytest.approx(trust.freedom, abs=1e-6)
     assert np.all(trust.leverage["C"][trust.samples["C"] == 0] == 0)
-    held = np.abs(fit.parameters["C"].values) == bound
-    assert np.all(trust.deviation["C"][held] == 0)
+    at_bound = np.abs(fit.parameters["C"].values) == bound
+    assert np.all(trust.deviation["C"][at_bound] == 0)
     assert np.all(trust.scatter["C"] <= trust.deviation["C"] * (1 + 1e-6) + 1e-12)
     assert trust.freedom <= 11 + 1e-6
 
 
 @pytest.mark.parametrize("unit", mostly_slow([1e-6, 1e6], 1))
-def test_units_do_not_matter(unit):
+def test_deviations_scale_with_their_units(unit):
     rng = np.random.default_rng(4)
     x, z = rng.uniform(0, 3, (2, 200))
     y = np.sin(x) * (1 + 0.1 * z) + rng.normal(0, 0.05, 200)

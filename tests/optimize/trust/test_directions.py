@@ -1,4 +1,4 @@
-"""What data leave open, in words: the ambiguities of the torque model, and others whose answer is known."""
+"""Undetermined directions in words: the ambiguities of the torque model, and others whose answer is known."""
 
 from functools import cache
 
@@ -37,7 +37,7 @@ SHIFT = ("MapOptIgnition by 0.", "deg and shifting CurveEtaDeltaSpark along delt
 
 
 @pytest.mark.parametrize("smoothness", [0.0, 1.0])
-def test_the_scale_of_torque_and_efficiency_is_open(smoothness):
+def test_the_scale_of_torque_and_efficiency_is_undetermined(smoothness):
     result = torque_fit(smoothness)
     (direction,) = directions_with(result.trust, *SCALE)
     assert direction.exact
@@ -54,7 +54,7 @@ def test_the_scale_of_torque_and_efficiency_is_open(smoothness):
 
 
 @pytest.mark.parametrize("smoothness", [0.0, 1.0])
-def test_what_is_said_to_change_nothing_changes_nothing(smoothness):
+def test_an_undetermined_direction_does_not_change_outputs(smoothness):
     result = torque_fit(smoothness)
     (direction,) = directions_with(result.trust, *SCALE)
     data = {name: channel.values for name, channel in torque.bench().items()}
@@ -74,7 +74,7 @@ def test_what_is_said_to_change_nothing_changes_nothing(smoothness):
 @pytest.mark.parametrize(
     ("settled", "smoothness"), [(False, 1.0), pytest.param(True, 0.0, marks=pytest.mark.slow), (True, 1.0)]
 )
-def test_the_shift_of_ignition_and_efficiency_is_nearly_open(smoothness, settled):
+def test_the_shift_of_ignition_and_efficiency_is_nearly_undetermined(smoothness, settled):
     trust = torque_fit(smoothness, pinned=settled, bounded=settled).trust
     (direction,) = directions_with(trust, *SHIFT)
     assert not direction.exact
@@ -85,8 +85,8 @@ def test_the_shift_of_ignition_and_efficiency_is_nearly_open(smoothness, settled
     assert np.isfinite(direction.deviation)
 
 
-def test_a_pin_settles_the_scale_but_not_the_stretch_that_the_drag_makes_up_for():
-    """Where eta -> 1 + a (eta - 1), torque -> torque / a, drag -> drag + (1/a - 1) torque, all but the grids stay."""
+def test_a_pin_determines_the_scale_but_not_the_stretch_that_the_drag_compensates():
+    """If eta -> 1 + a (eta - 1), torque -> torque / a, drag -> drag + (1/a - 1) torque, all but the grids stay."""
     trust = torque_fit(pinned=True, bounded=True).trust
     assert not directions_with(trust, *SCALE)
     (direction,) = directions_with(
@@ -96,13 +96,13 @@ def test_a_pin_settles_the_scale_but_not_the_stretch_that_the_drag_makes_up_for(
     assert direction.ratio < 1e-4
 
 
-def test_the_worst_come_first():
+def test_the_worst_directions_come_first():
     for fit in (torque_fit(0.0), torque_fit(1.0)):
         ratios = [max(direction.ratio, 1e-12) for direction in fit.trust.directions]
         assert ratios == sorted(ratios)
 
 
-def test_values_without_data_are_told_with_their_coordinates():
+def test_values_without_data_are_listed_with_their_coordinates():
     trust = torque_fit(0.0).trust
     direction = trust.directions[0]
     assert direction.sentence == (
@@ -128,7 +128,7 @@ def curve(name, values=1.0):
 
 
 @pytest.mark.parametrize("smoothness", [0.0, 0.1])
-def test_the_offset_between_two_sums_is_open(smoothness):
+def test_the_offset_between_two_terms_is_undetermined(smoothness):
     (direction,) = sentences("m = A(x) + B(z)", [curve("A"), curve("B")], np.sin(X) + np.cos(Z), smoothness)
     assert direction.exact
     assert direction.deviation == np.inf
@@ -139,18 +139,18 @@ def test_the_offset_between_two_sums_is_open(smoothness):
     )
 
 
-def test_a_pin_removes_it():
+def test_a_pin_determines_the_offset():
     pins = [kf.Pin("B", (0.0,), 1.0)]
     assert not sentences("m = A(x) + B(z)", [curve("A"), curve("B")], np.sin(X) + np.cos(Z), pins=pins)
 
 
-def test_scalars_that_stand_for_each_other_are_told():
+def test_scalars_that_compensate_each_other_are_described():
     (direction,) = sentences("m = a * b * x", [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)], 5 * X)
     assert direction.sentence == "Scaling a by 1.01 and b by 1/1.01 has no effect on the fit."
     assert direction.remedy == "Fix a, or set bounds for it."
 
 
-def test_maps_on_one_grid_hide_an_offset_of_the_efficiency_behind_the_loss():
+def test_maps_on_one_grid_leave_an_offset_between_efficiency_and_loss():
     """Base * (Effect + c) - (Loss + c * Base) is the same for every c, where Base and Loss share their axes."""
     surface = kf.Map("Base", np.arange(4.0), np.arange(4.0), 2 + np.add.outer(np.arange(4.0), np.arange(4.0)))
     loss = kf.Map("Loss", np.arange(4.0), np.arange(4.0), np.add.outer(np.arange(4.0), -np.arange(4.0)))
@@ -165,7 +165,7 @@ def test_maps_on_one_grid_hide_an_offset_of_the_efficiency_behind_the_loss():
     assert "Pin a known value of Effect" in hidden.remedy
 
 
-def test_a_product_of_three_leaves_two_scales_open():
+def test_a_product_of_three_has_two_undetermined_scales():
     open_directions = sentences("m = A(x) * B(z) * k", [curve("A"), curve("B"), kf.Scalar("k", 2.0)], (1 + X) * (2 + Z))
     assert len(open_directions) == 2
     assert all(direction.exact and "caling" in direction.sentence for direction in open_directions)
@@ -178,7 +178,7 @@ def test_an_offset_in_front_of_a_curve_and_its_shift_are_nearly_one():
     assert "shifting C along" in direction.sentence
 
 
-def test_what_has_no_name_is_told_by_its_grid_points():
+def test_directions_of_no_common_form_are_described_by_grid_points():
     """Both curves are looked up at two places only, so that their grid points stand for each other."""
     x = np.where(X < 1.5, 0.5, 2.5)
     start = kf.ParameterSet([curve("A")])
@@ -191,11 +191,11 @@ def test_what_has_no_name_is_told_by_its_grid_points():
     assert all(np.isinf(trust.deviation["A"]))
 
 
-def test_a_model_whose_values_the_data_tell_leaves_nothing_open():
+def test_a_determined_model_has_no_directions():
     assert sentences("m = A(x) + k * z", [curve("A"), kf.Scalar("k", 1.0)], np.sin(X) + Z) == ()
 
 
-def test_a_whole_table_that_no_sample_reaches_is_told():
+def test_a_table_without_samples_is_described():
     start = kf.ParameterSet([curve("A"), curve("B")])
     columns = {"x": X, "z": Z, "y": np.sin(X)}
     trust = kf.calibrate("m = if(x < 10, A(x), B(z))", columns, start, target="y").trust
@@ -204,7 +204,7 @@ def test_a_whole_table_that_no_sample_reaches_is_told():
     assert direction.remedy == "Record samples there or lock them."
 
 
-def test_a_threshold_that_a_search_without_gradients_has_found_is_told():
+def test_a_threshold_of_a_search_without_gradients_is_described():
     u = np.linspace(0.0, 10.0, 100)
     data = {"u": u, "z": 2.0 * (u > 4.0)}
     start = kf.ParameterSet([kf.Scalar("a", 1.0, lower=0.0, upper=10.0), kf.Scalar("T", 5.0, lower=0.0, upper=10.0)])
@@ -259,7 +259,7 @@ def test_rounding_does_not_decide_if_the_values_of_a_quotient_are_scaled():
         assert direction.sentence == "Scaling a by 1.01 and b by 1.01 has no effect on the fit."
 
 
-def test_a_pin_is_suggested_at_the_value_of_the_fit_if_that_of_the_start_violates_bounds():
+def test_a_pin_is_suggested_at_the_fitted_value_if_the_start_violates_bounds():
     """The scale is open: a curve between 0 and 1 whose start is far outside."""
     rng = np.random.default_rng(0)
     x, z = rng.uniform(0, 10, (2, 400))
@@ -316,7 +316,7 @@ def test_a_direction_leads_away_from_a_curve_that_would_fall():
     assert directions_with(result.trust, "Lowering k and raising C at 10 and 5")
 
 
-def test_a_direction_that_data_without_noise_determine_is_not_told():
+def test_a_direction_determined_by_data_without_noise_is_not_listed():
     x = np.linspace(0, 10, 100)
     start = {"a": 1.0, "b": 0.4}
     result = kf.calibrate("y = a*exp(b*x)", {"x": x, "m": 2 * np.exp(0.3 * x)}, start, target="m")

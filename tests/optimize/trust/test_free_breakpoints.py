@@ -35,11 +35,11 @@ def noisy(target=CLEAN, seed=1, noise=NOISE):
     return target + noise * np.random.default_rng(seed).standard_normal(X.size)
 
 
-def repeated(made, count):
+def repeated(posed, count):
     """Values and breakpoints from many measurements, in the order of the trust."""
-    compiled = CompiledProblem(made)
+    compiled = CompiledProblem(posed)
     targets = own_targets(compiled)
-    objective, limits = LeastSquaresObjective(compiled), linear_limits(made, compiled.values)
+    objective, limits = LeastSquaresObjective(compiled), linear_limits(posed, compiled.values)
     start, rng, ends = objective.start, np.random.default_rng(7), []
     for _ in range(count):
         targets[:] = CLEAN + NOISE * rng.standard_normal(X.size)
@@ -57,16 +57,16 @@ def repeated(made, count):
 @pytest.mark.parametrize(
     "smoothness", [pytest.param({}, id="plain", marks=pytest.mark.slow), pytest.param({"C": 1e-3}, id="smooth")]
 )
-def test_breakpoints_and_values_scatter_as_said(smoothness, count):
-    made = problem(bent(), noisy(), smoothness=smoothness)
-    trust = run(made, kf.Options()).trust
+def test_breakpoints_and_values_scatter_as_predicted(smoothness, count):
+    posed = problem(bent(), noisy(), smoothness=smoothness)
+    trust = run(posed, kf.Options()).trust
     assert list(trust.deviation) == ["C", "C.x"]
     assert trust.covariance(["C", "C.x"]).shape == (10, 10)
-    assert agree(trust.covariance(scatter=True), repeated(made, count)) == 8
+    assert agree(trust.covariance(scatter=True), repeated(posed, count)) == 8
     assert trust.deviation["C.x"][[0, -1]].tolist() == [0.0, 0.0]  # the ends stay
 
 
-def test_a_breakpoint_is_accounted_for_as_a_value_is():
+def test_a_breakpoint_has_the_same_facts_as_a_value():
     trust = run(problem(bent(), noisy()), kf.Options()).trust
     inner = slice(1, 4)
     assert trust.samples["C.x"][1] == np.count_nonzero(X < 2.1)
@@ -76,7 +76,7 @@ def test_a_breakpoint_is_accounted_for_as_a_value_is():
     assert not trust.by_smoothness["C.x"].any()
 
 
-def test_on_a_slope_a_breakpoint_and_its_value_move_together():
+def test_a_breakpoint_and_its_value_move_together_on_a_slope():
     table = bent(np.array([0, 3.0, 5.0, 10.0]), np.array([0, 6.0, 10.0, 20.0]))
     trust = run(problem(table, 2 * X), kf.Options()).trust
     assert np.isinf(trust.deviation["C.x"][1:3]).all()
@@ -88,7 +88,7 @@ def test_on_a_slope_a_breakpoint_and_its_value_move_together():
     assert {d.remedy for d in trust.directions} == {remedy}
 
 
-def test_where_a_curve_is_flat_nothing_tells_where_its_breakpoint_lies():
+def test_a_breakpoint_is_undetermined_if_the_curve_is_flat():
     table = bent(np.array([0, 3.0, 5.0, 10.0]), np.full(4, 2.0))
     trust = run(problem(table, np.full(X.size, 2.0)), kf.Options()).trust
     assert trust.informed["C.x"][1:3].tolist() == [False, False]
@@ -101,28 +101,28 @@ def test_where_a_curve_is_flat_nothing_tells_where_its_breakpoint_lies():
     assert direction.remedy == "Use fewer breakpoints on this axis, or fix them."
 
 
-def test_values_are_held_rather_than_breakpoints_and_breakpoints_where_nothing_else_can_be():
+def test_a_remedy_locks_values_before_it_fixes_breakpoints():
     slope = bent(np.array([0, 3.0, 5.0, 10.0]), np.array([0, 6.0, 10.0, 20.0]))
     result = run(problem(slope, 2 * X), kf.Options())
     space = result.trust.null_space
     assert (space.dimension, space.remedy.pins, space.remedy.axes) == (2, (), ())
     (where,) = space.remedy.locks.values()
     assert where.tolist() == [False, True, True, False]
-    held = result.parameters["C"].changed(locked=where)
-    assert run(problem(held, 2 * X), kf.Options()).trust.null_space.dimension == 0
+    locked = result.parameters["C"].changed(locked=where)
+    assert run(problem(locked, 2 * X), kf.Options()).trust.null_space.dimension == 0
     flat = bent(np.array([0, 3.0, 5.0, 10.0]), np.full(4, 2.0))
     space = run(problem(flat, np.full(X.size, 2.0)), kf.Options()).trust.null_space
     assert (space.dimension, space.remedy.axes) == (2, ("C.x",))
     assert space.advice == "To determine all of them, fix the breakpoints of C.x."
 
 
-def test_a_breakpoint_too_many_is_told_by_its_number():
+def test_a_superfluous_breakpoint_is_described_by_its_number():
     target = noisy(np.interp(X, [0, 5, 10], [0, 5, 0]))
     trust = run(problem(bent(np.linspace(0, 10, 5), np.zeros(5)), target), kf.Options()).trust
-    told = [d for d in trust.directions if "breakpoint (" in d.sentence and "of C.x" in d.sentence]
-    assert told
-    assert "use fewer breakpoints for C.x" in told[0].remedy
-    assert set(told[0].parts) <= {"C", "C.x"}
+    directions = [d for d in trust.directions if "breakpoint (" in d.sentence and "of C.x" in d.sentence]
+    assert directions
+    assert "use fewer breakpoints for C.x" in directions[0].remedy
+    assert set(directions[0].parts) <= {"C", "C.x"}
 
 
 def test_breakpoints_at_their_least_distance_move_as_one():
@@ -162,8 +162,8 @@ def test_a_group_axis_has_one_row_for_each_of_its_breakpoints(tmp_path):
     assert {row["unit"] for row in rows} == {"rpm"}
 
 
-def test_a_parameter_and_an_axis_of_one_name_are_told_apart():
+def test_a_parameter_and_an_axis_of_the_same_name_are_distinguished():
     axis = kf.Axis(KINKS, name="C", input="x", free=True)
-    made = problem(kf.Curve("C", axis, HEIGHTS), noisy())
-    trust = run(made, kf.Options()).trust
+    posed = problem(kf.Curve("C", axis, HEIGHTS), noisy())
+    trust = run(posed, kf.Options()).trust
     assert list(trust.deviation) == ["C", "axis C"]

@@ -35,9 +35,9 @@ def test_outliers_do_not_enter_the_noise_of_a_robust_loss(loss, delta):
 
 
 @pytest.mark.parametrize("loss", mostly_slow(["huber", "soft_l1"], 1))
-def test_robust_fits_scatter_as_said(loss):
+def test_robust_fits_scatter_as_predicted(loss):
     rng = np.random.default_rng(0)
-    groups, ends, said = np.arange(120.0), [], []
+    groups, ends, predicted = np.arange(120.0), [], []
     for _ in range(3):
         scatter = np.where(rng.random((groups.size, 60)) < 0.1, 4.0, 0.5) * rng.normal(size=(groups.size, 60))
         x = rng.uniform(-1, 1, 60)
@@ -46,11 +46,11 @@ def test_robust_fits_scatter_as_said(loss):
         criteria = [kf.Criterion("m", "y", loss=loss, delta=0.8, scale=0.5)]
         result = kf.calibrate("m = A(group) + b * x", columns, start, criteria=criteria)
         ends.append(result.parameters["A"].values)
-        said.append(result.trust.deviation["A"])
-    assert np.mean(said) == pytest.approx(np.std(ends), rel=0.1)
+        predicted.append(result.trust.deviation["A"])
+    assert np.mean(predicted) == pytest.approx(np.std(ends), rel=0.1)
 
 
-def test_each_criterion_has_its_noise():
+def test_each_criterion_has_its_own_noise():
     rng = np.random.default_rng(2)
     x = rng.uniform(-1, 1, 3000)
     data = {"x": x, "y": x + rng.normal(0, 0.1, x.size), "z": x + rng.normal(0, 2.0, x.size)}
@@ -62,7 +62,7 @@ def test_each_criterion_has_its_noise():
     assert float(trust.deviation["a"]) == pytest.approx(np.hypot(*lone) / 2, rel=0.05)
 
 
-def test_datasets_of_other_weight_have_another_noise():
+def test_datasets_of_different_weight_have_different_noise():
     good = kf.Dataset.of("good", line(400, 0.1), weight=25.0)
     bad = kf.Dataset.of("bad", line(4000, 0.5, seed=1))
     trust = kf.calibrate("m = a + b * x", [good, bad], {"a": 0.0, "b": 0.0}, target="y").trust
@@ -71,7 +71,7 @@ def test_datasets_of_other_weight_have_another_noise():
     assert trust.deviation["a"] == pytest.approx(alone.deviation["a"] * np.sqrt(400 / 560), rel=0.08)
 
 
-def test_without_samples_to_spare_nothing_is_said_of_the_deviation():
+def test_the_deviation_is_unknown_without_redundant_samples():
     trust = kf.calibrate("m = a + b * x", {"x": [0.0, 1.0], "y": [1.0, 3.0]}, {"a": 0.0, "b": 0.0}, target="y").trust
     assert np.isnan(trust.noise["m"])
     assert np.isnan(trust.deviation["a"])

@@ -1,4 +1,4 @@
-"""How many changes nothing determines, and a remedy that, followed to the letter, leaves none."""
+"""The number of undetermined changes, and a remedy after which none is left."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def problem(text, columns, members, smoothness=0.0, pins=()):
     return Problem(model, data, start, (kf.Criterion("m", "y"),), smoothness=smooth, pins=tuple(pins))
 
 
-def followed(given, result):
+def followed(posed, result):
     """The trust in a fit that holds what the remedy asks for, from where the first fit ended."""
     remedy = result.trust.null_space.remedy
     locked = [
@@ -33,7 +33,7 @@ def followed(given, result):
         for name, where in remedy.locks.items()
     ]
     parameters = result.parameters.with_parameters(*locked)
-    return run(replace(given, parameters=parameters, pins=(*given.pins, *remedy.pins)), PLAIN)
+    return run(replace(posed, parameters=parameters, pins=(*posed.pins, *remedy.pins)), PLAIN)
 
 
 def curve(name, count, values=1.0):
@@ -46,9 +46,9 @@ def map_and_curve(smoothness):
     return problem("m = A(x, z) + B(x)", {"x": X, "z": Z, "y": target}, [table, curve("B", 7)], smoothness)
 
 
-def test_a_curve_that_a_map_contains_leaves_as_many_changes_as_it_has_grid_points():
-    given = map_and_curve(0.0)
-    result = run(given, PLAIN)
+def test_a_curve_within_a_map_has_an_undetermined_change_for_each_grid_point():
+    posed = map_and_curve(0.0)
+    result = run(posed, PLAIN)
     space = result.trust.null_space
     assert (space.dimension, space.by_smoothness) == (7, 0)
     assert [(pin.parameter, pin.at) for pin in space.remedy.pins] == [("B", (float(i),)) for i in range(7)]
@@ -56,27 +56,27 @@ def test_a_curve_that_a_map_contains_leaves_as_many_changes_as_it_has_grid_point
         "7 combinations of values of A and B are undetermined. To determine all of them, pin all 7 values of B "
         "to known values, or else to the fitted ones."
     )
-    settled = followed(given, result)
+    settled = followed(posed, result)
     assert settled.trust.null_space.dimension == 0
     assert settled.trust.null_space.sentence == ""
     assert settled.cost_after == pytest.approx(result.cost_after)  # nothing is lost
 
 
-def test_what_smoothness_alone_determines_is_told_apart():
+def test_changes_that_smoothness_alone_determines_are_counted_separately():
     """Smoothness does not see an offset and a slope in x; it holds the other five."""
-    given = map_and_curve(0.1)
-    result = run(given, PLAIN)
+    posed = map_and_curve(0.1)
+    result = run(posed, PLAIN)
     space = result.trust.null_space
     assert (space.dimension, space.by_smoothness) == (2, 5)
     assert space.sentence == "2 combinations of values of A and B are undetermined. Smoothness alone determines 5 more."
-    settled = followed(given, result).trust.null_space
+    settled = followed(posed, result).trust.null_space
     assert (settled.dimension, settled.by_smoothness) == (0, 5)
     assert settled.sentence == "Smoothness alone determines 5 combinations of values."
     assert settled.advice == ""
 
 
 @pytest.mark.parametrize("seed", mostly_slow(range(6), 2))
-def test_the_remedy_settles_random_models_of_deficient_rank(seed):
+def test_the_remedy_determines_random_models_of_deficient_rank(seed):
     random = np.random.default_rng(seed)
     count = int(random.integers(2, 12))
     rank = int(random.integers(1, count))
@@ -84,11 +84,11 @@ def test_the_remedy_settles_random_models_of_deficient_rank(seed):
     names = [f"x{i}" for i in range(count)]
     columns = dict(zip(names, inputs.T, strict=True)) | {"y": random.normal(size=80)}
     text = "m = " + " + ".join(f"k{i} * x{i}" for i in range(count))
-    given = problem(text, columns, [kf.Scalar(f"k{i}", 0.0) for i in range(count)])
-    result = run(given, PLAIN)
+    posed = problem(text, columns, [kf.Scalar(f"k{i}", 0.0) for i in range(count)])
+    result = run(posed, PLAIN)
     space = result.trust.null_space
     assert space.dimension == count - rank == len(space.remedy.pins)
-    assert followed(given, result).trust.null_space.dimension == 0
+    assert followed(posed, result).trust.null_space.dimension == 0
 
 
 @pytest.mark.parametrize(
@@ -99,64 +99,64 @@ def test_the_remedy_settles_random_models_of_deficient_rank(seed):
         pytest.param("m = A(x) + B(z) + k", ["B", "k"], marks=pytest.mark.slow),
     ],
 )
-def test_products_and_sums_are_settled_by_their_smallest_parts(text, pinned):
+def test_the_remedy_of_products_and_sums_pins_their_smallest_parts(text, pinned):
     members = [curve("A", 7), curve("B", 5), *([kf.Scalar("k", 2.0)] if "k" in text else [])]
-    given = problem(text, {"x": X, "z": Z, "y": (3 + np.sin(X)) * (2 + Z)}, members)
-    result = run(given, PLAIN)
+    posed = problem(text, {"x": X, "z": Z, "y": (3 + np.sin(X)) * (2 + Z)}, members)
+    result = run(posed, PLAIN)
     space = result.trust.null_space
     assert space.dimension == len(pinned)
     assert [pin.parameter for pin in space.remedy.pins] == pinned
-    settled = followed(given, result)
+    settled = followed(posed, result)
     assert settled.trust.null_space.dimension == 0
     assert settled.cost_after <= result.cost_after * (1 + 1e-6)
 
 
 def test_values_without_data_are_locked():
-    given = problem("m = A(x)", {"x": X / 2, "y": X}, [curve("A", 7)])
-    result = run(given, PLAIN)
+    posed = problem("m = A(x)", {"x": X / 2, "y": X}, [curve("A", 7)])
+    result = run(posed, PLAIN)
     space = result.trust.null_space
     assert space.dimension == 3
     assert space.remedy.locks["A"].tolist() == [False] * 4 + [True] * 3
     assert (
         str(space) == "3 combinations of values of A are undetermined. To determine all of them, lock A at 4, 5 and 6."
     )
-    assert followed(given, result).trust.null_space.dimension == 0
+    assert followed(posed, result).trust.null_space.dimension == 0
 
 
 @pytest.mark.slow
 def test_the_torque_model_has_its_scale_and_the_efficiencies_beyond_the_data():
     start = torque.start()
-    given = Problem(
+    posed = Problem(
         kf.formula(torque.FORMULA, parameters=list(start)),
         (torque.bench(),),
         start,
         (kf.Criterion("TorquePredict", "Torque"),),
     )
-    result = run(given, PLAIN)
+    result = run(posed, PLAIN)
     space = result.trust.null_space
     assert space.dimension == 4
     assert np.count_nonzero(space.remedy.locks["CurveEtaDeltaSpark"]) == 3
     assert [pin.parameter for pin in space.remedy.pins] == ["CurveEtaDeltaSpark"]
     assert "4 combinations of values" in space.sentence
     assert "3 of them single values without data" in space.sentence
-    assert followed(given, result).trust.null_space.dimension == 0
+    assert followed(posed, result).trust.null_space.dimension == 0
 
 
-def test_locks_pins_and_bounds_that_hold_are_no_change():
-    given = problem("m = a * b * x", {"x": X, "y": X}, [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)])
-    assert run(given, PLAIN).trust.null_space.dimension == 1
-    pinned = replace(given, pins=(kf.Pin("a", (), 2.0),))
+def test_changes_against_locks_pins_and_bounds_do_not_count():
+    posed = problem("m = a * b * x", {"x": X, "y": X}, [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)])
+    assert run(posed, PLAIN).trust.null_space.dimension == 1
+    pinned = replace(posed, pins=(kf.Pin("a", (), 2.0),))
     assert run(pinned, PLAIN).trust.null_space.dimension == 0
 
 
-def test_a_model_that_the_data_determine_has_none():
-    given = problem("m = a + b * x", {"x": X, "y": X}, [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)])
-    space = run(given, PLAIN).trust.null_space
+def test_a_determined_model_has_no_undetermined_changes():
+    posed = problem("m = a + b * x", {"x": X, "y": X}, [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)])
+    space = run(posed, PLAIN).trust.null_space
     assert (space.dimension, space.sentence, space.advice) == (0, "", "")
     assert space.remedy.pins == ()
 
 
-def test_result_json_holds_it():
+def test_the_json_of_a_result_contains_the_null_space():
     written = run(map_and_curve(0.0), PLAIN).as_json()["trust"]["null_space"]
     assert written["dimension"] == 7
     assert written["pins"][0]["parameter"] == "B"
@@ -164,31 +164,31 @@ def test_result_json_holds_it():
 
 
 @pytest.mark.parametrize("smoothness", mostly_slow([0.0, 0.1], [0.1]))
-def test_what_is_said_does_not_depend_on_how_eigenvectors_are_turned(monkeypatch, smoothness):
+def test_the_description_does_not_depend_on_the_basis_of_eigenvectors(monkeypatch, smoothness):
     """Another processor may give any basis of the null space, and any sign of the other eigenvectors."""
 
-    def told():
+    def description():
         result = run(map_and_curve(smoothness), PLAIN)
         return str(result.trust), result.trust.null_space.remedy.pins
 
-    expected = told()
+    expected = description()
     plain = Spectrum._of.__func__
 
     def turned(seed):
-        def made(cls, scale, values, vectors, null):
+        def rotated(cls, scale, values, vectors, null):
             random = np.random.default_rng(seed)
             rotation, _ = np.linalg.qr(random.normal(size=(null, null)))
             signs = random.choice([-1.0, 1.0], vectors.shape[1] - null)
             return plain(cls, scale, values, np.hstack([vectors[:, :null] @ rotation, vectors[:, null:] * signs]), null)
 
-        return classmethod(made)
+        return classmethod(rotated)
 
     for seed in range(2):
         monkeypatch.setattr(Spectrum, "_of", turned(seed))
-        sentences, pins = told()
+        sentences, pins = description()
         assert sentences == expected[0]
         assert [pin.at for pin in pins] == [pin.at for pin in expected[1]]
 
 
-def test_where_nothing_is_known_it_is_null():
+def test_an_unknown_null_space_is_null_in_json():
     assert Trust().as_json()["null_space"] is None

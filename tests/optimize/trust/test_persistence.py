@@ -1,4 +1,4 @@
-"""How long errors last, against processes whose answer is known."""
+"""Persistence of errors, against processes whose answer is known."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def truth(memory, samples, share=1.0):
 
 
 def agrees(lengths, expected, bias=0.0):
-    """Whether their mean is what is expected, within four standard errors and a known bias."""
+    """Return whether their mean is the expected one, within four standard errors and a known bias."""
     lengths = np.array(lengths)
     return abs(lengths.mean() - expected) < 4 * lengths.std() / np.sqrt(lengths.size) + (0.01 + bias) * expected
 
@@ -39,51 +39,51 @@ LONG = [(0.0, 5000), (0.5, 5000), (0.9, 5000), (0.99, 5000), (0.99, 20_000)]
     [(0.0, 5000), (0.9, 500), (0.99, 5000)]
     + [pytest.param(*case, marks=pytest.mark.slow) for case in (*SHORT[:3], *LONG[1:3], LONG[4])],
 )
-def test_errors_that_decay_count_as_they_should(memory, samples):
+def test_decaying_errors_have_their_exact_persistence(memory, samples):
     lengths = [persistence(error)[0] for error in recordings(memory, samples, 60)]
     assert agrees(lengths, (1 + memory) / (1 - memory))
 
 
-def test_a_recording_of_five_independent_samples_is_told_to_be_about_that():
+def test_a_recording_of_five_independent_samples_has_about_five():
     lengths = [persistence(error)[0] for error in recordings(0.99, 1000, 60)]
     assert 0.5 * 199 < np.mean(lengths) < 1.2 * 199
 
 
 @pytest.mark.parametrize("weight", [0.5, 1.0, -0.5])
-def test_errors_of_a_moving_mean_count_as_they_should(weight):
+def test_errors_of_a_moving_mean_have_their_exact_persistence(weight):
     white = np.random.default_rng(1).normal(size=(40, 4001))
     lengths = [persistence(error)[0] for error in white[:, 1:] + weight * white[:, :-1]]
     assert agrees(lengths, max(1 + 2 * weight / (1 + weight**2), 1.0), 0.02)  # never less than 1
 
 
 @pytest.mark.parametrize(("samples", "pieces"), [(12, 100), (25, 80), (100, 20)])
-def test_nothing_lasts_beyond_a_piece(samples, pieces):
+def test_persistence_ends_with_a_piece(samples, pieces):
     starts = samples * np.arange(pieces)
     lengths = [persistence(recordings(0.9, samples, pieces, seed).ravel(), starts)[0] for seed in range(30)]
     assert agrees(lengths, truth(0.9, samples), 0.04)
 
 
 @pytest.mark.parametrize("lost", [0.3, 0.8])
-def test_samples_that_are_missing_have_no_neighbours(lost):
+def test_missing_samples_have_no_neighbours(lost):
     errors = recordings(0.9, 5000, 30)
     errors[np.random.default_rng(7).random(errors.shape) < lost] = np.nan
-    told = [persistence(error) for error in errors]
-    assert [count for _, count in told] == np.isfinite(errors).sum(axis=1).tolist()
-    assert agrees([length for length, _ in told], truth(0.9, 5000, 1 - lost), 0.06)
+    lengths = [persistence(error) for error in errors]
+    assert [count for _, count in lengths] == np.isfinite(errors).sum(axis=1).tolist()
+    assert agrees([length for length, _ in lengths], truth(0.9, 5000, 1 - lost), 0.06)
 
 
-def test_where_every_second_sample_is_missing_the_others_are_neighbours():
+def test_the_other_samples_are_neighbours_if_every_second_one_is_missing():
     errors = recordings(0.9, 8000, 20)
     errors[:, 1::2] = np.nan
     assert agrees([persistence(error)[0] for error in errors], (1 + 0.81) / (1 - 0.81), 0.02)
 
 
 @pytest.mark.parametrize("residual", [np.ones(3), np.zeros(100), np.full(50, np.nan), np.full(40, 3.0)])
-def test_short_constant_and_unknown_residuals_last_a_sample(residual):
+def test_short_constant_and_unknown_residuals_persist_for_a_sample(residual):
     assert persistence(residual) == (1.0, np.isfinite(residual).sum())
 
 
-def test_a_jump_between_pieces_is_no_correlation_within_them():
+def test_a_jump_between_pieces_does_not_count_as_correlation():
     white = np.random.default_rng(0).normal(size=4000)
     assert persistence(white, np.arange(0, 4000, 40))[0] == pytest.approx(1.0, abs=0.1)
 
@@ -112,7 +112,7 @@ def test_an_exact_correlation_gives_the_exact_sum():
     assert inflation(0.9 ** np.arange(200) * pairs, pairs) == pytest.approx(19.0, rel=1e-6)
 
 
-def test_a_fit_tells_the_persistence_of_its_errors_and_widens_its_deviations():
+def test_a_fit_reports_the_persistence_of_its_errors_and_widens_its_deviations():
     (error,) = recordings(0.9, 20_000, 1, seed=5)
     data = kf.Dataset.of("drive", {"y": 3 + error}, time=0.1 * np.arange(error.size))
     trust = kf.calibrate("m = a", data, {"a": 0.0}, target="y").trust
@@ -137,7 +137,7 @@ def fitted_curve(samples, breakpoints, seed, *, steady):
 
 
 @pytest.mark.parametrize("steady", mostly_slow([True, False], 1))
-def test_a_fit_of_several_values_takes_no_persistence_away(steady):
+def test_persistence_does_not_depend_on_the_number_of_fitted_values(steady):
     trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(8)]
     assert np.mean([trust.persistence["m"] for trust in trusts]) == pytest.approx(19.0, rel=0.15)
     variance = [trust.noise["m"] ** 2 * trust.persistence["m"] for trust in trusts]
@@ -146,12 +146,12 @@ def test_a_fit_of_several_values_takes_no_persistence_away(steady):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "breakpoints"), [(3000, 8), (5000, 20)])
-def test_two_deviations_contain_values_fitted_to_errors_that_last(samples, breakpoints):
+def test_two_deviations_contain_values_fitted_to_persistent_errors(samples, breakpoints):
     inside = [fitted_curve(samples, breakpoints, seed, steady=True)[1] for seed in range(60)]
     assert 0.93 < np.mean(inside) < 0.975
 
 
-def test_a_limit_that_is_not_reached_changes_no_persistence():
+def test_a_limit_that_is_not_reached_does_not_change_persistence():
     (error,) = recordings(0.9, 1500, 1)
     u = np.linspace(0, 1, 1500)
     data = kf.Dataset.of("drive", {"u": u, "y": u + error}, time=0.1 * np.arange(1500))
@@ -164,7 +164,7 @@ def test_a_limit_that_is_not_reached_changes_no_persistence():
 
 
 @pytest.mark.parametrize("gaps", [False, True])
-def test_products_of_parts_about_their_own_means_are_those_of_the_whole(gaps):
+def test_products_of_parts_about_their_own_means_add_up_to_those_of_the_whole(gaps):
     errors = np.cumsum(np.random.default_rng(0).normal(size=60)) + 40
     if gaps:
         errors[[3, 17, 18, 41]] = np.nan

@@ -43,7 +43,7 @@ def repeated_within(problem, truth, noise, count=REPETITIONS):
     run = FitRun(problem, Options(continuation="off", tolerance=1e-5), None, Seconds())
     target = problem.datasets[0]["z"].values
     target.setflags(write=True)  # what is compiled reads it where it lies
-    outputs, given = run.outputs, target.copy()
+    outputs, original = run.outputs, target.copy()
     rng = np.random.default_rng(1)
     ends = []
     try:
@@ -55,7 +55,7 @@ def repeated_within(problem, truth, noise, count=REPETITIONS):
             assert end.status == "converged"
             ends.append(end.values)
     finally:
-        target[:] = given
+        target[:] = original
     return np.array(ends)
 
 
@@ -79,7 +79,7 @@ def test_samples_at_a_limit_stay_there():
 
 
 @pytest.mark.slow
-def test_values_within_limits_scatter_as_said():
+def test_values_within_limits_scatter_as_predicted():
     """Two flat tops, of which many neighbouring samples are at the limit, and a lone sample at the lower one."""
     problem = curve_problem(Limit("w", -2.5, 2.0))
     trust = result_of(problem).trust
@@ -121,35 +121,35 @@ def test_a_limit_of_a_peak_ties_the_gains_together():
     jacobian = slopes(STEP, data, result.parameters, "y")
     highest = kf.simulate(STEP, data, result.parameters)["y"].values.argmax()
     dense = DenseCovariance(jacobian, jacobian[[highest]], np.zeros((0, 2)))
-    said = trust.covariance(scatter=True)
-    assert said == pytest.approx(
+    predicted = trust.covariance(scatter=True)
+    assert predicted == pytest.approx(
         dense.scatter(trust.noise["y"]) * trust.persistence["y"], rel=0.05
     )  # its neighbours hold a little
     loose = result_of(step_problem(1.5)[0]).trust
-    assert np.all(said.diagonal() < loose.covariance().diagonal())
+    assert np.all(predicted.diagonal() < loose.covariance().diagonal())
 
 
 @pytest.mark.slow
-def test_the_gains_tied_by_the_limit_of_a_peak_scatter_a_little_less_than_said():
-    """Which sample is the highest changes with the noise; what is held is the height.
+def test_the_gains_tied_by_the_limit_of_a_peak_scatter_a_little_less_than_predicted():
+    """The highest sample changes with the noise; the limit determines its height.
 
     Along the tie, neighbours of the highest sample hold a little as well: what is said is on the safe side.
     """
     problem, clean = step_problem(0.97)
     trust = result_of(problem).trust
-    said = trust.covariance(scatter=True)
+    predicted = trust.covariance(scatter=True)
     ends = repeated_within(problem, clean, 0.03)
-    ratio = np.std(ends, axis=0, ddof=1) / np.sqrt(np.diag(said)) * np.sqrt(trust.persistence["y"])
+    ratio = np.std(ends, axis=0, ddof=1) / np.sqrt(np.diag(predicted)) * np.sqrt(trust.persistence["y"])
     assert np.all((ratio > 0.7) & (ratio < 1.1))
 
 
-def test_a_limit_that_the_data_keep_holds_nothing():
+def test_an_inactive_limit_determines_no_values():
     trust = result_of(step_problem(1.5)[0]).trust
     assert trust.holdings == ()
     assert abs(trust.correlation()[0, 1]) < 0.99
 
 
-def test_what_a_limit_holds_is_told():
+def test_values_determined_by_a_limit_are_described():
     trust = result_of(curve_problem(Limit("w", upper=2.0))).trust
     (holding,) = trust.holdings
     assert holding.limit == "w <= 2"
@@ -161,7 +161,7 @@ def test_what_a_limit_holds_is_told():
     assert trust.freedom == pytest.approx(7.0)
 
 
-def test_a_limit_met_by_chance_holds_nothing_but_is_told():
+def test_a_limit_reached_by_chance_is_listed_without_values():
     free = result_of(curve_problem())
     highest = float(np.interp(U, GRID, free.parameters["C"].values).max())
     trust = result_of(curve_problem(Limit("w", upper=highest * (1 + 1e-6)))).trust
@@ -175,7 +175,7 @@ def smooth_and_pinned(smoothness):
     return curve_problem(Limit("w", -2.5, 2.0), pins=(kf.Pin("C", (3.0,), 0.5),), smoothness={"C": smoothness})
 
 
-def test_smoothness_and_pins_and_limits_hold_together():
+def test_smoothness_pins_and_limits_determine_values_together():
     result = result_of(smooth_and_pinned(50.0))
     trust, noise = result.trust, result.trust.noise["w"]
     dense = dense_within(result, -2.5, 2.0, pinned=[3], smoothness=50.0)
@@ -186,7 +186,7 @@ def test_smoothness_and_pins_and_limits_hold_together():
 
 
 @pytest.mark.slow
-def test_values_that_are_smoothed_and_pinned_and_limited_scatter_as_said():
+def test_smoothed_pinned_and_limited_values_scatter_as_predicted():
     problem = smooth_and_pinned(0.5)
     trust = result_of(problem).trust
     ends = repeated_within(problem, np.interp(U, GRID, WAVE), 0.3, 60)
@@ -195,14 +195,14 @@ def test_values_that_are_smoothed_and_pinned_and_limited_scatter_as_said():
 
 
 @pytest.mark.parametrize("edge", mostly_slow([0.0, -1.0], 1))
-def test_limits_that_cannot_be_kept_leave_no_trust(edge):
+def test_limits_that_cannot_be_satisfied_give_no_trust(edge):
     result = result_of(curve_problem(Limit("w", upper=edge - 1), Limit("-w", upper=edge)))
     assert result.status == "infeasible"
     assert result.trust.deviation == {}
     assert result.trust.as_json()["undetermined"] is None
 
 
-def test_a_limit_over_a_constant_has_no_slope_to_hold_anything():
+def test_a_limit_on_a_constant_determines_no_values():
     trust = result_of(curve_problem(Limit("0 * w", upper=0.0))).trust
     assert all(holding.directions == 0 for holding in trust.holdings)
     assert np.all(trust.deviation["C"] > 0)
@@ -225,7 +225,7 @@ def test_multipliers_are_those_of_the_best_values_within_the_limits(seed, values
     assert np.all(np.abs(gain[pressure > 0]) <= 1e-6 * size)
 
 
-def test_each_side_is_told_what_it_holds():
+def test_the_values_determined_by_each_side_of_a_limit_are_counted():
     trust = result_of(curve_problem(Limit("w", -2.5, 2.0))).trust
     assert {holding.limit: holding.directions for holding in trust.holdings} == {"w <= 2": 4, "w >= -2.5": 1}
 
@@ -258,7 +258,7 @@ def test_values_that_limits_of_outputs_determine_have_a_deviation_of_0():
     assert not trust.covariance().any()
 
 
-def test_a_pinned_value_has_a_deviation_of_0_even_if_there_are_too_few_samples_for_the_noise():
+def test_a_pinned_value_has_a_deviation_of_0_even_with_too_few_samples_for_the_noise():
     tables = kf.ParameterSet([kf.Curve("C", [0.0, 1.0], [1.0, 1.0])])
     data = {"x": [1.0], "m": [3.0]}
     trust = kf.calibrate("y = C(x)", data, tables, target="m", pins=[kf.Pin("C", (0.0,), 1.0)]).trust

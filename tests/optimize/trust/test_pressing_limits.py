@@ -19,14 +19,14 @@ def pressing(limits, values, gradient):
     return TouchedLimits.of(limits, values, curvature).pressing(gradient, curvature, cost=1.0)
 
 
-def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
+def test_locks_and_active_bounds_fix_a_value():
     lower, upper = np.array([0.0, 0.0, 0.0, 2.0, -np.inf]), np.array([1.0, 1.0, 1.0, 2.0, np.inf])
     values = np.array([0.0, 1.0, 1.0, 2.0, 5.0])
     gradient = np.array([3.0, 3.0, -3.0, 0.0, 0.0])  # the cost falls against it
     assert pressing(LinearLimits(lower, upper), values, gradient).fixed.tolist() == [True, False, True, True, False]
 
 
-def test_a_bound_may_hold_only_because_of_a_pin():
+def test_a_bound_may_be_active_only_because_of_a_pin():
     """Min (a - 3)^2 + (b - 5)^2 with a + b = 2, a >= 0, b >= 0: at (0, 2) the cost pulls a up, and b more."""
     matrix, two = np.ones((1, 2)), np.array([2.0])
     limits = LinearLimits(np.zeros(2), UNBOUNDED, LinearRows.of(matrix, two, two))
@@ -35,12 +35,12 @@ def test_a_bound_may_hold_only_because_of_a_pin():
 
 
 @pytest.mark.parametrize("slope", [0.0, 1e-13, -1e-13])
-def test_a_bound_with_a_slope_of_rounding_size_holds_nothing(slope):
+def test_a_bound_with_a_slope_of_rounding_size_is_inactive(slope):
     limits = LinearLimits(np.zeros(2), UNBOUNDED)
     assert not pressing(limits, np.zeros(2), np.array([slope, 0.0])).fixed.any()
 
 
-def test_rows_hold_where_they_press():
+def test_rows_with_a_multiplier_are_active():
     rows = LinearRows.of(
         np.array([[1.0, -1.0], [1.0, 1.0], [2.0, 0.0]]), np.array([0.0, -5.0, 1.0]), np.array([3.0, 2.0, 1.0])
     )
@@ -50,14 +50,14 @@ def test_rows_hold_where_they_press():
     assert pressing(limits, values, np.array([0.5, 0.0])).all_rows.tolist() == [[2.0, 0.0]]
 
 
-def test_a_corner_of_a_flat_cell_is_held_by_its_neighbours():
+def test_a_corner_of_a_flat_cell_is_fixed_by_its_neighbours():
     """Values z00 <= z10, z01 <= z11 of which z00 is pulled up: z01 without data has no choice between equal ones."""
     rising = np.array([[-1.0, 0, 1, 0], [0, -1.0, 0, 1], [-1.0, 1, 0, 0], [0, 0, -1.0, 1]])
     limits = LinearLimits(*np.outer([-np.inf, np.inf], np.ones(4)), LinearRows.of(rising, np.zeros(4), np.full(4, 9.0)))
     assert np.linalg.matrix_rank(pressing(limits, np.ones(4), np.array([-1.0, 0, 0, 1])).all_rows) == 3
 
 
-def held_by_linear_program(rows, gradient):
+def active_by_linear_program(rows, gradient):
     """Mark rows a such that no change d with a'd < 0 keeps all other ones <= 0 and the cost."""
     count, size = rows.shape
     objective = np.concatenate([np.zeros(size), -np.ones(count)])
@@ -70,7 +70,7 @@ def held_by_linear_program(rows, gradient):
 
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 9))
-def test_rows_that_hold_are_those_of_a_linear_program(seed, size, count):
+def test_active_rows_are_those_of_a_linear_program(seed, size, count):
     rng = np.random.default_rng(seed)
     rows = rng.integers(-1, 2, (count, size)) * 1.0
     rows = rows[np.any(rows != 0, axis=1)]
@@ -78,10 +78,10 @@ def test_rows_that_hold_are_those_of_a_linear_program(seed, size, count):
     open_ends = np.full(size, -np.inf), np.full(size, np.inf)
     sides = np.full(len(rows), -np.inf), np.zeros(len(rows))
     touched = TouchedLimits.of(LinearLimits(*open_ends, LinearRows.of(rows, *sides)), np.zeros(size), np.ones(size))
-    held = touched.pressing(gradient, np.ones(size), cost=1.0).rows
-    expected = rows[held_by_linear_program(rows, gradient)]
-    rank = np.linalg.matrix_rank(np.vstack([held, expected])) if held.size or expected.size else 0
-    assert rank == (np.linalg.matrix_rank(held) if held.size else 0)
+    active = touched.pressing(gradient, np.ones(size), cost=1.0).rows
+    expected = rows[active_by_linear_program(rows, gradient)]
+    rank = np.linalg.matrix_rank(np.vstack([active, expected])) if active.size or expected.size else 0
+    assert rank == (np.linalg.matrix_rank(active) if active.size else 0)
     assert rank == (np.linalg.matrix_rank(expected) if expected.size else 0)
 
 
@@ -121,7 +121,7 @@ def test_a_touched_bound_hides_no_null_direction_in_any_draw(seed):
     assert np.isinf(curve_and_slope(seed, **TOUCHED["bound"]).trust.deviation["k"])
 
 
-def test_limits_that_press_hold_their_values():
+def test_active_limits_fix_their_values():
     result = curve_and_slope(
         corner=2.0, start=3.0, limits={"k": (2.0, 2.0)}, **{"constraints": TOUCHED["rising"]["constraints"]}
     )

@@ -10,7 +10,7 @@ from kennfeld.optimize.trust.information_matrix import ConstraintElimination
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(0, 5), st.booleans())
-def test_what_is_expanded_keeps_the_rows_and_spans_all_that_do(seed, size, count, repeated):
+def test_expanded_directions_span_the_null_space_of_the_rows(seed, size, count, repeated):
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(count, size)) * (rng.random((count, size)) < 0.6)
     if repeated and count:

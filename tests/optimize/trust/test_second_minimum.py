@@ -34,20 +34,20 @@ def map_times_curve(start, *, rise=0.348, noise=0.1, seed=0):
         pytest.param(1.0, -0.6, marks=pytest.mark.slow),
     ],
 )
-def test_a_second_minimum_of_equal_cost_is_told_and_counts_as_error(start, rise):
+def test_a_second_minimum_of_equal_cost_is_reported_and_counts_as_error(start, rise):
     result = map_times_curve(start, rise=rise)
-    here, deviation = float(result.parameters["C"].values[1]), float(result.trust.deviation["C"][1])
-    there = max((1.2, 1 + rise), key=lambda value: abs(value - here))
-    assert abs(here - there) == pytest.approx(abs(rise - 0.2), abs=0.03)
-    assert abs(1.2 - here) < 2 * deviation
+    fitted, deviation = float(result.parameters["C"].values[1]), float(result.trust.deviation["C"][1])
+    opposite = max((1.2, 1 + rise), key=lambda value: abs(value - fitted))
+    assert abs(fitted - opposite) == pytest.approx(abs(rise - 0.2), abs=0.03)
+    assert abs(1.2 - fitted) < 2 * deviation
     first = result.trust.directions[0]
     assert first.sentence.startswith("Other values fit equally well (cost ")
-    assert here + first.parts["C"][1] == pytest.approx(there, abs=0.03)
+    assert fitted + first.parts["C"][1] == pytest.approx(opposite, abs=0.03)
     assert first.remedy.startswith("Pin a known value of C")
     assert not any("determined" in str(direction) for direction in result.trust.directions)
 
 
-def test_the_minima_of_several_pairs_of_factors_are_all_told():
+def test_the_minima_of_several_pairs_of_factors_are_reported():
     """Each of two cells has two solutions, and the factor at the second breakpoint is the same in two of the four."""
     rng = np.random.default_rng(0)
     n, load = rng.uniform(1000, 6000, 1500), rng.uniform(0, 100, 1500)
@@ -56,11 +56,11 @@ def test_the_minima_of_several_pairs_of_factors_are_all_told():
     data = {"n": n, "L": load, "m": (50 + 0.01 * n) * rise * factor + 0.1 * rng.standard_normal(n.size)}
     tables = [kf.Map("M", SPEED, loads, np.full((4, 3), 80.0)), kf.Curve("C", loads, [1.0, 1.4, 1.4])]
     result = kf.calibrate("y = M(n, L) * C(L)", data, kf.ParameterSet(tables), "m", pins=[PIN])
-    here = result.parameters["C"].values
-    minima = [here, *(here + direction.parts["C"] for direction in result.trust.directions)]
+    fitted = result.parameters["C"].values
+    minima = [fitted, *(fitted + direction.parts["C"] for direction in result.trust.directions)]
     assert sorted(float(values[1]) for values in minima) == pytest.approx([1.1, 1.1, 1.3, 1.3], abs=0.03)
     assert all(direction.sentence.startswith("Other values fit") for direction in result.trust.directions)
-    assert np.all(np.abs([1.1, 1.25] - here[1:]) < 2 * result.trust.deviation["C"][1:])
+    assert np.all(np.abs([1.1, 1.25] - fitted[1:]) < 2 * result.trust.deviation["C"][1:])
 
 
 def test_a_product_without_a_second_minimum_is_coupled_but_determined():

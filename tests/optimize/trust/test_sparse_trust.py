@@ -60,7 +60,7 @@ def test_weak_directions_are_those_of_all_eigenvectors(dimension):
     np.testing.assert_allclose(*weak, atol=1e-6)
 
 
-def test_where_most_directions_are_open_all_eigenvalues_are_taken():
+def test_all_eigenvalues_are_computed_if_most_directions_are_undetermined():
     matrix = curvature(lookups(9, 11, 30))
     where = np.diag(matrix) > 0
     matrix = matrix[np.ix_(where, where)]
@@ -70,12 +70,12 @@ def test_where_most_directions_are_open_all_eigenvalues_are_taken():
 
 
 @pytest.mark.parametrize("dimension", mostly_slow([0, 1, 9], [0, 9]))
-def test_open_directions_are_counted_in_a_sparse_matrix(dimension):
+def test_undetermined_directions_are_counted_in_a_sparse_matrix(dimension):
     matrix = open_matrix(dimension)
     assert nullity(csr_array(matrix)) == nullity(matrix) == dimension
 
 
-def test_sparse_is_for_large_matrices_of_few_entries():
+def test_only_large_matrices_of_few_entries_are_sparse():
     assert not matrices.should_be_sparse(np.eye(1000))
     assert matrices.should_be_sparse(np.eye(1001), np.eye(1001))
     assert not matrices.should_be_sparse(np.ones((1001, 1001)))
@@ -84,9 +84,9 @@ def test_sparse_is_for_large_matrices_of_few_entries():
 def test_parts_and_units_are_those_of_the_dense_matrix():
     matrix = curvature(lookups(4, 5, 100))
     which = np.arange(20) % 3 > 0
-    for given in (which, np.flatnonzero(which)):
+    for index in (which, np.flatnonzero(which)):
         np.testing.assert_array_equal(
-            matrices.whole(matrices.part(csr_array(matrix), given)), matrices.part(matrix, given)
+            matrices.whole(matrices.part(csr_array(matrix), index)), matrices.part(matrix, index)
         )
     units = np.arange(1.0, 21.0)
     np.testing.assert_allclose(
@@ -139,7 +139,7 @@ PROBLEMS = {
 
 
 @pytest.mark.parametrize("name", mostly_slow(PROBLEMS, ["open and smooth", "datasets of two weights"]))
-def test_what_is_said_of_a_fit_is_what_dense_matrices_say(name, monkeypatch):
+def test_the_trust_equals_that_of_dense_matrices(name, monkeypatch):
     expected = run(PROBLEMS[name], PLAIN).trust
     monkeypatch.setattr(matrices, "LARGE", 10)
     monkeypatch.setattr(matrices, "FEW", 1.0)

@@ -27,7 +27,7 @@ def test_a_sound_matrix_is_inverted_and_its_weakest_directions_come_first():
     assert spectrum.weakness == pytest.approx(values, rel=1e-6)
 
 
-def test_rows_and_their_product_tell_the_same():
+def test_rows_and_their_product_have_the_same_spectrum():
     rows = rows_with([])
     a, b = Spectrum.of_rows(rows), Spectrum.of_matrix(rows.T @ rows)
     assert a.inverse.array == pytest.approx(b.inverse.array, rel=1e-6, abs=0)
@@ -35,7 +35,7 @@ def test_rows_and_their_product_tell_the_same():
 
 
 @pytest.mark.parametrize("make", [Spectrum.of_rows, lambda rows: Spectrum.of_matrix(rows.T @ rows)])
-def test_what_is_not_determined_is_found_and_left_out_of_the_inverse(make):
+def test_undetermined_directions_are_excluded_from_the_inverse(make):
     rng = np.random.default_rng(1)
     scaled = rng.normal(size=(40, 8))
     scaled[:, 5] = scaled[:, 2]
@@ -45,13 +45,13 @@ def test_what_is_not_determined_is_found_and_left_out_of_the_inverse(make):
     assert np.flatnonzero(spectrum.loose).tolist() == [1, 2, 5, 7]
     pairs = [np.flatnonzero(np.abs(d) > 0).tolist() for d in spectrum.directions[:2]]
     assert sorted(pairs) == [[1, 7], [2, 5]]
-    kept = [0, 3, 4, 6]
+    determined = [0, 3, 4, 6]
     matrix = (scaled * 10.0 ** np.arange(8)).T @ (scaled * 10.0 ** np.arange(8))
     assert matrix @ spectrum.inverse.array @ matrix == pytest.approx(matrix, rel=1e-5)
-    assert np.all(spectrum.inverse.diagonal[kept] > 0)
+    assert np.all(spectrum.inverse.diagonal[determined] > 0)
 
 
-def test_rows_see_what_their_product_has_squared_away():
+def test_rows_resolve_directions_that_their_product_loses():
     x = np.linspace(1, 2, 50)
     rows = np.stack([x, x + 1e-9 * np.sin(9 * x)], axis=1)
     spectrum = Spectrum.of_rows(rows)
@@ -59,7 +59,7 @@ def test_rows_see_what_their_product_has_squared_away():
     assert spectrum.weakness[0] == pytest.approx(np.linalg.svd(rows / spectrum.scale)[1][-1] ** 2, rel=1e-3)
 
 
-def test_fewer_rows_than_values_leave_directions_open():
+def test_fewer_rows_than_values_leave_undetermined_directions():
     assert Spectrum.of_rows(np.array([[1.0, 1.0, 0.5]])).null.shape == (3, 2)
 
 
@@ -68,7 +68,7 @@ def test_the_root_squares_to_the_matrix():
     assert root(rows.T @ rows) @ root(rows.T @ rows) == pytest.approx(rows.T @ rows, rel=1e-6)
 
 
-def test_a_large_matrix_is_inverted_by_its_factor_to_the_same():
+def test_a_large_matrix_has_the_same_inverse_by_its_factor():
     rng = np.random.default_rng(0)
     rows = rng.normal(size=(700, 600))
     matrix = rows.T @ rows

@@ -29,7 +29,7 @@ def start(on, off):
     )
 
 
-def test_a_descent_says_that_the_cost_jumps():
+def test_a_descent_warns_that_the_cost_jumps():
     result = kf.calibrate(TEXT, relay_data()[1], start(8.0, 2.0), target="z")
     warning, short = result.warnings
     assert "time constant of PT1 that depends on T is below 5 steps" in short.message
@@ -47,7 +47,7 @@ def test_a_smooth_function_has_no_such_warning():
     assert not any("jump" in finding.message for finding in result.warnings)
 
 
-def test_after_a_global_search_a_threshold_is_known_between_samples():
+def test_a_threshold_of_a_global_search_is_known_between_samples():
     u, data = relay_data()
     options = kf.Options(method="global", max_evaluations=400)
     result = kf.calibrate(TEXT, data, start(6.5, 3.5), target="z", options=options)

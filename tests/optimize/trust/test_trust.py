@@ -1,4 +1,4 @@
-"""The trust of a result: its shapes, its order, and fits with little to tell."""
+"""The trust of a result: its shapes, its order, and fits with little information."""
 
 import json
 import pickle
@@ -35,13 +35,13 @@ def test_every_array_has_the_shape_of_its_table():
     assert trust.samples["M"].dtype == np.int64
 
 
-def test_it_is_computed_once_and_when_it_is_asked_for():
+def test_a_trust_is_computed_once_on_demand():
     result = fit()
     assert "trust" not in vars(result)
     assert result.trust is result.trust
 
 
-def test_samples_are_counted_once_however_often_they_are_looked_up():
+def test_samples_are_counted_once_for_several_lookups():
     trust = fit("m = M(x, z) + M(x, z) * 0.5 + M(3 - x, 2 - z) * 0.001 + k").trust
     cells = np.floor(X).astype(int), np.floor(Z).astype(int)
     mirrored = np.floor(3 - X).astype(int), np.floor(2 - Z).astype(int)
@@ -94,7 +94,7 @@ def test_an_unknown_name_comes_with_the_nearest_one():
         fit().trust.covariance(["N"])
 
 
-def test_corners_without_data_are_held_by_smoothness_and_less_certain():
+def test_corners_without_data_are_determined_by_smoothness_and_less_certain():
     inside = (X < 2) | (Z < 1)
     columns = {name: values[inside] for name, values in DATA.items()}
     start = kf.ParameterSet([kf.Map("M", np.arange(5.0), np.arange(4.0), np.ones((5, 4)))])
@@ -108,7 +108,7 @@ def test_corners_without_data_are_held_by_smoothness_and_less_certain():
     assert np.all(trust.leverage["M"][trust.by_smoothness["M"]] == 0)
 
 
-def test_without_smoothness_the_same_corners_are_open():
+def test_corners_without_data_are_undetermined_without_smoothness():
     inside = (X < 2) | (Z < 1)
     columns = {name: values[inside] for name, values in DATA.items()}
     start = kf.ParameterSet([kf.Map("M", np.arange(5.0), np.arange(4.0), np.ones((5, 4)))])
@@ -120,7 +120,7 @@ def test_without_smoothness_the_same_corners_are_open():
     assert "Record samples there, set a smoothness for M or lock them" in trust.directions[0].remedy
 
 
-def test_what_is_locked_or_pinned_does_not_deviate():
+def test_locked_and_pinned_values_have_no_deviation():
     locked = np.zeros((4, 3), dtype=bool)
     locked[0] = True
     trust = fit(locked=locked, pins=[kf.Pin("M", (3.0, 1.0), 0.2)]).trust
@@ -128,7 +128,7 @@ def test_what_is_locked_or_pinned_does_not_deviate():
 
 
 @pytest.mark.parametrize("count", [4, 90], ids=["rows", "normal equations"])
-def test_all_locked_leaves_nothing_to_tell(count):
+def test_a_fit_with_all_values_locked_has_no_deviations(count):
     start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 3, count), np.ones(count), locked=True)])
     trust = kf.calibrate("m = C(x)", DATA, start, target="y").trust
     assert trust.samples["C"].sum() > 0
@@ -139,7 +139,7 @@ def test_all_locked_leaves_nothing_to_tell(count):
     assert not trust.covariance().any()
 
 
-def test_what_cannot_be_computed_leaves_the_rest_of_the_result(monkeypatch):
+def test_a_failed_estimate_does_not_affect_the_rest_of_the_result(monkeypatch):
     def fails(*_):
         raise np.linalg.LinAlgError
 
@@ -159,14 +159,14 @@ def test_a_fit_that_failed_has_no_trust():
     assert json.dumps(trust.as_json(), allow_nan=False)
 
 
-def test_a_derivative_that_is_not_finite_is_no_crash():
+def test_a_fit_with_a_derivative_that_is_not_finite_has_a_trust():
     result = kf.calibrate("m = sqrt(a) * x", {"x": [1.0, 2.0], "y": [-1.0, -2.0]}, {"a": 0.0}, target="y")
     trust = result.trust
     assert set(trust.informed) == {"a"}
     assert not trust.deviation or np.isfinite(trust.deviation["a"])
 
 
-def test_its_text_has_the_noise_and_a_line_a_direction():
+def test_the_text_has_the_noise_and_a_line_for_each_direction():
     trust = kf.calibrate("m = a * b * x", {"x": X, "y": X + Z}, {"a": 1.0, "b": 1.0}, target="y").trust
     noise, decided, whole, direction = str(trust).splitlines()
     assert whole == str(trust.null_space)
@@ -205,11 +205,11 @@ def test_a_start_that_contradicts_the_limits_has_no_trust():
     trust = result.trust
     assert (dict(trust.deviation), trust.directions, trust.holdings) == ({}, (), ())
     assert trust.remark == "The search ended with status infeasible: the uncertainty of its values is unknown."
-    told = trust.as_json()
-    assert (told["freedom"], told["undetermined"], told["by_smoothness"]) == (None, None, None)
+    entries = trust.as_json()
+    assert (entries["freedom"], entries["undetermined"], entries["by_smoothness"]) == (None, None, None)
 
 
-def test_it_survives_being_sent_to_another_process():
+def test_a_trust_can_be_sent_to_another_process():
     result = fit(smoothness=0.1)
     sent = pickle.loads(pickle.dumps(result)).trust
     assert sent.deviation["M"] == pytest.approx(result.trust.deviation["M"])
@@ -218,7 +218,7 @@ def test_it_survives_being_sent_to_another_process():
     assert again.leverage["M"] == pytest.approx(result.trust.leverage["M"])
 
 
-def test_a_table_that_a_state_carries_is_touched_where_the_input_is():
+def test_a_table_before_a_state_counts_samples_by_its_input():
     time = np.arange(400) * 0.1
     u = np.repeat([0.5, 1.5, 0.5, 1.5], 100)
     data = kf.Dataset.of("d", {"u": u, "y": np.sin(time) + u}, time=time)
@@ -229,7 +229,7 @@ def test_a_table_that_a_state_carries_is_touched_where_the_input_is():
     assert any("3, 4" in direction.sentence for direction in trust.directions)
 
 
-def test_many_values_take_the_same_way_as_few():
+def test_many_values_give_the_same_deviations_as_few():
     x = np.random.default_rng(3).uniform(0, 1, 2000)
     y = np.sin(9 * x) + np.random.default_rng(4).normal(0, 0.1, 2000)
     trust = [

@@ -57,11 +57,11 @@ def test_many_layers_are_not_listed():
 
 
 @pytest.mark.parametrize(("exact", "alone", "count"), [(True, True, 1), (True, False, 0), (False, True, 0)])
-def test_certain_weights_have_a_sentence_only_if_a_change_of_them_has_no_effect(exact, alone, count):
+def test_certain_weights_have_a_sentence_only_if_a_change_has_no_effect(exact, alone, count):
     assert len(described({"A": 0.1}, exact=exact, alone=alone)) == count
 
 
-def test_weights_to_be_locked_leave_nothing_undetermined():
+def test_locking_the_named_weights_determines_all_weights():
     problem = network_problem()
     result = run(problem, PLAIN)
     space = result.trust.null_space

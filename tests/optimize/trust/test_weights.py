@@ -34,17 +34,17 @@ def problem(spread, seed=1, channels=None, **criterion):
     return Problem(kf.formula(TEXT, parameters=["C", "k"]), (data,), TRUTH, criteria)
 
 
-def repeated(made, spread, count):
+def repeated(posed, spread, count):
     """Values from many measurements of noise `spread`, in the order of the parameters."""
-    compiled = CompiledProblem(made)
+    compiled = CompiledProblem(posed)
     targets = own_targets(compiled)
-    objective, limits = LeastSquaresObjective(compiled), linear_limits(made, compiled.values)
+    objective, limits = LeastSquaresObjective(compiled), linear_limits(posed, compiled.values)
     start, rng, ends = compiled.values.pack(TRUTH)[: compiled.values.free], np.random.default_rng(7), []
     for _ in range(count):
         targets[:] = CLEAN + spread * rng.standard_normal(SIZE)
         compiled.samples.wanted.reread()
         ends.append(levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6)).values)
-    order = [compiled.values.offsets[name] + np.arange(TRUTH[name].size) for name in made.free_names]
+    order = [compiled.values.offsets[name] + np.arange(TRUTH[name].size) for name in posed.free_names]
     return np.array(ends)[:, np.concatenate(order)]
 
 
@@ -67,16 +67,16 @@ CASES = {
     "name",
     mostly_slow(CASES, ["a region that matters more"]),
 )
-def test_weighted_fits_scatter_as_said(name, count):
+def test_weighted_fits_scatter_as_predicted(name, count):
     spread, criterion = CASES[name]
-    said = np.mean(
+    predicted = np.mean(
         [
             run(problem(spread, seed, **criterion), kf.Options()).trust.covariance()
             for seed in range(2 if count == FEW else 6)
         ],
         axis=0,
     )
-    assert agree(said, repeated(problem(spread, **criterion), spread, count)) == 7
+    assert agree(predicted, repeated(problem(spread, **criterion), spread, count)) == 7
 
 
 HEAVY = np.exp(RANDOM.normal(0, 1.5, SIZE))  # a tenth of the samples has most of the weight
@@ -128,13 +128,13 @@ def test_only_the_ratios_of_weights_matter(factor, scale):
     assert scaled.noise["m"] == pytest.approx(plain.noise["m"], rel=1e-5)
 
 
-def test_samples_of_weight_0_are_no_samples():
+def test_samples_of_weight_0_do_not_count():
     """The same as if they had not been recorded, whatever was measured there."""
-    spread, kept = 0.5 / np.sqrt(W), RANDOM.random(SIZE) < 0.6
+    spread, scored = 0.5 / np.sqrt(W), RANDOM.random(SIZE) < 0.6
     y = CLEAN + spread * np.random.default_rng(1).standard_normal(SIZE)
-    channels = {"w": np.where(kept, W, 0.0), "y": np.where(kept, y, 1e3)}
+    channels = {"w": np.where(scored, W, 0.0), "y": np.where(scored, y, 1e3)}
     weighted = run(problem(spread, channels=channels, weight_channel="w"), kf.Options()).trust
-    data = kf.Dataset.of("d", {"x": X[kept], "y": y[kept], "w": W[kept]})
+    data = kf.Dataset.of("d", {"x": X[scored], "y": y[scored], "w": W[scored]})
     model = kf.formula(TEXT, parameters=["C", "k"])
     fewer = run(Problem(model, (data,), TRUTH, (kf.Criterion("m", "y", weight_channel="w"),)), kf.Options()).trust
     assert deviations(weighted) == pytest.approx(deviations(fewer), rel=1e-6)
@@ -142,7 +142,7 @@ def test_samples_of_weight_0_are_no_samples():
     assert weighted.samples["C"].tolist() == fewer.samples["C"].tolist()
 
 
-def test_the_same_weight_everywhere_is_none():
+def test_equal_weights_do_not_change_the_trust():
     plain = run(problem(0.5 * EVEN), kf.Options()).trust
     for channels, more in (({"w": 7 * EVEN}, {"weight_channel": "w"}), ({}, {"regions": (Region("x < 99", 7.0),)})):
         weighted = run(problem(0.5 * EVEN, channels=channels, **more), kf.Options()).trust
@@ -153,23 +153,23 @@ def test_the_same_weight_everywhere_is_none():
 @pytest.mark.slow
 def test_the_noise_is_that_of_a_sample_of_mean_weight():
     w = np.where(X < 2.5, 4.0, 1.0)
-    made = [problem(0.6 / np.sqrt(w), seed, {"w": w}, weight_channel="w") for seed in range(8)]
-    noise = np.mean([run(each, kf.Options()).trust.noise["m"] for each in made])
+    problems = [problem(0.6 / np.sqrt(w), seed, {"w": w}, weight_channel="w") for seed in range(8)]
+    noise = np.mean([run(each, kf.Options()).trust.noise["m"] for each in problems])
     share = float(np.mean(X < 2.5))
     assert noise == pytest.approx(np.sqrt(share * 0.3**2 + (1 - share) * 0.6**2), rel=0.04)
 
 
-def test_few_samples_of_a_weight_take_the_noise_of_the_others():
+def test_few_samples_of_a_weight_have_the_noise_of_the_others():
     """Three samples of weight 100 cannot tell their noise; it is a tenth of that of the others."""
     w = np.where(np.arange(SIZE) < 3, 100.0, 1.0)
-    made = problem(0.5 / np.sqrt(w), channels={"w": w}, weight_channel="w")
-    estimate = run(made, kf.Options()).trust.estimate
+    posed = problem(0.5 / np.sqrt(w), channels={"w": w}, weight_channel="w")
+    estimate = run(posed, kf.Options()).trust.estimate
     few, many = (variance.unit for variance in estimate.variances)
     assert [few, many] == pytest.approx([0.25, 0.25], rel=0.2)
     assert few == pytest.approx(many, rel=1e-2)
 
 
-def test_recordings_keep_how_long_their_errors_last_whatever_the_weights():
+def test_the_persistence_of_errors_does_not_depend_on_the_weights():
     rng = np.random.default_rng(5)
     noise = np.zeros(4000)
     for k in range(1, noise.size):

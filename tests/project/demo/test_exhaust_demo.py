@@ -24,7 +24,7 @@ def result(project):
     return project.calibrate()
 
 
-def test_the_drive_is_as_long_as_the_papers_and_the_same_each_time():
+def test_the_drive_has_the_published_length_and_is_reproducible():
     data = exhaust.training()
     assert data.samples == 26_482
     assert np.allclose(np.diff(data.time), 0.1)
@@ -76,7 +76,7 @@ def test_no_grid_of_this_size_holds_the_surface_exactly():
     assert abs(middle - np.mean(corners)) > 1.0
 
 
-def test_the_start_is_as_bad_as_the_papers_and_as_large(project):
+def test_the_start_has_the_published_size_and_error(project):
     problem = project.problem()
     assert sum(problem.parameters[name].size for name in problem.free_names) == 154
     predicted = project.simulate()[0]["TemperaturePredict"].values
@@ -84,7 +84,7 @@ def test_the_start_is_as_bad_as_the_papers_and_as_large(project):
     assert np.sqrt(np.mean(error**2)) == pytest.approx(197.57, rel=0.01)
 
 
-def test_the_end_is_the_noise_on_both_drives(result):
+def test_the_errors_after_are_the_noise_on_both_drives(result):
     training, test = result.quality
     assert result.converged
     assert (training.use, test.use) == ("training", "test")
@@ -92,12 +92,12 @@ def test_the_end_is_the_noise_on_both_drives(result):
     assert test.rmse_after <= 1.05 * exhaust.NOISE
 
 
-def test_the_time_constants_are_the_engines(result):
+def test_the_fitted_time_constants_are_those_of_the_engine(result):
     curve = result.parameters["CurveTimeConstant"]
     assert curve.values == pytest.approx(diesel_drive.lag(curve.axes[0].breakpoints), rel=0.05)
 
 
-def test_the_map_is_the_engines_where_the_drive_went(result):
+def test_the_fitted_map_is_that_of_the_engine_along_the_drive(result):
     data = exhaust.training()
     steady = diesel_drive.settled_temperature(data["Speed"].values, data["Injection"].values)
     model = formula("y = MapSettled(Speed, Injection)", parameters=list(exhaust.start()))
@@ -111,7 +111,7 @@ def _simulated(model, data, parameters):
 
 
 @pytest.mark.parametrize("seed", mostly_slow([3, 4], 1))
-def test_other_drives_give_the_same_picture(seed):
+def test_other_drives_give_similar_errors(seed):
     from kennfeld import calibrate
 
     other = calibrate(
@@ -127,13 +127,13 @@ def test_other_drives_give_the_same_picture(seed):
     assert other.quality[1].rmse_after <= 1.1 * exhaust.NOISE
 
 
-def test_the_project_file_says_what_the_module_says(project):
+def test_the_project_file_agrees_with_the_module(project):
     tables = tomllib.loads(project.path.read_text(encoding="utf-8"))["parameters"]
     assert {name: table["smoothness"] for name, table in tables.items()} == exhaust.SMOOTHNESS
     assert {name: tuple(table["bounds"]) for name, table in tables.items()} == exhaust.BOUNDS
 
 
-def test_what_is_written_is_what_was_made(project):
+def test_files_contain_the_data_of_the_module(project):
     data, written = exhaust.another(), read(project.path.with_name("another_drive.csv"))
     assert np.array_equal(written.time, data.time)
     for name in data:
@@ -142,11 +142,11 @@ def test_what_is_written_is_what_was_made(project):
 
 
 @pytest.mark.slow
-def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
+def test_the_command_runs_the_demo_and_states_the_noise(tmp_path, capsys):
     assert run(["demo", "exhaust", "--dir", str(tmp_path / "demo")]) == 0
-    said = capsys.readouterr().out
-    assert "3.7 degC" in said
-    assert "converged" in said
+    output = capsys.readouterr().out
+    assert "3.7 degC" in output
+    assert "converged" in output
     files = {path.name for path in Path(tmp_path / "demo").iterdir()}
     assert files - {".kennfeld"} == {
         "kennfeld.toml",
@@ -158,6 +158,6 @@ def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
 
 def test_the_help_names_every_demo(capsys):
     assert run(["demo", "--help"]) == 0
-    said = capsys.readouterr().out
-    assert "torque" in said
-    assert "exhaust" in said
+    output = capsys.readouterr().out
+    assert "torque" in output
+    assert "exhaust" in output

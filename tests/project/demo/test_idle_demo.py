@@ -1,4 +1,4 @@
-"""The idle demo as a user meets it: the engine learnt, the gains found, both asked on the physical engine."""
+"""The idle demo as a user sees it: the trained engine, the fitted gains, both tested on the physical engine."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_the_engine_is_trained_once(demo):
     assert (demo / "engine.json").stat().st_mtime_ns == before
 
 
-def test_the_gains_are_found_from_nothing(results):
+def test_the_gains_are_found_from_zero(results):
     free = results["kennfeld.toml"]
     assert free.converged
     assert free.start["Kp"].value == free.start["Ki"].value == 0
@@ -89,9 +89,9 @@ def test_the_plant_keeps_its_numbers_and_has_a_file_of_its_own(demo, results):
     assert "engine" not in (demo / "results" / "parameters.json").read_text()
 
 
-def test_the_recordings_are_others_than_the_gains_are_found_on():
-    training, wanted = idle.recording("a", 0.2, 1), idle.set_values()
+def test_the_recordings_differ_from_the_set_value_drive():
+    training, set_values = idle.recording("a", 0.2, 1), idle.set_values()
     assert "n_set" not in training
-    assert np.ptp(wanted["load"].values) > 0
+    assert np.ptp(set_values["load"].values) > 0
     assert training["throttle"].values.min() >= idle.THROTTLE[0]
     assert training["throttle"].values.max() <= idle.THROTTLE[1]

@@ -22,7 +22,7 @@ def test_the_engine_turns_as_the_formula_of_the_example_does():
     assert np.abs(speed - expected).max() < 2
 
 
-def test_more_throttle_makes_it_faster_and_more_load_slower():
+def test_more_throttle_makes_the_engine_faster_and_more_load_slower():
     def settled(throttle, load):
         return simulate_engine(np.full(500, throttle), np.full(500, load), 0.02)[-1]
 

@@ -37,7 +37,7 @@ def errors_of_tables(parameters):
     return errors
 
 
-def test_the_bench_is_full_factorial_and_met_nearly():
+def test_the_bench_is_full_factorial_with_small_deviations():
     bench = torque.bench()
     assert bench.samples == 2812
     assert len(np.unique(bench["Ignition"].values.round(-1))) == 4
@@ -88,12 +88,12 @@ def test_motored_points_give_maps_of_physical_values(project, load_only):
     assert len(with_motored.trust.directions) <= 2 < len(without.trust.directions)
 
 
-def test_a_project_without_problems_is_told_so(project, load_only):
+def test_a_project_without_problems_is_reported_as_such(project, load_only):
     assert project.check() == load_only.check() == []
 
 
 @pytest.mark.parametrize("name", ["project", "load_only"])
-def test_the_start_is_as_bad_as_the_papers_and_as_large(name, request):
+def test_the_start_has_the_published_size_and_error(name, request):
     chosen = request.getfixturevalue(name)
     problem = chosen.problem()
     assert sum(problem.parameters[name].size for name in problem.free_names) == 519
@@ -102,7 +102,7 @@ def test_the_start_is_as_bad_as_the_papers_and_as_large(name, request):
     assert np.sqrt(np.mean(error**2)) == pytest.approx(76.38, rel=0.01)
 
 
-def test_fresh_points_are_met_to_the_noise(project):
+def test_fresh_points_are_predicted_to_the_noise(project):
     rows = {(q.criterion, q.dataset): q for q in project.calibrate().quality}
     training, test = rows["TorquePredict", "bench"], rows["TorquePredict", "fresh"]
     assert test.use == "test"
@@ -111,7 +111,7 @@ def test_fresh_points_are_met_to_the_noise(project):
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-def test_other_noise_gives_the_same_picture(project, seed):
+def test_other_noise_gives_similar_errors(project, seed):
     from kennfeld import Options, Pin, calibrate
 
     result = calibrate(
@@ -138,7 +138,7 @@ def test_limits_hold_exactly(project):
         assert parameters[name].values.max() <= high
 
 
-def test_the_project_file_without_motored_points_says_what_the_module_says(load_only):
+def test_the_project_file_without_motored_points_agrees_with_the_module(load_only):
     text = tomllib.loads(load_only.path.read_text(encoding="utf-8"))
     tables = text["parameters"]
     assert {name: table["smoothness"] for name, table in tables.items()} == torque.SMOOTHNESS
@@ -147,7 +147,7 @@ def test_the_project_file_without_motored_points_says_what_the_module_says(load_
     assert tables[name]["pin"] == [{"at": list(at), "value": value}]
 
 
-def test_the_project_file_adds_what_an_engineer_knows(project, load_only):
+def test_the_project_file_adds_knowledge_of_an_engineer(project, load_only):
     ours, theirs = (tomllib.loads(p.path.read_text(encoding="utf-8")) for p in (project, load_only))
     assert [data["name"] for data in ours["dataset"]] == ["bench", "motored", "fresh"]
     for name, table in theirs["parameters"].items():
@@ -156,20 +156,20 @@ def test_the_project_file_adds_what_an_engineer_knows(project, load_only):
     assert best["value"] == pytest.approx(float(petrol_engine.best_spark(*np.array(best["at"])[:, None])[0]), abs=0.5)
 
 
-def test_what_is_written_is_what_was_made(project):
+def test_files_contain_the_data_of_the_module(project):
     folder = project.path.parent
-    for made in (torque.bench(), torque.motored()):
-        written = read(folder / f"{made.name}.csv")
-        for name in made:
-            assert np.array_equal(written[name].values, made[name].values)
-            assert written[name].unit == made[name].unit
+    for dataset in (torque.bench(), torque.motored()):
+        written = read(folder / f"{dataset.name}.csv")
+        for name in dataset:
+            assert np.array_equal(written[name].values, dataset[name].values)
+            assert written[name].unit == dataset[name].unit
     start = read_parameters(folder / "start.dcm")
     for name, parameter in torque.start().items():
         assert np.allclose(start[name].values, parameter.values, rtol=1e-12)
     assert (folder / "torque.kf").read_text(encoding="utf-8") == torque.FORMULA
 
 
-def test_a_demo_that_is_there_already_keeps_every_change(tmp_path):
+def test_an_existing_demo_keeps_every_change(tmp_path):
     path = write("torque", tmp_path)
     changed = path.read_text(encoding="utf-8") + "# mine\n"
     path.write_text(changed, encoding="utf-8")
@@ -180,14 +180,14 @@ def test_a_demo_that_is_there_already_keeps_every_change(tmp_path):
     assert not list(tmp_path.glob(".*"))
 
 
-def test_a_folder_that_holds_something_else_is_refused(tmp_path):
+def test_a_folder_with_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("precious", encoding="utf-8")
     with pytest.raises(InputError, match=r"not contain this demo.*--dir"):
         write("torque", tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_a_project_of_ones_own_is_no_demo(tmp_path):
+def test_a_project_of_the_user_does_not_count_as_a_demo(tmp_path):
     (tmp_path / "kennfeld.toml").write_text('[model]\nfile = "mine.kf"\n', encoding="utf-8")
     with pytest.raises(InputError, match="not contain this demo"):
         write("torque", tmp_path)
@@ -206,13 +206,13 @@ def test_an_unknown_demo_is_refused_before_anything_is_written(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
+def test_the_command_runs_the_demo_and_states_the_noise(tmp_path, capsys):
     assert run(["demo", "torque", "--dir", str(tmp_path / "demo")]) == 0
-    said = capsys.readouterr().out
-    assert "1.8 Nm" in said
-    assert "converged" in said
-    open_ones = said.partition("Coupled, but determined:\n")[2].split("\n")
+    output = capsys.readouterr().out
+    assert "1.8 Nm" in output
+    assert "converged" in output
+    open_ones = output.partition("Coupled, but determined:\n")[2].split("\n")
     assert "Scaling MapOptTorque by 1.01 and raising MapDragTorque by 1.7 Nm" in open_ones[0]
     assert "standard deviation 0.2" in open_ones[0]
-    assert "nan" not in said
+    assert "nan" not in output
     assert {path.name for path in Path(tmp_path / "demo" / "results").iterdir()} >= {"result.json", "parameters.dcm"}

@@ -21,7 +21,7 @@ def fail_at(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("existing", ["", "deep", "deep/demo"])
-def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, existing: str) -> None:
+def test_a_full_disk_leaves_no_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, existing: str) -> None:
     (tmp_path / existing).mkdir(parents=True, exist_ok=True)
     fail_at("bench.csv", monkeypatch)
     with pytest.raises(InputError, match="the demo cannot be written: No space left"):
@@ -31,7 +31,7 @@ def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     }
 
 
-def test_a_demo_that_was_there_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_existing_demo_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write("torque", tmp_path / "demo")
     (tmp_path / "demo" / "bench.csv").unlink()
     before = sorted(path.name for path in (tmp_path / "demo").iterdir())
@@ -48,7 +48,7 @@ def test_a_folder_of_the_user_stays(tmp_path: Path) -> None:
     assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
-def test_a_demo_that_cannot_be_prepared_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_demo_that_cannot_be_prepared_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: object) -> None:
         raise KeyboardInterrupt
 
@@ -57,7 +57,7 @@ def test_a_demo_that_cannot_be_prepared_leaves_nothing(tmp_path: Path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
-def test_what_succeeds_stays(tmp_path: Path) -> None:
+def test_a_demo_that_succeeds_stays(tmp_path: Path) -> None:
     with all_or_none(tmp_path / "demo"):
         (tmp_path / "demo").mkdir()
     assert (tmp_path / "demo").is_dir()
