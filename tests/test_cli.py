@@ -308,6 +308,7 @@ class TestBadInput:
         assert "channel Rel_Airmass is constant (50)" in err
         assert all(line.startswith("warning: ") for line in err.splitlines())
 
+    @pytest.mark.slow
     def test_a_remark_is_told_and_is_no_warning(self, folder, project, capsys):
         inputs = "input Speed[rad/s]\ninput Rel_Airmass\ninput Ignition\n"
         text = (folder / "torque.kf").read_text(encoding="utf-8")
@@ -372,12 +373,14 @@ class TestCalibrate:
         (entry,) = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))["warnings"]
         assert line == f"warning: {entry['sentence']} {entry['remedy']}"
 
+    @pytest.mark.slow
     def test_a_calibrated_set_is_a_start_like_any_other(self, calibrated_project):
         change(calibrated_project, "start.dcm", "results/parameters.dcm")
         assert cli.run(["check", str(calibrated_project)]) == 0
 
 
 class TestHowManyValues:
+    @pytest.mark.slow
     def test_check_and_calibrate_count_the_same(self, folder, project, capsys):
         change(project, "[parameters.CurveEtaDeltaSpark]", "[parameters.CurveEtaDeltaSpark]\nlock = [{ x = [0, 20] }]")
         assert cli.run(["check", str(project)]) == 0

@@ -127,6 +127,7 @@ def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_t
     assert mean < 0.9 * mean_of_the_best_maps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seeds", [pytest.param([1], id="one split"), pytest.param([0, 1, 2], id="three splits", marks=pytest.mark.slow)]
 )

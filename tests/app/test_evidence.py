@@ -53,6 +53,7 @@ def test_counts_agree_with_those_of_the_trust(exhaust: Path) -> None:
     assert sum(part.samples.size for part in training) == counts.flat[value]
 
 
+@pytest.mark.slow
 def test_a_correction_takes_the_error_away(torque: Path) -> None:
     session = Session(torque)
     view, name = session.require_view(), "MapOptTorque"

@@ -48,6 +48,7 @@ def test_the_diagram_has_all_blocks_and_the_lines_that_come_from_them(sensor: Se
     assert own["problems"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.guests
 def test_a_diagram_without_binding_and_script_names_the_missing_values(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None), (("model", "parameters"), None))

@@ -214,6 +214,7 @@ def test_hostile_claims_are_refused(tmp_path, content, message):
     assert message in refused(path)
 
 
+@pytest.mark.slow
 def test_a_variable_that_unpacks_to_gigabytes_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("kennfeld.calfiles.matlab_reader._MAX_UNPACKED_BYTES", 10_000_000)
     path = tmp_path / "a.mat"

@@ -438,6 +438,7 @@ def test_random_models_have_the_slopes_of_finite_differences(case):
     assert_close(slope, expected, gap + 1e-9 * (1 + np.abs(expected)), smooth, "slope")
 
 
+@pytest.mark.slow
 @few_or_many(cases(states=True, kinks=False, nan=False, max_outputs=1), few=2, many=12)
 def test_more_free_parameters_do_not_change_the_slopes_of_others(case):
     low = lower_lookups(case.graph, case.parameters)

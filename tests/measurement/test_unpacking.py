@@ -104,6 +104,7 @@ def test_bombs_that_claim_to_be_calibrations_are_refused(tmp_path, monkeypatch):
         read_calibration(path)
 
 
+@pytest.mark.slow
 def test_a_log_of_an_engine_at_rest_that_packs_a_hundredfold_is_read(tmp_path):
     rows = "".join(f"{k / 10:.1f},0,20,101.3,0,0,12.5,0,0,0,0,0,0,ready\n" for k in range(20_000))
     path = tmp_path / "rest.csv.xz"

@@ -58,6 +58,7 @@ def test_any_number_of_rows_is_shared_among_the_lanes(states, share):
     assert_equal(results(pulled, sparse=False), results(written, sparse=False))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segment", mostly_slow([1, 5, 30], 1))
 def test_the_code_around_a_pull_back_may_be_cut(segment, share, monkeypatch):
     share()

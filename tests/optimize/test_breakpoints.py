@@ -109,6 +109,7 @@ def test_breakpoints_keep_their_distance_and_the_result_says_so():
     assert result.status == "converged"
 
 
+@pytest.mark.slow
 def test_more_breakpoints_than_kinks_still_fit():
     result = fitted(even(9), bent(samples=300))
     assert result.status == "converged"
@@ -276,6 +277,7 @@ def test_breakpoints_move_across_intervals_without_data():
     assert result.quality[0].rmse_after < 1e-6
 
 
+@pytest.mark.slow
 def test_limits_of_outputs_hold_while_breakpoints_move():
     result = run(problem(limits=(kf.Limit("m", upper=6.0),)), kf.Options())
     assert result.status == "converged"

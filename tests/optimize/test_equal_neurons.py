@@ -76,6 +76,7 @@ def test_locked_layers_are_not_counted():
     assert equal_neurons(network(), weights(np.ones((3, 4)), np.ones((5, 1)), locked=True)) == {}
 
 
+@pytest.mark.slow
 def test_a_fit_from_equal_neurons_warns():
     warnings = fit(weights(np.full((3, 4), 0.1), np.full((5, 1), 0.1))).warnings  # neurons run away in equal numbers
     assert str(warnings[-1]).startswith("4 of 4 neurons of first start with equal weights: their derivatives are equal")

@@ -41,6 +41,7 @@ EXACT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", mostly_slow(EXACT, ["power"]))
 def test_a_long_step_that_shrinks_all_columns_does_not_stop_the_search(case):
     formula, x, y, start, truth = EXACT[case]

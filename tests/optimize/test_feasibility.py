@@ -26,6 +26,7 @@ def test_a_rising_curve_with_few_data_rises():
     np.testing.assert_allclose(result.parameters["C"].values, np.mean(data["z"]), atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 20))
 @pytest.mark.parametrize("draw", [curve_fit, map_fit])
 def test_random_fits_within_limits_agree_with_cvxpy(draw, seed):

@@ -51,6 +51,7 @@ def test_terraces_do_not_stop_the_search():
     assert end.cost == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "evaluations"), [(2, 2_000), pytest.param(3, 20_000, marks=pytest.mark.slow)])
 def test_restarts_find_the_lowest_of_many_valleys(size, evaluations):
     """Some seeds end in another valley at first; which ones depends on the version of the library."""
@@ -72,6 +73,7 @@ def stairs(values):
     return 2.0 - np.sum(np.floor(values * 400)) / 400 / values.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cost", [stripes, stairs])
 @pytest.mark.parametrize("size", mostly_slow([1, 2], 1))
 def test_a_converged_end_has_no_lower_neighbour(cost, size):
@@ -87,6 +89,7 @@ def test_a_converged_end_has_no_lower_neighbour(cost, size):
     assert "converged" in statuses
 
 
+@pytest.mark.slow
 def test_the_search_of_a_cost_that_is_constant_nearly_everywhere_continues():
     """A first run agrees at once, without a point in the hundredth of the space that is lower."""
 
@@ -183,6 +186,7 @@ def test_the_search_depends_on_its_own_seed_alone():
     assert not np.array_equal(ends[0], ends[2])
 
 
+@pytest.mark.slow
 def test_locked_values_stay_and_equalities_hold():
     rows = LinearRows.of(np.array([[1.0, 1.0, 0.0]]), np.array([1.5]), np.array([1.5]), ["the sum"])
     limits = LinearLimits(np.array([0.0, 0.0, 0.25]), np.array([2.0, 2.0, 0.25]), rows)
@@ -351,6 +355,7 @@ def overshooting(options, most=3000.0):
     return result, kf.simulate(model, data, result.parameters)["rpm"].values.max()
 
 
+@pytest.mark.slow
 def test_a_limit_of_a_quantised_output_comes_before_the_cost():
     """Against all values of a grid that keep it."""
     x = np.linspace(0, 5, 100)

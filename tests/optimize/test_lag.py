@@ -224,6 +224,7 @@ def test_the_shift_of_steady_points_in_any_order_is_found(shape, late, noise):
     assert f"The estimated shift of t in d is {0 - late:g} samples: the error is" in result.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", mostly_slow([0.0, 4.0, -9.0], [4.0]))
 def test_the_shift_of_signals_that_change_with_every_sample_is_found(late):
     result = search(*recorded("sum", late, noise=0.02, samples=600, time=0.1 * np.arange(600)))
@@ -262,6 +263,7 @@ def test_a_channel_recorded_one_sample_late_is_moved_back():
     assert result.parameters["A"].values == pytest.approx(shifted.parameters["A"].values, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("narrow_window")
 def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
     def dataset(seed, late, use="training"):
@@ -273,6 +275,7 @@ def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
     assert [shift["t"] for shift in result.shifts.values()] == [-1.0, -3.0, -3.0, -3.0]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("narrow_window")
 def test_two_late_channels_are_found():
     text, data, start = recorded("sum", 0.0, samples=200)

@@ -58,6 +58,7 @@ def twelve():
     return sine()
 
 
+@pytest.mark.slow
 def test_the_global_minimum_of_a_sine_is_found_although_the_initial_start_fails(twelve):
     result = twelve
     assert result.starts[0].cost_after > 100
@@ -97,6 +98,7 @@ def test_a_single_start_has_a_row():
     assert (row.start, row.distance, row.status) == (1, 0.0, "converged")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", [sine, pytest.param(chain, marks=pytest.mark.slow)])
 def test_the_result_does_not_depend_on_the_number_of_processes(problem, monkeypatch):
     serial = problem(starts=3, seed=3, workers=1)

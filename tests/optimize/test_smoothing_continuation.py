@@ -154,6 +154,7 @@ def few_search_samples(monkeypatch):
     return compilation.SEARCH_SAMPLES
 
 
+@pytest.mark.slow
 def test_many_samples_are_thinned_except_at_the_end_of_the_search(few_search_samples):
     data, start = problem(samples=2 * few_search_samples)
     result = kf.calibrate(TEXT, data, start, target="y", node="m", smoothness=1e-3)

@@ -146,6 +146,7 @@ def test_zeros_that_no_move_within_the_bounds_improves_stay():
     assert "could not move" not in result.message
 
 
+@pytest.mark.slow
 def test_a_value_at_its_bound_that_switches_another_off_does_not_count_as_a_saddle():
     data = DATA | {"t": 2 * U}
     result = fitted("y = a * u + b * c * (v - 10)^2", *SCALARS[:2], kf.Scalar("c", 1.0), data=data)

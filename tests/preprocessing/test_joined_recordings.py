@@ -62,6 +62,7 @@ def test_units_that_differ_are_reported_once_for_each_change():
     assert finding.message == "channel n is in rpm in one file and in km/h in another"
 
 
+@pytest.mark.slow
 def test_no_recording_is_kept():
     joined, references = JoinedRecordings("fleet", ENTRY, 10), []
     for _ in range(10):

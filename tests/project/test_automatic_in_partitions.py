@@ -132,6 +132,7 @@ def test_blocks_are_those_of_all_data(tmp_path, write, size):
         np.testing.assert_allclose(second.matrix, first.matrix, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_many_short_recordings_are_held_out_together_in_partitions(tmp_path):
     path = write_timed(tmp_path, files=12, samples=60, growth=5, text=TIMED.replace("smoothness = 1e-4", AUTO))
     plain, parted = (CompiledProblem(project.problem()) for project in pair(path, 300))

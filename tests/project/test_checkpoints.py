@@ -94,6 +94,7 @@ def test_a_state_is_a_calibration_file_like_any_other(make, tmp_path):
     assert np.all(np.isfinite(simulated["m"].values))
 
 
+@pytest.mark.slow
 def test_a_stopped_search_resumes_from_its_best_state(make, tmp_path):
     whole = make(SAVING).calibrate()
     stopped = make(SAVING).calibrate(after(5))
@@ -151,6 +152,7 @@ def json_note(tmp_path, name):
     return json.loads(content["kennfeld_save"]["text"])
 
 
+@pytest.mark.slow
 def test_other_data_are_noticed_with_the_same_project_file(make, tmp_path):
     first = make(SAVING).calibrate()
     path = tmp_path / "d.csv"
@@ -220,6 +222,7 @@ def test_a_step_added_to_a_finished_sequence_is_run(make):
     assert {line.stage.split(":")[0] for line in result.trace} == {"more"}
 
 
+@pytest.mark.slow
 def test_a_sequence_resumes_in_its_interrupted_step(make, tmp_path):
     sequence = "[[step]]\ngrid_reduction = 2\n[[step]]\nname = 'fine'"
     whole = make(sequence, SAVING).calibrate()
@@ -232,6 +235,7 @@ def test_a_sequence_resumes_in_its_interrupted_step(make, tmp_path):
     assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
     sequence = "[[step]]\ngrid_reduction = 2\n[[step]]\nname = 'fine'"
     whole = make(sequence, SAVING).calibrate()
@@ -243,6 +247,7 @@ def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
     assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_finished_starts_are_not_repeated(make, workers):
     several = f"{SAVING}\nstarts = 2\nspread = 0.2"
@@ -326,6 +331,7 @@ def test_free_parameters_and_limits_identify_a_problem(make, section):
     assert problem_digest(other.problem(), other.options) != problem_digest(plain.problem(), plain.options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "after"),
     [
@@ -423,6 +429,7 @@ def test_other_data_of_the_same_cost_are_noticed(proportional):
     assert result.parameters["a"].value == pytest.approx(proportional.best(mirrored), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_another_version_of_the_code_poses_another_problem(make, monkeypatch):
     make(SAVING).calibrate()
     monkeypatch.setattr("kennfeld.optimize.search.problem_digest.code_digest", lambda: "another")
@@ -470,6 +477,7 @@ def test_a_start_that_is_not_repeated_has_its_present_cost(make, monkeypatch):
     assert result.starts[0].cost_before == result.cost_before
 
 
+@pytest.mark.slow
 def test_four_runs_at_once_leave_whole_checkpoints(make, tmp_path):
     project = make(SAVING)
     with ThreadPoolExecutor(4) as threads:

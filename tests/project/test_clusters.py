@@ -214,6 +214,7 @@ def test_all_workers_may_be_replaced(tmp_path, start_cluster):
     assert_same_bits(result, serial)
 
 
+@pytest.mark.slow
 def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, start_cluster):
     path, cluster = write_short(tmp_path), start_cluster(1)
     costs = []

@@ -51,6 +51,7 @@ def written(folder, path, text):
     return str(folder / "kennfeld.toml")
 
 
+@pytest.mark.slow
 def test_parameters_of_an_fmu_are_calibrated_and_reported(tmp_path, tank):
     project = written(tmp_path, tank, TANK)
     assert cli.run(["calibrate", "--trust", project]) == 0
@@ -68,6 +69,7 @@ def test_a_project_is_checked_and_simulated(tmp_path, tank, capsys, interface):
     assert len((tmp_path / "out.csv").read_text().splitlines()) == COUNT + 1
 
 
+@pytest.mark.slow
 def test_a_value_before_an_fmu_is_calibrated_through_it(tmp_path, tank):
     project = written(tmp_path, tank, TEXT.replace('"plant.gain", "Scale"', '"plant.tau", "plant.level", "Scale"'))
     cli.run(["calibrate", "--trust", project])

@@ -28,6 +28,7 @@ def test_the_command_refuses_invalid_arguments(shop, capsys, arguments, message)
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_result_and_the_report_contain_the_cross_validation(shop):
     rng = np.random.default_rng(0)
     shop.bench("bench.csv", speed=rng.uniform(1000, 3000, 60))

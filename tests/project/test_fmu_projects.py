@@ -52,6 +52,7 @@ def written(folder, path, text):
     return str(folder / "kennfeld.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("text", "prefix"), [(PLANT, ""), pytest.param(TEXT, "plant.", marks=pytest.mark.slow)])
 def test_parameters_of_an_fmu_are_calibrated(tmp_path, built, capsys, text, prefix):
     project = written(tmp_path, built, text)

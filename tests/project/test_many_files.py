@@ -126,6 +126,7 @@ def test_points_may_lie_in_one_file_or_in_many(project):
     assert others.drop_columns(["file", "piece"]).equals(simulation.drop_columns(["file", "piece"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("use", "samples", "files"),
     [(Project.calibrate, 10_000, 20), pytest.param(run, 20_000, 30, marks=pytest.mark.slow)],

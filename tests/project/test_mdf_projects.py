@@ -105,6 +105,7 @@ def test_missing_channels_are_cached(project, tmp_path, monkeypatch):
     assert np.isnan(first["Torque"].values).any()
 
 
+@pytest.mark.slow
 def test_a_further_run_loads_no_library_that_reads_files(project, tmp_path):
     project("raster = 0.02").problem()
     code = "import sys; from kennfeld.project import Project\n"

@@ -132,6 +132,7 @@ def test_fitted_weights_simulate_to_the_same_errors_from_each_file(calibrated, t
     assert np.sqrt(np.mean(error**2)) == pytest.approx(fitted, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_poorly_determined_weights_are_summarised_in_one_sentence_without_advice_for_tables(project_of):
     trust = project_of(FITTED + ROUGH).calibrate().trust
     of_weights = [d for d in trust.directions if "weights of net.layer" in d.sentence]

@@ -153,6 +153,7 @@ def test_lost_multipliers_are_computed_again(tmp_path):
     assert limits_of(path, 100).penalise(3.0, rounds).cost(values) == cost
 
 
+@pytest.mark.slow
 def test_a_changed_condition_is_evaluated_again(tmp_path):
     path = write_limited(tmp_path)
     values = limits_of(path, 100)._penalised.start[:-1]
@@ -176,6 +177,7 @@ def test_equal_samples_at_a_limit_are_taken_in_their_order(tmp_path):
     assert np.all(np.diff(expected.sample) > 0)
 
 
+@pytest.mark.slow
 def test_pieces_are_not_divided_for_a_limit_with_memory(tmp_path):
     text = STEADY + MEMORY_OF_A_LIMIT
     path = write_steady(

@@ -51,7 +51,7 @@ SIZES = mostly_slow([300, 10**6], 1)  # files are cut, or are one partition
 
 # written files, and the size of partitions
 FITTED = [
-    pytest.param(None, id="few points"),  # shared with another test
+    pytest.param(None, id="few points", marks=pytest.mark.slow),  # shared with another test
     pytest.param((write_few_drives, 150), id="few drives"),
     pytest.param((write_steady, 300), id="points", marks=pytest.mark.slow),
 ]
@@ -235,6 +235,7 @@ def test_sample_weights_have_groups_of_their_own(tmp_path):
     assert len(parted.trust.estimate.groups) == len(plain.trust.estimate.groups) == 2
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_cached_entries(tmp_path):
     path = write_few(tmp_path, FEW + OFF + "max_iterations = 1\n")
     first = in_partitions(path, 150).calibrate()
@@ -305,6 +306,7 @@ def test_a_full_disk_keeps_no_entry_and_does_not_change_sums(tmp_path, monkeypat
     assert not list((tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"))
 
 
+@pytest.mark.slow
 def test_four_processes_that_prepare_the_same_files_read_the_same_entries(tmp_path):
     path = write_few(tmp_path)
     values = CompiledProblem(Project.read(path).problem()).start
@@ -402,6 +404,7 @@ def test_a_search_on_some_samples_of_partitions_ends_like_one_without(tmp_path, 
     assert result.cost_after == pytest.approx(Project.read(path).calibrate().cost_after, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_the_best_step_of_a_search_is_one_on_all_samples(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 60)
     monkeypatch.setattr(compiled_form, "SAMPLES_PER_VALUE", 0)
@@ -602,6 +605,7 @@ def write_many(folder, text=TIMED):
     return write_timed(folder, files=10, samples=80, text=text, growth=10)
 
 
+@pytest.mark.slow
 def test_a_search_of_a_model_with_memory_begins_with_the_recordings_of_one_without_partitions(tmp_path, few_recordings):
     path = write_many(tmp_path)
     plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 600)))
@@ -614,6 +618,7 @@ def test_a_search_of_a_model_with_memory_begins_with_the_recordings_of_one_witho
     assert other.weights == pytest.approx(parted.weights, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [300, pytest.param(5000, marks=pytest.mark.slow)])
 def test_a_search_that_begins_with_some_recordings_ends_on_all_samples(tmp_path, few_recordings, size):
     path = write_many(tmp_path)

@@ -141,6 +141,7 @@ def test_group_axes_survive_the_calibration(shop):
     assert result.parameters.axes == (Axis([1000, 2000, 3000], "Speed", "rpm", "A"),)
 
 
+@pytest.mark.slow
 def test_reading_a_project_file_imports_neither_solver_nor_compiler(shop):
     code = (
         "import sys; from kennfeld.project import Project; Project.read(sys.argv[1]);"

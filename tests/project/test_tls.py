@@ -65,6 +65,7 @@ def test_a_calibration_through_tls_gives_the_same_bits(tmp_path, cluster, certif
     assert np.array_equal(values_of(remote), values_of(calibrate(in_partitions(path, SIZE))))
 
 
+@pytest.mark.slow
 def test_certificates_are_named_relative_to_the_project_file(tmp_path, cluster, certificates, capsys):
     path = write_short(tmp_path)
     for name in RIGHT:

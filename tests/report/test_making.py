@@ -202,6 +202,7 @@ def test_names_cannot_become_markup(shop, opened):
     assert page.figures("parameter")[0]["axes"][0]["title"] == NASTY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [30_000, pytest.param(300_000, marks=pytest.mark.slow)])
 def test_a_long_recording_makes_no_large_report(shop, opened, count):
     rng = np.random.default_rng(0)

@@ -113,6 +113,7 @@ def page_of_partitions(plain, size, monkeypatch):
     return Page(document(parted, plain.result))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", mostly_slow(WRITERS, [write_drives, write_paused_drives]))
 @pytest.mark.parametrize("size", mostly_slow([300, 10**6], 1))
 def test_figures_are_those_of_all_data(plain, write, size, monkeypatch):

@@ -45,6 +45,7 @@ def data_of(page):
     return json.loads(page.text.split('id="report-data">')[1].split("</script>")[0])
 
 
+@pytest.mark.slow
 def test_samples_of_a_strip_are_accurate_to_a_small_part_of_the_errors(drive, report):
     (strip,) = report.figures("strip")
     detail = strip["detail"]

@@ -215,6 +215,7 @@ def covered(surrogate, recording):
     return float(np.mean(np.abs(free - y)[1:] <= 2 * deviation[1:]))
 
 
+@pytest.mark.slow
 def test_two_deviations_cover_measurements_of_another_recording():
     tank = train_surrogate([tank_recording("tank", 0, 300)], TANK)
     assert 0.88 < covered(tank, tank_recording("other", 1, 600)) <= 1

@@ -328,6 +328,7 @@ def test_an_outlier_of_an_input_is_detected_and_not_used():
     np.testing.assert_array_equal(np.flatnonzero(process.outliers), [5])
 
 
+@pytest.mark.slow
 def test_steep_corners_and_rare_states_are_not_outliers():
     x = np.random.default_rng(0).uniform(0.01, 1, size=(100, 1))
     steep = gaussian_process(x, 1 / x[:, 0], kernel="gaussian", starts=1)

@@ -144,6 +144,7 @@ def tank_settings(**changes):
     return SurrogateSettings("tank", ("u",), "level", **(attributes | changes))
 
 
+@pytest.mark.slow
 def test_a_dynamic_surrogate_predicts_another_recording_in_free_run():
     data = [tank_recording("a", 0), tank_recording("b", 1, noise=0.0, use="test")]
     progress = []
@@ -160,6 +161,7 @@ def test_a_dynamic_surrogate_predicts_another_recording_in_free_run():
     assert surrogate.outside(u + 40, level).all()
 
 
+@pytest.mark.slow
 def test_training_for_free_run_helps_where_one_step_is_misled_by_noise():
     data = [tank_recording("a", 0, samples=600, noise=0.1), tank_recording("b", 1, noise=0.0, use="test")]
     one_step = rows(train_surrogate(data, tank_settings(free_run=False)))
@@ -167,6 +169,7 @@ def test_training_for_free_run_helps_where_one_step_is_misled_by_noise():
     assert free_run["b", "free run"].rmse < 0.6 * one_step["b", "free run"].rmse
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("samples", "centres", "most"), [(80, 5, 0.04), pytest.param(130, 8, 0.03, marks=pytest.mark.slow)]
 )
@@ -352,6 +355,7 @@ def test_a_saturated_output_is_predicted_better_with_its_limit():
     assert rows(model)["b", "free run"].rmse < 0.5 * rows(free)["b", "free run"].rmse
 
 
+@pytest.mark.slow
 def test_a_plane_and_a_linear_model_stand_beside_the_errors():
     errors = rows(train_surrogate([tank_recording("a", 0), tank_recording("b", 1, use="test")], tank_settings()))
     for name in "ab":

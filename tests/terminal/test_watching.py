@@ -113,6 +113,7 @@ def test_a_fault_of_co_simulation_is_one_message(
     assert leftovers(tmp_path) == []
 
 
+@pytest.mark.slow
 @POSIX
 @pytest.mark.parametrize("command", ["calibrate", slow("report")])
 def test_every_command_that_evaluates_is_watched(tmp_path: Path, command: str) -> None:
@@ -141,6 +142,7 @@ def test_a_fault_of_python_is_one_message(tmp_path: Path, body: str, message: st
     assert leftovers(tmp_path) == []
 
 
+@pytest.mark.slow
 @POSIX
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts processes that have ended")
 def test_an_fmu_that_forks_in_every_step_does_not_multiply(tmp_path: Path) -> None:
@@ -152,6 +154,7 @@ def test_an_fmu_that_forks_in_every_step_does_not_multiply(tmp_path: Path) -> No
     assert leftovers(tmp_path) == []
 
 
+@pytest.mark.slow
 @POSIX
 @pytest.mark.parametrize("command", [["simulate"], slow(["calibrate", "--workers", "2"])])
 def test_a_process_that_an_fmu_leaves_behind_ends_with_the_run(

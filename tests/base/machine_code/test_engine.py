@@ -24,6 +24,7 @@ def test_a_function_is_called_with_addresses_and_numbers():
     assert x.tolist() == [2.5, 3.5, 4.5, 3.0]
 
 
+@pytest.mark.slow
 def test_a_function_outlives_the_name_of_its_engine():
     call = compile_functions(adder(1.0))["put"]
     gc.collect()

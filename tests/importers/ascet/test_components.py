@@ -164,6 +164,7 @@ def test_values_of_a_model_are_written_into_a_copy_of_its_archive(tmp_path):
     assert (again["Plant.limit"].value, again["Other.limit"].value) == (7.0, 1.0)
 
 
+@pytest.mark.slow
 def test_files_of_a_folder_are_those_of_an_archive(tmp_path):
     main = write_folder(tmp_path / "files", plant_component(), LOW_PASS)
     for path in (main, main.with_name("Plant.specification.amd")):

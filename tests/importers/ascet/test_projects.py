@@ -53,6 +53,7 @@ def plant_by_hand(current, ambient, dt=0.01):
     return np.array(rows).T
 
 
+@pytest.mark.slow
 def test_the_battery_plant_simulates_like_numpy(battery):
     model = esdl(battery / "Cell/Plant.esdl")
     assert model.step == 0.01
@@ -72,6 +73,7 @@ def test_inputs_outputs_parameters_and_states_are_reported(battery):
     assert report.startup == ("Cell.Plant.init",)
 
 
+@pytest.mark.slow
 def test_the_task_of_an_application_chains_its_processes(battery):
     model = esdl(battery / "Battery.app")
     assert set(model.graph.inputs) == {"current", "ambient"}

@@ -4,6 +4,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import event
 
 from kennfeld.graph.derivative import differentiate
@@ -47,6 +48,7 @@ def noisy(model):
     return low, exact, change, np.logical_and.accumulate(sound.all(axis=0))[None, :] & sound
 
 
+@pytest.mark.slow
 @few_or_many(programs(), few=8, many=60)
 def test_a_program_runs_like_the_same_program_in_python(program):
     text, code = program
@@ -75,6 +77,7 @@ def test_formula_text_and_compiled_code_agree_with_the_interpreter(program):
     assert_close(np.asarray(compiled).reshape(exact.shape), exact, change, sound)
 
 
+@pytest.mark.slow
 @few_or_many(programs(), few=3, many=25)
 def test_derivatives_are_those_of_differences(program):
     model = lowered(program[0])

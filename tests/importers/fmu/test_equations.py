@@ -169,6 +169,7 @@ def test_differences_along_parameters_have_instances_of_their_own(tmp_path, vers
     assert instance.further_instances == count
 
 
+@pytest.mark.slow
 def test_slopes_along_many_parameters_are_the_same_with_one_instance_and_with_many(tmp_path):
     table = [(i, j) for i in (1, 2) for j in range(1, 10)]
     point = np.array([[0.0, x, 3.0, 0.8, 1.2, *np.arange(17.0, -1.0, -1.0)] for x in (1.0, 1.5, 2.0)])

@@ -106,6 +106,7 @@ def test_weights_are_blocks_that_stay_unless_they_are_freed(tmp_path):
     assert whole.quality[0].rmse_after < 0.3 * fitted.quality[0].rmse_after
 
 
+@pytest.mark.slow
 def test_a_network_between_maps_is_calibrated_with_them(tmp_path):
     """The maps are found again that made the data, with the network as it is."""
     net = read_function(perceptron(tmp_path / "net.onnx", random_layers([2, 8, 8, 1])), name="net")

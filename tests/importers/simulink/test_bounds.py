@@ -70,6 +70,7 @@ def test_arrays_that_broadcast_beyond_all_bounds_are_reported(tmp_path):
     assert "its Gain (ones(1,20000) .* ones(20000,1)) has no value: it creates an array of 4e+08 elements" in message
 
 
+@pytest.mark.slow
 def test_a_large_memory_is_built_in_one_go(tmp_path):
     graph = imported(alone("UnitDelay", SampleTime="0.1", InitialCondition="1:3000"), tmp_path).graph
     states = [graph.nodes[graph.names[name]].payload for name in graph.outputs]

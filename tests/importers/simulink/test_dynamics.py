@@ -210,6 +210,7 @@ def test_feedback_through_a_delay_takes_the_width_of_what_is_fed_back(tmp_path):
     np.testing.assert_allclose(outputs["y[2]"], -2 * np.cumsum(U))
 
 
+@pytest.mark.slow
 def test_a_long_chain_of_delays_takes_the_width_of_its_input(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u", PortDimensions="2")

@@ -428,6 +428,7 @@ def test_ambiguous_names_are_distinguished(tmp_path):
     formula(to_text(model.graph))
 
 
+@pytest.mark.slow
 def test_a_long_chain_of_blocks_is_built(tmp_path):
     drawn = Model("long", step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")

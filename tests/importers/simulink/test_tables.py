@@ -175,6 +175,7 @@ def test_a_spline_is_that_of_scipy(beyond, layout, tmp_path):
     assert (np.abs(exact) > 1e-6).sum(axis=1).max() == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond", mostly_slow(["Clip", "Linear", "Cubic spline"], ["Linear"]))
 def test_a_spline_of_two_dimensions_goes_along_the_first_one_first(beyond, tmp_path):
     drawn = alone("Lookup_n-D", 2, NumberOfTableDimensions="2", Table="Map", BreakpointsForDimension1="[0 1 2.5 3 5]",

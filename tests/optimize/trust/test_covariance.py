@@ -46,6 +46,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @counts
 @pytest.mark.parametrize("name", mostly_slow(CASES, ["smooth at a bound"]))
 def test_values_scatter_over_repeated_measurements_as_predicted(name, count):

@@ -36,6 +36,7 @@ SCALE = ("Scaling MapOptTorque by 1.01 and CurveEtaDeltaSpark by 1/1.01",)
 SHIFT = ("MapOptIgnition by 0.", "deg and shifting CurveEtaDeltaSpark along deltaSpark by 0.")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothness", [0.0, 1.0])
 def test_the_scale_of_torque_and_efficiency_is_undetermined(smoothness):
     result = torque_fit(smoothness)
@@ -71,6 +72,7 @@ def test_an_undetermined_direction_does_not_change_outputs(smoothness):
     assert np.abs(simulated(0.1) - simulated(0.0)).max() < 1e-5 * np.abs(simulated(0.0)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settled", "smoothness"), [(False, 1.0), pytest.param(True, 0.0, marks=pytest.mark.slow), (True, 1.0)]
 )

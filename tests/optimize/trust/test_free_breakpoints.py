@@ -53,6 +53,7 @@ def repeated(posed, count):
     return np.array(ends)[:, np.r_[first : first + 5, axis : axis + 5]]
 
 
+@pytest.mark.slow
 @counts
 @pytest.mark.parametrize(
     "smoothness", [pytest.param({}, id="plain", marks=pytest.mark.slow), pytest.param({"C": 1e-3}, id="smooth")]

@@ -163,6 +163,7 @@ def test_the_json_of_a_result_contains_the_null_space():
     assert written["remedy"].startswith("To determine all of them, pin all 7 values of B")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothness", mostly_slow([0.0, 0.1], [0.1]))
 def test_the_description_does_not_depend_on_the_basis_of_eigenvectors(monkeypatch, smoothness):
     """Another processor may give any basis of the null space, and any sign of the other eigenvectors."""

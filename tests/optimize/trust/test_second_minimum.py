@@ -47,6 +47,7 @@ def test_a_second_minimum_of_equal_cost_is_reported_and_counts_as_error(start, r
     assert not any("determined" in str(direction) for direction in result.trust.directions)
 
 
+@pytest.mark.slow
 def test_the_minima_of_several_pairs_of_factors_are_reported():
     """Each of two cells has two solutions, and the factor at the second breakpoint is the same in two of the four."""
     rng = np.random.default_rng(0)

@@ -62,6 +62,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @counts
 @pytest.mark.parametrize(
     "name",

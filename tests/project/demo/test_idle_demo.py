@@ -42,6 +42,7 @@ def results(demo):
     return fits
 
 
+@pytest.mark.slow
 def test_the_engine_runs_freely_on_another_recording(demo, request):
     rows = {(q.dataset, q.mode): q for q in read_surrogate(demo / "engine.json").quality}
     assert rows["another recording", "free run"].rmse < (60 if request.node.callspec.params["demo"] == "short" else 15)
