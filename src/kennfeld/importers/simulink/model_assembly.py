@@ -29,6 +29,7 @@ class NodeNames:
         for name, inport in compiler.inputs.items():
             if inport is not None:
                 self._describe(name, inport)
+        self.units |= compiler.inputs.units
 
     def _name_inner_signals(self, flat: FlatModel) -> None:
         """Name the inner signals, those with names of their own first."""

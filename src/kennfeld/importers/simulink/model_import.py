@@ -1,7 +1,7 @@
 """Import of one system: flattening, solver and step, lowering, import report and model."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -30,7 +30,7 @@ from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
 from kennfeld.importers.simulink.lowering.scheduling import ModelClock
 from kennfeld.importers.simulink.model_assembly import NodeNames
 from kennfeld.importers.simulink.reader.model_tree import System
-from kennfeld.importers.simulink.signals import Signal, SignalOrBus
+from kennfeld.importers.simulink.signals import InputWidth, Signal, SignalOrBus, width_note
 from kennfeld.importers.simulink.solver_selection import SolverSelection
 from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
 from kennfeld.importers.simulink.variables.mask_scope import Scope
@@ -43,6 +43,7 @@ from kennfeld.models.quantities import Quantity, calibratable
 
 _MAX_LISTED = 6
 _MAX_NAMED = 3  # blocks named in a sentence
+_BUS_REMEDY = "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd."
 _MAX_ATTEMPTS = 20  # to determine nested iteration counts
 _SYNTHETIC_TYPES = (
     "ConditionalSubsystem",
@@ -252,7 +253,11 @@ class ModelImport:
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
         sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
         constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
-        warnings = (*constant, *(Finding(Location(), sentence, severity="warning") for sentence in sentences))
+        warnings = (
+            *constant,
+            *_unknown_widths(compiler),
+            *(Finding(Location(), sentence, severity="warning") for sentence in sentences),
+        )
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return SimulinkReport(
@@ -291,6 +296,16 @@ class ModelImport:
             return merge_equal_states(apply_solver(equations, self.solver, BoundedGraphBuilder))
         except GraphTooLargeError as error:
             raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
+
+
+def _unknown_widths(compiler: BlockCompiler) -> Iterator[Finding]:
+    """Yield a finding for the signals of buses whose width is unknown for the same reason."""
+    groups: dict[tuple[int, str, str], list[InputWidth]] = {}
+    for width in compiler.inputs.widths.values():
+        groups.setdefault((width.size, width.why, width.required_by), []).append(width)
+    for widths in groups.values():
+        message = width_note([width.name for width in widths], widths[0])
+        yield Finding(Location(), message, _BUS_REMEDY, severity="warning")
 
 
 def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:

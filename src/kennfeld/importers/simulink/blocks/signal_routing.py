@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.base.formatting import size_text
+from kennfeld.base.formatting import count_noun, size_text
 from kennfeld.importers.simulink.blocks.bit_operations import fit_to_type, stored_integer
 from kennfeld.importers.simulink.flattening.connections import bus_member_names, find_bus_member
 from kennfeld.importers.simulink.lowering import (
@@ -27,6 +27,7 @@ from kennfeld.importers.simulink.lowering.parameter_fields import (
 )
 from kennfeld.importers.simulink.signals import (
     Bus,
+    ExternalBus,
     Signal,
     SignalOrBus,
     apply,
@@ -36,6 +37,7 @@ from kennfeld.importers.simulink.signals import (
     period_of,
     select,
     select_by_index,
+    width_notes,
 )
 from kennfeld.models.imperative.node_arrays import Nodes
 
@@ -97,15 +99,20 @@ def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
 def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Split a vector into outputs of the specified widths."""
     wired = block.input_or_bus(0)
+    if isinstance(wired, ExternalBus) and not wired.members:
+        wired = wired.signal
     if isinstance(wired, Bus):
         members = list(wired.members.values())
         # a bus of as many members is taken apart, any other one is a vector
         if len(members) == _outputs(block):
             return tuple(members)
         wired = as_one_vector(block, wired)
-    if wired.size == 1 < _outputs(block) and block.numeric_array("Outputs").size == 1:
-        block.suggest_dimensions((_outputs(block),))
-    ends = np.cumsum(_widths(block, wired.size))
+    stated = _stated(block)
+    # a list of widths is a width in all if it leaves none open
+    wanted = stated[0] if len(stated) == 1 else sum(stated) if min(stated) > 0 else len(stated)
+    if wired.size == 1 < wanted:
+        block.suggest_dimensions((wanted,))
+    ends = np.cumsum(_widths(block, wired))
     return tuple(block.signal(part, wired.period) for part in np.split(np.array(wired.flat), ends[:-1]))
 
 
@@ -122,8 +129,8 @@ def _stated(block: BlockContext) -> list[int]:
     return [int(n) for n in numbers]
 
 
-def _widths(block: BlockContext, size: int) -> list[int]:
-    stated = _stated(block)
+def _widths(block: BlockContext, wired: Signal) -> list[int]:
+    size, stated = wired.size, _stated(block)
     if len(stated) > 1:
         # -1 leaves a width open: what remains is shared evenly among these
         free = [at for at, width in enumerate(stated) if width <= 0]
@@ -131,11 +138,14 @@ def _widths(block: BlockContext, size: int) -> list[int]:
         for at, width in zip(free, _divide_evenly(rest, len(free)), strict=True):
             stated[at] = width
         if sum(stated) != size or min(stated) < 1:
-            raise UnsupportedError(f"a vector of {size} elements cannot be split into outputs of {str(stated)[:100]}")
+            parts = str(stated)[:100]
+            message = f"a vector of {count_noun(size, 'element')} cannot be split into outputs of {parts}"
+            raise UnsupportedError(message + width_notes(wired))
         return stated
     count = stated[0] if stated else 0
     if not 1 <= count <= size:
-        raise UnsupportedError(f"a vector of {size} elements cannot be split into {count} outputs")
+        message = f"a vector of {count_noun(size, 'element')} cannot be split into {count} outputs"
+        raise UnsupportedError(message + width_notes(wired))
     return _divide_evenly(size, count)
 
 
@@ -227,7 +237,8 @@ def concatenate(block: BlockContext) -> SignalOrBus:
         return block.signal(np.concatenate(parts, axis=axis), period)
     except ValueError:
         sizes = ", ".join(size_text(part.shape) for part in parts)
-        raise UnsupportedError(f"its inputs of sizes {sizes} cannot be concatenated") from None
+        message = f"its inputs of sizes {sizes} cannot be concatenated{width_notes(*inputs)}"
+        raise UnsupportedError(message) from None
 
 
 def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
@@ -241,7 +252,8 @@ def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
     if all(columns == 1 for _, columns in shapes):
         return nodes.reshape(-1, 1)
     sizes = ", ".join(size_text(signal.shape) for signal in inputs)
-    raise UnsupportedError(f"it concatenates vectors, but its inputs have the sizes {sizes}")
+    message = f"it concatenates vectors, but its inputs have the sizes {sizes}"
+    raise UnsupportedError(message + width_notes(*inputs))
 
 
 @block("Reshape", OutputDimensionality="1-D array", OutputDimensions="[1,1]")
@@ -257,7 +269,8 @@ def reshape(block: BlockContext) -> SignalOrBus:
     try:
         return block.signal(x.nodes.reshape(shape, order="F"), x.period)
     except ValueError:
-        raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
+        message = f"{count_noun(x.size, 'element')} cannot be reshaped to {size_text(shape)}"
+        raise UnsupportedError(message + width_notes(x)) from None
 
 
 @block("Selector", output=LIKE_INPUT, NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
@@ -268,11 +281,14 @@ def selector(block: BlockContext) -> SignalOrBus:
     options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or _old_options(block, dimensions)
     index_fields = dimension_settings(block, "Indices", "IndexParamArray") or [block.field_text("Elements", "")]
     width = block.integer_field("InputPortWidth", -1, _MAX_SELECTED)
-    if x.size == 1 < width and dimensions == 1:
-        block.suggest_dimensions((width,))
+    # without a width of the port, an index tells at least how many elements there are
+    least = max(width, _last_index(block, options[0], index_fields[0]) if options and index_fields else -1)
+    if x.size == 1 < least and dimensions == 1:
+        block.suggest_dimensions((least,))
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
-        raise UnsupportedError(f"it selects along {dimensions} dimensions, but its input has {nodes.ndim}")
+        message = f"it selects along {dimensions} dimensions, but its input has {nodes.ndim}"
+        raise UnsupportedError(message + width_notes(x))
     port = 1
     for axis, option in enumerate(options[:dimensions]):
         text = index_fields[axis] if axis < len(index_fields) else ""
@@ -281,8 +297,17 @@ def selector(block: BlockContext) -> SignalOrBus:
             nodes = _select_variable(block, nodes, axis, _variable_indices(block, option, axis, block.input(port)))
             port += 1
         else:
-            nodes = np.take(nodes, selected_indices(block, option, text, nodes.shape[axis], axis), axis=axis)
+            places = selected_indices(block, option, text, nodes.shape[axis], axis, note=width_notes(x))
+            nodes = np.take(nodes, places, axis=axis)
     return block.signal(nodes, period_of(block.inputs))
+
+
+def _last_index(block: BlockContext, option: str, text: str) -> int:
+    """Return the number of the last element that constant indices select, 0 if they are not constant."""
+    if option != "Index vector (dialog)" or not text:
+        return 0
+    first = 0 if block.field_text("IndexMode").startswith("Zero") else 1
+    return int(max(block.evaluate(text).ravel(), default=first)) - first + 1
 
 
 def _old_options(block: BlockContext, dimensions: int) -> list[str]:

@@ -24,6 +24,7 @@ from kennfeld.importers.simulink.signals import (
     constant,
     select,
 )
+from kennfeld.importers.simulink.variables.data_types import DataType, data_type
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
 
@@ -70,6 +71,11 @@ class BlockContext:
     def field_name(self, *names: str) -> str:
         """Return the first of several names of one field that the file contains, else the last name."""
         return next((name for name in names if self.flat.block.value(name) is not None), names[-1])
+
+    @functools.cached_property
+    def output_type(self) -> DataType | None:
+        """The data type that the block specifies for its output, None if it is inherited or floating-point."""
+        return data_type(self.field_text("OutDataTypeStr", ""), self.flat.scope)
 
     def is_on(self, name: str) -> bool:
         """Return True if a field is on."""
@@ -136,6 +142,12 @@ class BlockContext:
         """Add a warning to the import report; the sentence continues the path of the block."""
         self.compiler.warnings[f"{self.flat.path} {sentence}"] = None
 
+    def warn_of_unknown_width(self, signal: Signal) -> None:
+        """Add a warning if the result depends on the width of an input that nothing specifies."""
+        # that of a bus is reported in any case, by its port
+        if signal.width is not None and signal.width.name not in self.compiler.inputs.widths and signal.width.key:
+            self.warn(f"combines the elements of its input: {signal.width.note}")
+
     def source(self, index: int = 0) -> SignalSource | None:
         """Return the source of an input, None if it is unconnected."""
         return self.flat.inputs[index] if index < len(self.flat.inputs) else None
@@ -173,7 +185,7 @@ class BlockContext:
         arriving = self.input_or_bus(0)
         if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
             return arriving
-        return self.compiler.inputs.open_bus(source.flat)
+        return self.compiler.inputs.open_bus(source.flat, "its port does not name a bus object")
 
     @property
     def inputs(self) -> list[Signal]:
@@ -299,7 +311,7 @@ class BlockContext:
         """Suggest the shape of the first input, whose memory or inport does not determine it."""
         source = self.source()
         if source is not None:
-            self.compiler.shapes.wish(source.flat, shape)
+            self.compiler.shapes.wish(self.input(), source.flat, shape, self.flat.path)
 
     def zero_crossing(self, x: Signal, kind: str) -> Signal:
         """Return 1 if a signal crosses zero as a trigger detects it: rising, falling or either.

@@ -156,12 +156,11 @@ def compile_to_fixed_point(
         guesses.taken = doubled
         if guesses.changed:
             continue
-        wishes = compiler.shapes.wishes
-        if not compiler.failures or not wishes or stopped is not None:
-            # of the attempts without and with suggested sizes, the one with fewer failures
-            return stopped if stopped is not None and len(stopped.failures) <= len(compiler.failures) else compiler
-        # a failure may come from a scalar that a matrix downstream expects to be a vector: try its size once
-        stopped, guesses.wished = compiler, wishes
-        guesses.shapes.update(wishes)
+        # of the attempts without and with suggested sizes, the one with fewer failures
+        if stopped is None or len(compiler.failures) < len(stopped.failures):
+            stopped = compiler
+        # a failure may come from a scalar that a block downstream expects to be a vector: try its size, once each
+        if not compiler.failures or not guesses.wish(compiler.shapes.wishes):
+            return stopped
     compiler.failures.note(next(iter(goals)), _UNSETTLED, _UNSETTLED_REMEDY)
     return compiler

@@ -1,4 +1,4 @@
-"""Data types of signals: buses, fixed-point and integer types, by name, expression or object of the model's variables."""
+"""Data types of signals: buses, integers and fixed-point numbers, by name, expression or object of the variables."""
 
 import re
 from collections.abc import Mapping

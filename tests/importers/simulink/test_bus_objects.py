@@ -1,0 +1,244 @@
+"""Buses whose objects scripts, MAT-files or dictionaries define: names, widths and nesting of their elements."""
+
+import numpy as np
+import pytest
+
+from kennfeld.base.errors import InputError
+from kennfeld.importers.simulink.importing import import_simulink
+from tests.importers.simulink.simulink_data import Thing, entry, matfile, sldd, thing
+from tests.importers.simulink.simulink_files import Model
+from tests.importers.simulink.simulink_runs import imported, run
+
+U, V, W = np.random.default_rng(48).normal(size=(3, 5))
+SCRIPT = """
+v = Simulink.BusElement; v.Name = 'v'; v.Dimensions = 3; v.Unit = 'rpm';
+w = Simulink.BusElement; w.Name = 'w'; w.DataType = 'Bus: C';
+B = Simulink.Bus; B.Elements = [v w];
+C = Simulink.Bus; C.Elements(1) = Simulink.BusElement; C.Elements(1).Name = 'x'; C.Elements(1).Dimensions = [2 2];
+"""
+CELLS = """function cellInfo = buses(varargin)
+if nargin > 1
+    error('Invalid input argument(s) encountered');
+end
+cellInfo = {{'B', 'b.h', sprintf(''), {
+    {'v', 3, 'double', -1, 'real', 'Sample', 'Fixed', [], [], 'rpm', 'speed'};
+    {'w', 1, 'C', -1, 'real', 'Sample'}}}
+  {'C', '', '', {{'x', [2 2], 'single', -1, 'real', 'Sample'}}}};
+Simulink.Bus.cellToObject(cellInfo)
+end
+"""
+
+
+def fixed_step(**options):
+    return Model(step="0.1", solver="FixedStepDiscrete", **options)
+
+
+def selecting(selected="v", kind="Sum", **parameters):
+    """A model that selects a signal of an inport of the bus B and gives it to a block of one output."""
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.block("BusSelector", "Pick", ports=(1, 1), OutputSignals=selected)
+    drawn.block(kind, "S", ports=(1, 1), **(parameters or {"Inputs": "+"}))
+    drawn.outport("y")
+    drawn.chain("In", "Pick", "S", "y")
+    return drawn
+
+
+def script(folder, text=SCRIPT):
+    path = folder / "buses.m"
+    path.write_text(text)
+    return path
+
+
+def stored_element(name, size, kind="double"):
+    return Thing("Simulink.BusElement", {"Name": name, "Dimensions": size, "DataType": kind, "Unit": "rpm"})
+
+
+def mat(folder):
+    parts = [stored_element("v", 3.0), stored_element("w", 1.0, "Bus: C")]
+    inner = stored_element("x", np.array([[2.0, 2.0]]))
+    path = folder / "buses.mat"
+    path.write_bytes(
+        matfile({"B": Thing("Simulink.Bus", {"Elements": parts}), "C": Thing("Simulink.Bus", {"Elements": inner})})
+    )
+    return path
+
+
+def dictionary(folder):
+    def elements(*listed):
+        written = "".join(
+            f'<Element Class="Simulink.BusElement">{entry(name, name="Name")}{entry(size, name="Dimensions")}'
+            f"{entry(kind, name='DataType')}{entry('rpm', name='DocUnits')}</Element>"
+            for name, size, kind in listed
+        )
+        return thing("Simulink.Bus", Elements=f'<P Name="Elements">{written}</P>')
+
+    path = folder / "buses.sldd"
+    buses = {
+        "B": elements(("v", 3.0, "double"), ("w", 1.0, "Bus: C")),
+        "C": elements(("x", [2.0, 2.0], "single")),
+    }
+    path.write_bytes(sldd(buses))
+    return path
+
+
+SOURCES = {
+    "script": script,
+    "cells": lambda folder: script(folder, CELLS),
+    "objects of a function": lambda folder: script(
+        folder, f"define()\nfunction define\n{SCRIPT}\nassignin('base', 'B', B);\nassignin('base', 'C', C);\nend\n"
+    ),
+    "names in lower case": lambda folder: script(
+        folder, SCRIPT.replace(".Name", ".name").replace(".Dimensions", ".dimensions")
+    ),
+    "MAT-file": mat,
+    "dictionary": dictionary,
+}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_elements_have_the_widths_of_their_object(source, tmp_path):
+    model = imported(selecting(), tmp_path, parameters=[SOURCES[source](tmp_path)])
+    assert model.graph.inputs == ("In.v[1]", "In.v[2]", "In.v[3]")
+    outputs = run(model, {"In.v[1]": U, "In.v[2]": V, "In.v[3]": W})
+    np.testing.assert_allclose(outputs["y"], U + V + W)
+    assert not any("width" in str(remark) for remark in model.remarks)
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_elements_of_buses_in_buses_are_matrices_column_by_column(source, tmp_path):
+    rows = selecting("w.x", Inputs="+", CollapseMode="Specified dimension", CollapseDim="2")
+    model = imported(rows, tmp_path, parameters=[SOURCES[source](tmp_path)])
+    names = [f"In.w.x[{at}]" for at in range(1, 5)]
+    outputs = run(model, dict(zip(names, (U, V, W, 2 * U), strict=True)))
+    np.testing.assert_allclose(outputs["y[1]"], U + W)
+    np.testing.assert_allclose(outputs["y[2]"], V + 2 * U)
+
+
+def test_an_unknown_width_is_said_with_the_bus_that_is_not_defined(tmp_path):
+    result = import_simulink(selecting().write(tmp_path))
+    assert result.model.graph.inputs == ("In.v",)
+    remark = next(str(finding) for finding in result.report.remarks if "width" in finding.message)
+    assert remark.startswith("the width of In.v is unknown, assumed 1: the bus B is not defined. Give its Simulink.Bus")
+    assert remark in map(str, result.model.remarks) or any("In.v" in str(note) for note in result.model.remarks)
+
+
+def test_the_unit_of_an_element_is_that_of_the_input(tmp_path):
+    model = imported(selecting("w.x"), tmp_path, parameters=[script(tmp_path, SCRIPT + "C.Elements(1).Dimensions = 1;"
+                                                                    "C.Elements(1).Unit = 'K';")])  # fmt: skip
+    assert model.graph.inputs == ("In.w.x",)
+    assert model.graph.units["In.w.x"] == "K"
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "message"),
+    [
+        ("Demux", {"Outputs": "4"}, "S: a vector of 3 elements cannot be split into 4 outputs"),
+        ("Selector", {"Indices": "[1:6]"}, r"S: its index \[1:6\] is out of range for 3 elements"),
+        ("Gain", {"Gain": "[1 2]"}, "S: its inputs have the sizes 2, 3, which do not match"),
+        ("Gain", {"Gain": "[1 2]", "Multiplication": "Matrix(K*u)"}, "S: matrices of size 1 x 2 and 3 x 1 cannot be"),
+        ("Reshape", {"OutputDimensionality": "Customize", "OutputDimensions": "[2 2]"}, "S: 3 elements cannot be"),
+    ],
+)
+def test_a_width_that_contradicts_a_later_block_names_both(kind, parameters, message, tmp_path):
+    drawn = selecting("v", kind, **parameters)
+    with pytest.raises(InputError, match=f"{message}.*; In.v has 3 elements by the bus B of buses.m"):
+        imported(drawn, tmp_path, parameters=[script(tmp_path)])
+
+
+def test_the_width_of_a_bus_stays_known_through_operations_by_elements(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.block("BusSelector", "Pick", ports=(1, 1), OutputSignals="v")
+    drawn.block("Gain", "K", Gain="2")
+    drawn.block("Demux", "D", ports=(1, 4), Outputs="4")
+    drawn.outport("y")
+    drawn.chain("In", "Pick", "K", "D", "y")
+    with pytest.raises(InputError, match=r"D: a vector of 3 elements .* In.v has 3 elements by the bus B of buses.m"):
+        imported(drawn, tmp_path, parameters=[script(tmp_path)])
+    # without the object, the block says how many there are
+    result = import_simulink(drawn.write(tmp_path))
+    assert result.model.graph.inputs == ("In.v[1]", "In.v[2]", "In.v[3]", "In.v[4]")
+    sentence = "the width of In.v is unknown, assumed 4, as D requires: the bus B is not defined"
+    assert any(sentence in str(finding) for finding in result.report.remarks)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "expected"),
+    [
+        ("Selector", {"Indices": "[1 6]"}, {"y[1]": "In.v[1]", "y[2]": "In.v[6]"}),
+        ("Selector", {"Indices": "[0 2]", "IndexMode": "Zero-based"}, {"y[1]": "In.v[1]", "y[2]": "In.v[3]"}),
+        ("Selector", {"Indices": "2", "InputPortWidth": "5"}, {"y": "In.v[2]"}),
+    ],
+)
+def test_an_unknown_width_follows_from_the_block_that_selects(kind, parameters, expected, tmp_path):
+    model = imported(selecting("v", kind, **parameters), tmp_path)
+    samples = {name: U + at for at, name in enumerate(model.graph.inputs)}
+    assert set(samples) == set(expected.values())
+    outputs = run(model, samples)
+    for output, name in expected.items():
+        np.testing.assert_array_equal(outputs[output], samples[name])
+
+
+def test_two_blocks_that_require_different_widths_are_both_named(tmp_path):
+    drawn = selecting("v", "Demux", Outputs="3")
+    drawn.block("Demux", "T", ports=(1, 5), Outputs="5")
+    drawn.outport("z")
+    drawn.chain("T", "z")
+    drawn.line("Pick", "T")
+    message = "T: a vector of 3 elements cannot be split into 5 outputs; the width of In.v is unknown, assumed 3, as S"
+    with pytest.raises(InputError, match=f"{message} requires: the bus B is not defined"):
+        imported(drawn, tmp_path)
+
+
+def test_an_element_that_the_object_lacks_is_named_with_the_known_ones(tmp_path):
+    with pytest.raises(InputError, match="Pick: it selects q, but the bus contains v, w"):
+        imported(selecting("q"), tmp_path, parameters=[script(tmp_path)])
+
+
+def test_a_bus_within_a_bus_may_be_undefined(tmp_path):
+    result = import_simulink(selecting("w.x").write(tmp_path), parameters=[script(tmp_path, "clear C;" + SCRIPT
+                                                                                  + "clear C")])  # fmt: skip
+    assert result.model.graph.inputs == ("In.w.x",)
+    assert any("width of In.w.x is unknown, assumed 1: the bus C is not" in str(f) for f in result.report.remarks)
+
+
+def test_a_bus_that_contains_itself_is_refused(tmp_path):
+    circle = "B = Simulink.Bus; B.Elements(1) = Simulink.BusElement; B.Elements(1).DataType = 'Bus: B';"
+    with pytest.raises(InputError, match=r"In: the bus B of buses.m contains itself"):
+        imported(selecting(), tmp_path, parameters=[script(tmp_path, circle)])
+
+
+def test_an_array_of_buses_has_numbered_elements(tmp_path):
+    arrays = SCRIPT.replace("w.DataType = 'Bus: C';", "w.DataType = 'Bus: C'; w.Dimensions = 2;")
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.outport("y")
+    drawn.chain("In", "y")
+    model = imported(drawn, tmp_path, parameters=[script(tmp_path, arrays)])
+    assert {name for name in model.graph.outputs if "w" in name} == {
+        f"y.w.({bus}).x[{at}]" for bus in (1, 2) for at in range(1, 5)
+    }
+    assert "In.w(2).x[3]" in model.graph.inputs
+
+
+def test_the_sum_of_the_elements_of_an_inherited_width_says_so(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("u")
+    drawn.block("Sum", "S", ports=(1, 1), Inputs="+")
+    drawn.outport("y")
+    drawn.chain("u", "S", "y")
+    report = import_simulink(drawn.write(tmp_path)).report
+    sentence = "S combines the elements of its input: the width of u is unknown, assumed 1: its port inherits it"
+    assert any(sentence in str(finding) for finding in report.remarks)
+
+
+def test_a_value_type_gives_a_port_its_dimensions(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("u", OutDataTypeStr="ValueType: T")
+    drawn.block("Sum", "S", ports=(1, 1), Inputs="+")
+    drawn.outport("y")
+    drawn.chain("u", "S", "y")
+    text = "T = Simulink.ValueType; T.Dimensions = [1 2]; T.DataType = 'single';"
+    model = imported(drawn, tmp_path, parameters=[script(tmp_path, text)])
+    assert model.graph.inputs == ("u[1]", "u[2]")
