@@ -242,3 +242,138 @@ def test_a_value_type_gives_a_port_its_dimensions(tmp_path):
     text = "T = Simulink.ValueType; T.Dimensions = [1 2]; T.DataType = 'single';"
     model = imported(drawn, tmp_path, parameters=[script(tmp_path, text)])
     assert model.graph.inputs == ("u[1]", "u[2]")
+
+
+def constant_bus(value, selected="v", **parameters):
+    """A model that selects a signal of a constant."""
+    drawn = fixed_step()
+    drawn.inport("u")
+    drawn.block("Constant", "K", Value=value, **parameters)
+    drawn.block("BusSelector", "Pick", ports=(1, 1), OutputSignals=selected)
+    drawn.block("Product", "P", ports=(2, 1))
+    drawn.outport("y")
+    drawn.chain("K", "Pick", "P", "y")
+    drawn.line("u", "P:2")
+    return drawn
+
+
+@pytest.mark.parametrize("value", ["S", "struct('v', [1 2 3], 'w', struct('x', [4 6; 5 7]))"])
+@pytest.mark.parametrize(("selected", "numbers"), [("v", [1, 2, 3]), ("w.x", [4, 5, 6, 7])])
+def test_a_constant_of_a_struct_is_a_bus(value, selected, numbers, tmp_path):
+    text = SCRIPT + "S.v = [1 2 3]; S.w.x = [4 6; 5 7];"
+    model = imported(
+        constant_bus(value, selected, OutDataTypeStr="Bus: B"), tmp_path, parameters=[script(tmp_path, text)]
+    )
+    outputs = run(model, {"u": U})
+    for at, number in enumerate(numbers, 1):
+        np.testing.assert_allclose(outputs[f"y[{at}]"], number * U)
+    # the numbers of a variable are parameters, those of an expression are not
+    assert list(model.values) == ([f"S.{selected}"] if value == "S" else [])
+
+
+def test_a_constant_of_a_parameter_object_is_a_bus(tmp_path):
+    text = "S = Simulink.Parameter; S.Value = struct('v', 2.5);"
+    model = imported(constant_bus("S"), tmp_path, parameters=[script(tmp_path, text)])
+    np.testing.assert_allclose(run(model, {"u": U})["y"], 2.5 * U)
+
+
+def test_a_number_is_the_value_of_all_elements_of_a_constant_bus(tmp_path):
+    model = imported(constant_bus("2", "w.x", OutDataTypeStr="Bus: B"), tmp_path, parameters=[script(tmp_path)])
+    np.testing.assert_allclose(run(model, {"u": U})["y[3]"], 2 * U)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("struct('v', [1 2])", r"K: its element v has size 2, but the bus B of buses.m specifies 3"),
+        ("struct('q', 1)", r"K: it contains q, but the bus B of buses.m specifies v, w"),
+        ("struct('w', 1)", ""),
+        ("struct('v', struct('a', 1))", r"K: its element v is a bus, but the bus B of buses.m specifies numbers"),
+    ],
+)
+def test_a_constant_must_have_the_elements_of_its_bus(value, message, tmp_path):
+    drawn = constant_bus(value, OutDataTypeStr="Bus: B")
+    if not message:
+        model = imported(drawn, tmp_path, parameters=[script(tmp_path)])
+        np.testing.assert_array_equal(run(model, {"u": U})["y[1]"], 0 * U)
+        return
+    with pytest.raises(InputError, match=message):
+        imported(drawn, tmp_path, parameters=[script(tmp_path)])
+
+
+def creating(names, source="In", **parameters):
+    """A model of a Bus Creator of the bus D over signals of these names, of which one is selected."""
+    drawn = fixed_step()
+    drawn.block("BusCreator", "C", ports=(len(names), 1), Inputs=str(len(names)), **parameters)
+    for at, name in enumerate(names, 1):
+        drawn.inport(f"u{at}")
+        drawn.line(f"u{at}", f"C:{at}", name=name)
+    drawn.block("BusSelector", "Pick", ports=(1, 1), OutputSignals="b")
+    drawn.outport("y")
+    drawn.chain("C", "Pick", "y")
+    return drawn
+
+
+TWO = "D = Simulink.Bus; D.Elements = [Simulink.BusElement; Simulink.BusElement]; D.Elements(2).Name = 'b';"
+
+
+@pytest.mark.parametrize("fields", [{"OutDataTypeStr": "Bus: D"}, {"UseBusObject": "on", "BusObject": "D"}])
+@pytest.mark.parametrize(("names", "renamed"), [(["a", "other"], "other as b"), (["b", "a"], "b as a, a as b")])
+def test_a_bus_creator_names_its_elements_as_the_object(fields, names, renamed, tmp_path):
+    result = import_simulink(creating(names, **fields).write(tmp_path), parameters=[script(tmp_path, TWO)])
+    np.testing.assert_array_equal(run(result.model, {"u2": U})["y"], U)
+    sentence = f"C takes elements in the order of its inputs, because the bus D of buses.m names {renamed}"
+    assert any(sentence in str(finding) for finding in result.report.remarks)
+
+
+def test_a_bus_creator_with_another_number_of_inputs_is_refused(tmp_path):
+    drawn = creating(["a", "b", "c"], OutDataTypeStr="Bus: D")
+    message = r"C: it contains a, b, c, but the bus D of buses.m specifies a, b"
+    with pytest.raises(InputError, match=message):
+        imported(drawn, tmp_path, parameters=[script(tmp_path, TWO)])
+
+
+def test_a_bus_creator_tells_an_input_its_width(tmp_path):
+    drawn = creating(["a", "b"], OutDataTypeStr="Bus: D")
+    text = TWO + "D.Elements(2).Dimensions = 2;"
+    model = imported(drawn, tmp_path, parameters=[script(tmp_path, text)])
+    assert model.graph.outputs == ("y[1]", "y[2]")
+    drawn.blocks[2].parameters["PortDimensions"] = "3"
+    message = r"C: its element b has size 3, but the bus D of buses.m specifies 2; u2 has 3 elements by its port"
+    with pytest.raises(InputError, match=message):
+        imported(drawn, tmp_path, parameters=[script(tmp_path, text)])
+
+
+def test_a_bus_assignment_must_keep_the_width_of_an_element(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.inport("u", PortDimensions="2")
+    drawn.block("BusAssignment", "Put", ports=(2, 1), AssignedSignals="v")
+    drawn.outport("y")
+    drawn.line("In", "Put:1")
+    drawn.line("u", "Put:2")
+    drawn.chain("Put", "y")
+    message = r"Put: it assigns 2 elements to v; In.v has 3 elements by the bus B of buses.m; u has 2 elements by its"
+    with pytest.raises(InputError, match=message):
+        imported(drawn, tmp_path, parameters=[script(tmp_path)])
+
+
+def test_code_gets_an_element_of_an_unknown_bus_as_a_number(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.block("BusSelector", "Pick", ports=(1, 1), OutputSignals="v")
+    drawn.function("F", "function y = F(u)\ny = 2*u;")
+    drawn.outport("y")
+    drawn.chain("In", "Pick", "F", "y")
+    np.testing.assert_allclose(run(imported(drawn, tmp_path), {"In.v": U})["y"], 2 * U)
+
+
+def test_code_gets_a_bus_as_a_struct(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.function("F", "function y = F(u)\ny = sum(u.v) + u.w.x(1, 2);")
+    drawn.outport("y")
+    drawn.chain("In", "F", "y")
+    model = imported(drawn, tmp_path, parameters=[script(tmp_path)])
+    samples = {"In.v[1]": U, "In.v[2]": V, "In.v[3]": W, "In.w.x[3]": 2 * U}
+    np.testing.assert_allclose(run(model, samples)["y"], U + V + W + 2 * U)

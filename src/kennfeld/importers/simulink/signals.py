@@ -228,12 +228,13 @@ class Bus:
 class ExternalBus(Bus):
     """A bus input of the model whose signals are known only by use: each selected one is an input of its own.
 
-    `name` is its path, "engine.speed"; `create` returns the signal of an input. `members` are signals that were
-    replaced. Used as a signal, it is a single input.
+    `name` is its path, "engine.speed"; `create` returns the signal of an input; `why` is the reason why its elements
+    are unknown. `members` are signals that were replaced. Used as a signal, it is a single input.
     """
 
     name: str = ""
     create: Callable[[str], Signal] = lambda name: Signal(np.array([-1]))
+    why: str = ""
 
     @property
     def period(self) -> float:
@@ -247,7 +248,7 @@ class ExternalBus(Bus):
 
     def member(self, name: str) -> "SignalOrBus":
         """Return the signal of a name, which may itself be a bus."""
-        return self.members.get(name) or ExternalBus(name=f"{self.name}.{name}", create=self.create)
+        return self.members.get(name) or replace(self, name=f"{self.name}.{name}", members={})
 
 
 SignalOrBus: TypeAlias = Signal | Bus

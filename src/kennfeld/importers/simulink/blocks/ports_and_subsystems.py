@@ -59,7 +59,7 @@ def inport(block: BlockContext) -> SignalOrBus:
         return inputs.open_signal(block.flat, inputs.name(block.flat), "it comes from outside of the system")
     if isinstance(kind, BusType):
         return inputs.bus(block.flat, kind)
-    if isinstance(kind, UndefinedType) and block.field_text("OutDataTypeStr", "").startswith("Bus:"):
+    if isinstance(kind, UndefinedType) and kind.is_bus:
         return inputs.open_bus(block.flat, undefined_reason(kind))
     shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
     if not shape and isinstance(kind, BusElement):

@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.base.formatting import count_noun, size_text
 from kennfeld.importers.simulink.blocks.bit_operations import fit_to_type, stored_integer
+from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus
 from kennfeld.importers.simulink.flattening.connections import bus_member_names, find_bus_member
 from kennfeld.importers.simulink.lowering import (
     LIKE_INPUT,
@@ -18,6 +19,7 @@ from kennfeld.importers.simulink.lowering import (
     block,
     no_feedthrough,
 )
+from kennfeld.importers.simulink.lowering.diagnostics import placeholder_signal
 from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     case_values,
@@ -39,6 +41,7 @@ from kennfeld.importers.simulink.signals import (
     select_by_index,
     width_notes,
 )
+from kennfeld.importers.simulink.variables.data_types import BusType
 from kennfeld.models.imperative.node_arrays import Nodes
 
 _MAX_SELECTED = 10_000
@@ -156,10 +159,19 @@ def _divide_evenly(size: int, count: int) -> list[int]:
 
 @block("BusCreator", Inputs="2")
 def bus_creator(block: BlockContext) -> SignalOrBus:
-    """Collect the inputs to a bus, named after their lines."""
+    """Collect the inputs to a bus, named after their lines, or as its bus object specifies."""
     labels = [block.flat.input_names.get(at, "") for at in range(block.input_count)]
     names = bus_member_names(labels, block.field_text("Inputs"))
-    return Bus({name: block.input_or_bus(at) for at, name in enumerate(names)})
+    bus = Bus({name: _created_member(block, at) for at, name in enumerate(names)})
+    return fit_to_bus(block, block.output_type, bus) if isinstance(block.output_type, BusType) else bus
+
+
+def _created_member(block: BlockContext, index: int) -> SignalOrBus:
+    """Return an input, or a placeholder while only the others are compared with the bus object."""
+    source = block.source(index)
+    if source is not None and not block.compiler.is_lowered(source):
+        return placeholder_signal(block.builder)
+    return block.input_or_bus(index)
 
 
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
@@ -194,9 +206,20 @@ def bus_assignment(block: BlockContext) -> SignalOrBus:
     bus = block.bus()
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
         # raises an error if the bus has no such signal, which `_set_member` would add
-        _member_of(bus, path.strip())
-        bus = _set_member(bus, path.strip().split("."), block.input_or_bus(at))
+        old, new = _member_of(bus, path.strip()), block.input_or_bus(at)
+        _check_assigned(path.strip(), old, new)
+        bus = _set_member(bus, path.strip().split("."), new)
     return bus
+
+
+def _check_assigned(path: str, old: SignalOrBus, new: SignalOrBus) -> None:
+    """Raise `UnsupportedError` if a signal does not have the width that the object of a bus specifies for it."""
+    if not isinstance(old, Signal) or old.width is None or old.width.key is not None:
+        return
+    if not isinstance(new, Signal) or new.size == old.size:
+        return
+    sizes = f"it assigns {count_noun(new.size, 'element')} to {path}"
+    raise UnsupportedError(sizes + width_notes(old, new))
 
 
 @block("BusElement", "BusElements")

@@ -17,6 +17,7 @@ from kennfeld.importers.simulink.flattening.hierarchy import (
 )
 from kennfeld.importers.simulink.reader.block_ports import element_of, elements, port_number
 from kennfeld.importers.simulink.reader.model_tree import Endpoint, ModelBlock, Ports, join_path
+from kennfeld.importers.simulink.variables.data_types import BusType, output_type
 from kennfeld.importers.simulink.variables.mask_scope import (
     Scope,
     Variable,
@@ -108,6 +109,10 @@ class SignalTracer:
         here, sid = last[0], flat.block.sid
         ends = [Endpoint(sid, "in", number) for number in range(1, here.fed.get(sid, 0) + 1)]
         names = bus_member_names([self.label(here, end) for end in ends], flat.block.value("Inputs") or "")
+        bus = output_type(flat.block, flat.scope)
+        if isinstance(bus, BusType) and len(bus.elements) == len(names):
+            # a bus object names the elements in the order of the inputs, whatever their lines are called
+            names = [element.name for element in bus.elements]
         member = find_bus_member(names, name)
         return (here, ends[names.index(member)]) if member is not None else None
 

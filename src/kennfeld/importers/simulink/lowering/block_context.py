@@ -24,7 +24,7 @@ from kennfeld.importers.simulink.signals import (
     constant,
     select,
 )
-from kennfeld.importers.simulink.variables.data_types import DataType, data_type
+from kennfeld.importers.simulink.variables.data_types import DataType, output_type
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
 
@@ -75,7 +75,7 @@ class BlockContext:
     @functools.cached_property
     def output_type(self) -> DataType | None:
         """The data type that the block specifies for its output, None if it is inherited or floating-point."""
-        return data_type(self.field_text("OutDataTypeStr", ""), self.flat.scope)
+        return output_type(self.flat.block, self.flat.scope)
 
     def is_on(self, name: str) -> bool:
         """Return True if a field is on."""

@@ -22,6 +22,7 @@ from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, BlockType, Outputs
 from kennfeld.importers.simulink.reader.model_tree import join_path, split_path
 from kennfeld.importers.simulink.signals import SignalOrBus
+from kennfeld.importers.simulink.variables.data_types import BusType, output_type
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
 _MAX_PASSES = 500
@@ -36,7 +37,22 @@ class BlockCompiler(LoweringPass):
     def demand(self, blocks: Iterable[FlatBlock]) -> None:
         """Lower blocks and everything they depend on, states included."""
         self.visits.demand(blocks)
+        self._check_buses()
         self.continuous.close()
+
+    def _check_buses(self) -> None:
+        """Lower the bus creators behind which only single signals are used, to compare them with their objects."""
+        for flat in self.flat.blocks:
+            if flat.type != "BusCreator" or flat in self.visits.values:
+                continue
+            # what nothing else needs is not lowered for that, and a bus without an object is not checked
+            known = [source is not None and source.flat in self.visits.values for source in flat.inputs]
+            if any(known) and isinstance(output_type(flat.block, flat.scope), BusType):
+                self._call_handler_for_check(flat)
+
+    def _call_handler_for_check(self, flat: FlatBlock) -> None:
+        with self.failures.note_errors(flat):
+            self._call_handler(flat, BLOCK_TYPES[flat.type])
 
     @cached_property
     def _contexts(self) -> dict[FlatBlock, BlockContext]:
@@ -156,11 +172,15 @@ def compile_to_fixed_point(
         guesses.taken = doubled
         if guesses.changed:
             continue
+        wishes = compiler.shapes.wishes
+        if guesses.wish(wishes, only_certain=True):
+            stopped = None
+            continue
         # of the attempts without and with suggested sizes, the one with fewer failures
         if stopped is None or len(compiler.failures) < len(stopped.failures):
             stopped = compiler
         # a failure may come from a scalar that a block downstream expects to be a vector: try its size, once each
-        if not compiler.failures or not guesses.wish(compiler.shapes.wishes):
+        if not compiler.failures or not guesses.wish(wishes, only_certain=False):
             return stopped
     compiler.failures.note(next(iter(goals)), _UNSETTLED, _UNSETTLED_REMEDY)
     return compiler

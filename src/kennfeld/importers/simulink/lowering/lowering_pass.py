@@ -106,10 +106,10 @@ class LoweringPass(ABC):
         """Return the outputs of a lowered block, () for others."""
         return self.visits.values.get(flat, ())
 
+    def is_lowered(self, source: SignalSource) -> bool:
+        """Return True if the signal of a source is known so far."""
+        return source.flat in self.visits.values or is_known_at_step_start(source)
+
     def known_inputs(self, flat: FlatBlock) -> list[SignalOrBus]:
         """Return the signals at the inputs of a block that are known so far."""
-        return [
-            self.value(source)
-            for source in flat.inputs
-            if source is not None and (source.flat in self.visits.values or is_known_at_step_start(source))
-        ]
+        return [self.value(source) for source in flat.inputs if source is not None and self.is_lowered(source)]

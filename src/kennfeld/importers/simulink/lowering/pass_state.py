@@ -26,10 +26,14 @@ _MAX_SUGGESTED_SIZE = 1000
 
 @dataclass(frozen=True)
 class RequiredShape:
-    """A shape that a block requires of a signal whose shape nothing else determines."""
+    """A shape that a block requires of a signal whose shape nothing else determines.
+
+    A `certain` one holds in any case; another one is tried if a block fails without it.
+    """
 
     shape: Shape
     path: str
+    certain: bool = False
 
 
 @dataclass
@@ -57,9 +61,13 @@ class InferredAttributes:
             self.periods[flat] = value
             self.changed = True
 
-    def wish(self, wishes: Mapping[Key, RequiredShape]) -> bool:
+    def wish(self, wishes: Mapping[Key, RequiredShape], only_certain: bool) -> bool:
         """Take over shapes for the next pass; return False if there is no new one."""
-        new = {key: required for key, required in wishes.items() if key not in self.wished}
+        new = {
+            key: required
+            for key, required in wishes.items()
+            if key not in self.wished and (required.certain or not only_certain)
+        }
         self.wished = {**self.wished, **new}
         self.shapes.update({key: required.shape for key, required in new.items()})
         return bool(new)
@@ -80,13 +88,15 @@ class DimensionInference:
             self._scalars.setdefault(key[0], key)
         return self.guesses.shapes.get(key, init.shape)
 
-    def wish(self, signal: Signal, source: FlatBlock, shape: Shape, path: str) -> None:
+    def wish(self, signal: Signal, source: FlatBlock, shape: Shape, path: str, certain: bool = False) -> None:
         """Record the shape that a block suggests to a signal: that of an input, or of a state of its source."""
         width = signal.width
         key = width.key if width is not None else self._scalars.get(source)
-        # of several suggestions, the first one counts
-        if key is not None and int(np.prod(shape)) <= _MAX_SUGGESTED_SIZE:
-            self.wishes.setdefault(key, RequiredShape(shape, path))
+        if key is None or int(np.prod(shape)) > _MAX_SUGGESTED_SIZE:
+            return
+        # of several suggestions, the first one counts, unless a bus object decides
+        if key not in self.wishes or (certain and not self.wishes[key].certain):
+            self.wishes[key] = RequiredShape(shape, path, certain)
 
 
 class ModelInputs(dict[str, FlatBlock | None]):
@@ -127,7 +137,7 @@ class ModelInputs(dict[str, FlatBlock | None]):
 
     def open_bus(self, flat: FlatBlock, why: str, name: str = "") -> ExternalBus:
         """Return the bus of a port, or a bus within it, whose object is unknown; each used signal becomes an input."""
-        return ExternalBus(name=name or self.name(flat), create=partial(self._member, flat, why))
+        return ExternalBus(name=name or self.name(flat), create=partial(self._member, flat, why), why=why)
 
     def _member(self, flat: FlatBlock, why: str, name: str) -> Signal:
         self.setdefault(name, None)

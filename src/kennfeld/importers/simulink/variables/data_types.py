@@ -9,6 +9,7 @@ import numpy as np
 from kennfeld.base.errors import InputError
 from kennfeld.base.formatting import number_text
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.variables.m_files import evaluate_numerically
 from kennfeld.importers.simulink.variables.mask_scope import (
     MaskCodeVariable,
@@ -89,9 +90,10 @@ class BusType:
 
 @dataclass(frozen=True)
 class UndefinedType:
-    """A type whose object the model's variables do not define."""
+    """A type whose object the model's variables do not define; `is_bus` if its name is written as that of a bus."""
 
     name: str
+    is_bus: bool = False
 
 
 DataType: TypeAlias = FixedPointType | BusType | BusElement | UndefinedType
@@ -114,7 +116,16 @@ def data_type(written: str, scope: Scope, depth: int = 0) -> DataType | None:
         return data_type(meaning.text, meaning.outside, depth + 1)
     if isinstance(meaning, Variable):
         return _type_of_object(name, meaning, scope, depth)
-    return UndefinedType(name)
+    return UndefinedType(name, written.startswith("Bus:"))
+
+
+def output_type(block: ModelBlock, scope: Scope) -> DataType | None:
+    """Return the type that a block specifies for its output, None if it is inherited or floating-point."""
+    written = (block.value("OutDataTypeStr") or "").strip()
+    # files before R2009b name the bus object of a block in fields of its own
+    if not written and block.value("UseBusObject") == "on":
+        written = f"Bus: {block.value('BusObject') or ''}"
+    return data_type(written, scope)
 
 
 def _type_of_object(name: str, variable: Variable, scope: Scope, depth: int) -> DataType | None:

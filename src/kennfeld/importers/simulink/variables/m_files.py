@@ -143,6 +143,9 @@ def to_variable(value: Any, source: str) -> Variable | None:
         )
         variable = Variable(parameter_value, unit=meant.unit, description=meant.description, source=source)
         return variable.limited(meant.min, meant.max)
+    if isinstance(value, MatlabStruct) and isinstance(inner := value.fields.get("Value"), MatlabStruct) and value.kind:
+        # the parameter of a bus: its value is a struct
+        value = inner
     plain = _plain(value)
     kind = value.kind if isinstance(value, MatlabStruct) else ""
     type_class = kind if kind in TYPE_CLASSES else ""
