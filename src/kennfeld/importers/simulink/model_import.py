@@ -1,7 +1,7 @@
 """Import of one system: flattening, solver and step, lowering, import report and model."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -23,11 +23,11 @@ from kennfeld.importers.simulink.import_report import (
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, placeholder_signal, unsupported_reason
-from kennfeld.importers.simulink.lowering.integer_signals import find_integer_conversions
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
 from kennfeld.importers.simulink.lowering.scheduling import ModelClock
+from kennfeld.importers.simulink.lowering.type_effects import ignored_effects
 from kennfeld.importers.simulink.model_assembly import NodeNames
 from kennfeld.importers.simulink.reader.model_tree import System
 from kennfeld.importers.simulink.signals import InputWidth, Signal, SignalOrBus, width_note
@@ -42,7 +42,6 @@ from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
 
 _MAX_LISTED = 6
-_MAX_NAMED = 3  # blocks named in a sentence
 _BUS_REMEDY = "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd."
 _MAX_ATTEMPTS = 20  # to determine nested iteration counts
 _SYNTHETIC_TYPES = (
@@ -251,7 +250,7 @@ class ModelImport:
             for first, later in compiler.stores.undecided_writers
         )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
-        sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
+        sentences = (*compiler.warnings, *ignored_effects(self.flat.blocks, compiler.readers))
         constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
         warnings = (
             *constant,
@@ -306,12 +305,6 @@ def _unknown_widths(compiler: BlockCompiler) -> Iterator[Finding]:
     for widths in groups.values():
         message = width_note([width.name for width in widths], widths[0])
         yield Finding(Location(), message, _BUS_REMEDY, severity="warning")
-
-
-def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
-    """Return a sentence on blocks that convert to integers, () if there are none."""
-    names = join_names(find_integer_conversions(blocks), _MAX_NAMED)
-    return (f"integer types are ignored in {names}: Simulink rounds there, and wraps or saturates",) if names else ()
 
 
 def _output_remedy(system: System) -> str:

@@ -190,6 +190,11 @@ def clip(x: Signal, lower: Signal, upper: Signal) -> Signal:
     return x if _is_constant(upper, math.inf) else apply("min", x, upper)
 
 
+def limit(x: Signal, lower: float, upper: float) -> Signal:
+    """Limit a signal to numbers."""
+    return apply("min", apply("max", x, lower), upper)
+
+
 def _is_constant(signal: Signal, value: float) -> bool:
     assert signal.builder is not None
     return all(signal.builder.value(node) == value for node in signal.flat)

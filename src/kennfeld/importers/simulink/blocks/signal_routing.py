@@ -41,7 +41,7 @@ from kennfeld.importers.simulink.signals import (
     select_by_index,
     width_notes,
 )
-from kennfeld.importers.simulink.variables.data_types import BusType
+from kennfeld.importers.simulink.variables.data_types import BusType, PlainType
 from kennfeld.models.imperative.node_arrays import Nodes
 
 _MAX_SELECTED = 10_000
@@ -52,10 +52,9 @@ _MAX_COMPARISONS = 100_000
        ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
 def conversion(block: BlockContext) -> SignalOrBus:
     """Pass on the input, as values are physical; converted to boolean, 1 unless it is 0."""
-    wanted = _wanted_type(block)
     if block.field_text("ConvertRealWorld").startswith("Stored"):
-        return _by_bits(block, wanted)
-    if wanted in ("boolean", "logical"):
+        return _by_bits(block, _wanted_type(block))
+    if isinstance(block.output_type, PlainType) and block.output_type.name in ("boolean", "logical", "bool"):
         return apply("ne", block.input(), 0.0)
     return block.input_or_bus(0)
 

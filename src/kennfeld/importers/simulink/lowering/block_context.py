@@ -11,6 +11,7 @@ from kennfeld.importers.simulink.flattening.flat_model import STATE_PORT, FlatBl
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.registry import field_text
+from kennfeld.importers.simulink.lowering.type_effects import saturation_limits
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
@@ -74,8 +75,13 @@ class BlockContext:
 
     @functools.cached_property
     def output_type(self) -> DataType | None:
-        """The data type that the block specifies for its output, None if it is inherited or floating-point."""
+        """The data type that the block specifies for its output, None if it is inherited."""
         return output_type(self.flat.block, self.flat.scope)
+
+    @functools.cached_property
+    def type_limits(self) -> tuple[float, float] | None:
+        """The limits of the integer or fixed-point type to which the block saturates its output, None without."""
+        return saturation_limits(self.flat, self.compiler.readers)
 
     def is_on(self, name: str) -> bool:
         """Return True if a field is on."""

@@ -21,7 +21,7 @@ from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, BlockType, Outputs
 from kennfeld.importers.simulink.reader.model_tree import join_path, split_path
-from kennfeld.importers.simulink.signals import SignalOrBus
+from kennfeld.importers.simulink.signals import Signal, SignalOrBus, limit
 from kennfeld.importers.simulink.variables.data_types import BusType, output_type
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
@@ -84,6 +84,8 @@ class BlockCompiler(LoweringPass):
         if kind is None or outputs is None:
             return placeholder_outputs(self.builder, flat)
         outputs = outputs if isinstance(outputs, tuple) else (outputs,)
+        if (limits := self.block_context(flat).type_limits) is not None:
+            outputs = tuple(_limited(wired, limits) for wired in outputs)
         if not kind.held:
             return outputs
         remembers = self.block_context(flat).memories > 0
@@ -148,6 +150,11 @@ class BlockCompiler(LoweringPass):
         for flat in self.flat.blocks:
             if flat.type in LOOPS and join_path(*split_path(flat.path)[:-1]) in paths:
                 self.failures.note(flat, "its inputs and its parameters require different iteration counts")
+
+
+def _limited(wired: SignalOrBus, limits: tuple[float, float]) -> SignalOrBus:
+    """Return a signal within the limits of its type; a bus has the types of its object."""
+    return limit(wired, *limits) if isinstance(wired, Signal) and wired.sound else wired
 
 
 def compile_to_fixed_point(

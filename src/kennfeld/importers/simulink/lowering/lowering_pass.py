@@ -106,6 +106,10 @@ class LoweringPass(ABC):
         """Return the outputs of a lowered block, () for others."""
         return self.visits.values.get(flat, ())
 
+    def readers(self, flat: FlatBlock) -> list[FlatBlock]:
+        """Return the blocks that read the outputs of a block."""
+        return self.flat.readers.get(flat, [])
+
     def is_lowered(self, source: SignalSource) -> bool:
         """Return True if the signal of a source is known so far."""
         return source.flat in self.visits.values or is_known_at_step_start(source)

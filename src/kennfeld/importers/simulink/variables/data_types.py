@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -23,13 +24,12 @@ from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 
-_BUILT_IN: Final = frozenset(
-    {"", "auto", "double", "single", "half", "boolean", "logical", "bool", "string", "fcn_call", "action"}
-)
-_NO_TYPE = re.compile(r"Inherit\b|Enum:|Image:|Connection:|Specify\b|<|[?]|Logical \(")
+_BUILT_IN: Final = frozenset({"double", "single", "half", "boolean", "logical", "bool", "string", "fcn_call", "action"})
+_NO_TYPE = re.compile(r"\Z|auto\Z|Inherit\b|Enum:|Image:|Connection:|Specify\b|<|[?]|Logical \(")
 _PREFIX = re.compile(r"(?:Bus|ValueType)\s*:\s*")
 _NAME = re.compile(r"[A-Za-z]\w*\Z")
-_CONSTRUCTOR = re.compile(r"([su])(?:fix|int|frac)\(\s*(\d{1,3})\s*\)\Z")  # sfix(16) of older files
+_CONSTRUCTOR = re.compile(r"([su])(fix|int|frac)\(\s*(\d{1,3})\s*\)\Z")  # sfix(16) of older files
+_FLOAT = re.compile(r"float\(\s*'(\w+)'\s*\)\Z")
 # sfix16_En4, ufix8_S0p5_B2: a slope 2^-4, and a slope 0.5 with the bias 2
 _ENCODED = re.compile(r"([su])fix(\d{1,3})((?:_[EFSB]n?\d+(?:p\d+)?(?:en?\d+)?)*)\Z")
 _PART = re.compile(r"_([EFSB])([^_]+)")
@@ -89,6 +89,13 @@ class BusType:
 
 
 @dataclass(frozen=True)
+class PlainType:
+    """A built-in type that is no integer, such as double or boolean."""
+
+    name: str
+
+
+@dataclass(frozen=True)
 class UndefinedType:
     """A type whose object the model's variables do not define; `is_bus` if its name is written as that of a bus."""
 
@@ -96,19 +103,23 @@ class UndefinedType:
     is_bus: bool = False
 
 
-DataType: TypeAlias = FixedPointType | BusType | BusElement | UndefinedType
+DataType: TypeAlias = PlainType | FixedPointType | BusType | BusElement | UndefinedType
 
 
 def data_type(written: str, scope: Scope, depth: int = 0) -> DataType | None:
-    """Return the type that a field specifies: fixed-point, bus or value type; None if inherited or floating-point."""
+    """Return the type that a field specifies, through aliases and masks; None if it is inherited or enumerated."""
     written = written.strip()
     name = _PREFIX.sub("", written)
-    if written.casefold() in _BUILT_IN or _NO_TYPE.match(written) or depth > _MAX_DEPTH:
+    if _NO_TYPE.match(written) or depth > _MAX_DEPTH:
         return None
+    if written.casefold() in _BUILT_IN:
+        return PlainType(written.casefold())
     if (word := integer_type_named(written)) is not None:
         return FixedPointType(word.bits, word.signed)
     if (encoded := _encoded_type(written)) is not None:
         return encoded
+    if (floating := _FLOAT.match(written)) is not None:
+        return data_type(floating[1], scope, depth + 1)
     if not _NAME.match(name):
         return _type_of_expression(written, scope, depth)
     meaning = scope.find(name)
@@ -120,12 +131,26 @@ def data_type(written: str, scope: Scope, depth: int = 0) -> DataType | None:
 
 
 def output_type(block: ModelBlock, scope: Scope) -> DataType | None:
-    """Return the type that a block specifies for its output, None if it is inherited or floating-point."""
+    """Return the type that a block specifies for its output, None if it is inherited."""
     written = (block.value("OutDataTypeStr") or "").strip()
-    # files before R2009b name the bus object of a block in fields of its own
-    if not written and block.value("UseBusObject") == "on":
-        written = f"Bus: {block.value('BusObject') or ''}"
-    return data_type(written, scope)
+    if written == "Inherit: Same as accumulator":
+        written = (block.value("AccumDataTypeStr") or "").strip()
+    return data_type(written, scope) if written else _type_of_older_fields(block, scope)
+
+
+def _type_of_older_fields(block: ModelBlock, scope: Scope) -> DataType | None:
+    """Return the type that a file before R2009b specifies, in several fields."""
+    if block.value("UseBusObject") == "on":
+        return data_type(f"Bus: {block.value('BusObject') or ''}", scope)
+    mode = (block.value("OutDataTypeMode") or block.value("DataType") or "").strip()
+    if mode not in ("Specify via dialog", "Specify"):
+        return data_type(mode, scope)
+    kind = data_type(block.value("OutDataType") or "", scope)
+    scaling = _evaluate(block.value("OutScaling") or "", scope)
+    if isinstance(kind, FixedPointType) and isinstance(scaling, np.ndarray) and scaling.size in (1, 2):
+        slope, bias = float(scaling.flat[0]), float(scaling.flat[1]) if scaling.size == 2 else 0.0
+        return replace(kind, slope=slope, bias=bias) if slope > 0 else kind
+    return kind
 
 
 def _type_of_object(name: str, variable: Variable, scope: Scope, depth: int) -> DataType | None:
@@ -203,11 +228,16 @@ def _numeric_type(properties: _Properties, scope: Scope, depth: int) -> DataType
 
 
 def _encoded_type(written: str) -> FixedPointType | None:
-    """Return the type of a name that encodes its scaling, None for others."""
-    match = _CONSTRUCTOR.match(written) or _ENCODED.match(written)
+    """Return the type of a name that encodes its scaling, or of a function of older releases, None for others."""
+    if match := _CONSTRUCTOR.match(written):
+        signed, bits = match[1] == "s", int(match[3])
+        # a fraction has its binary point behind the sign
+        slope = float(np.exp2(int(signed) - bits)) if match[2] == "frac" else 1.0
+        return FixedPointType(bits, signed, slope) if 1 <= bits <= _MOST_BITS else None
+    match = _ENCODED.match(written)
     if match is None or not 1 <= int(match[2]) <= _MOST_BITS:
         return None
-    parts = {key: _decoded_number(text) for key, text in _PART.findall(match[3] or "")} if match.re is _ENCODED else {}
+    parts = {key: _decoded_number(text) for key, text in _PART.findall(match[3])}
     # slope = F 2^E, or S
     slope = parts.get("S", parts.get("F", 1.0) * float(np.exp2(parts.get("E", 0.0))))
     return FixedPointType(int(match[2]), match[1] == "s", slope, parts.get("B", 0.0))
