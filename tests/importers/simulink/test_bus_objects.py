@@ -377,3 +377,67 @@ def test_code_gets_a_bus_as_a_struct(tmp_path):
     model = imported(drawn, tmp_path, parameters=[script(tmp_path)])
     samples = {"In.v[1]": U, "In.v[2]": V, "In.v[3]": W, "In.w.x[3]": 2 * U}
     np.testing.assert_allclose(run(model, samples)["y"], U + V + W + 2 * U)
+
+
+def looped(kind="UnitDelay", **parameters):
+    """A model that sums u in the element a of a delayed bus, whose element b is the pair (u, a)."""
+    drawn = fixed_step()
+    drawn.inport("u")
+    drawn.block("Sum", "Add", ports=(2, 1), Inputs="++")
+    drawn.block("Mux", "Pair", ports=(2, 1), Inputs="2")
+    drawn.block("BusCreator", "Make", ports=(2, 1), Inputs="2")
+    drawn.block("BusCreator", "Wrap", ports=(1, 1), Inputs="1")
+    drawn.block(kind, "Z", ports=(1, 1), **{"SampleTime": "-1", **parameters})
+    drawn.block("BusSelector", "Old", ports=(1, 2), OutputSignals="in.a,in.b")
+    for name in ("sum", "pair"):
+        drawn.outport(name)
+    drawn.line("u", "Add:1", "Pair:1")
+    drawn.line("Old:1", "Add:2", "Pair:2")
+    drawn.line("Add", "Make:1", "sum", name="a")
+    drawn.line("Pair", "Make:2", name="b")
+    drawn.line("Make", "Wrap", name="in")
+    drawn.chain("Wrap", "Z", "Old")
+    drawn.line("Old:2", "pair")
+    return drawn
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "start"),
+    [
+        ("UnitDelay", {}, 0),
+        ("Memory", {}, 0),
+        ("UnitDelay", {"InitialCondition": "struct('in', struct('a', 7))"}, 7),
+        ("Delay", {"DelayLength": "1", "InitialCondition": "3"}, 3),
+    ],
+)
+def test_a_delay_delays_each_signal_of_a_bus(kind, parameters, start, tmp_path):
+    outputs = run(imported(looped(kind, **parameters), tmp_path), {"u": U})
+    total = start + np.cumsum(U)
+    np.testing.assert_allclose(outputs["sum"], total)
+    first = 3 if start == 3 else 0
+    np.testing.assert_allclose(outputs["pair[1]"], [first, *U[:-1]])
+    np.testing.assert_allclose(outputs["pair[2]"], [first, start, *total[:-2]])
+
+
+def test_the_initial_value_of_a_delayed_bus_may_be_a_parameter(tmp_path):
+    model = imported(looped(InitialCondition="X0"), tmp_path, parameters=[{"X0": {"in": {"a": 7.0}}}])
+    assert list(model.values) == ["X0.in.a"]
+    np.testing.assert_allclose(run(model, {"u": U})["sum"], 7 + np.cumsum(U))
+
+
+def test_an_initial_value_that_does_not_fit_its_bus_is_refused(tmp_path):
+    drawn = looped(InitialCondition="struct('in', struct('q', 7))")
+    with pytest.raises(InputError, match=r"Z: its initial value has the signal in\.q, which its input lacks"):
+        imported(drawn, tmp_path)
+
+
+def test_a_held_bus_keeps_its_signals(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.block("ZeroOrderHold", "H", SampleTime="0.2")
+    drawn.block("BusSelector", "Pick", ports=(1, 1), OutputSignals="w.x")
+    drawn.outport("y")
+    drawn.chain("In", "H", "Pick", "y")
+    model = imported(drawn, tmp_path, parameters=[script(tmp_path)])
+    outputs = run(model, {f"In.w.x[{at}]": U * at for at in range(1, 5)})
+    np.testing.assert_allclose(outputs["y[2]"], 2 * U[[0, 0, 2, 2, 4]])

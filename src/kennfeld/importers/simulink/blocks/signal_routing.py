@@ -156,7 +156,7 @@ def _divide_evenly(size: int, count: int) -> list[int]:
     return [size // count + (at < size % count) for at in range(count)] if count else []
 
 
-@block("BusCreator", Inputs="2")
+@block("BusCreator", routes=True, Inputs="2")
 def bus_creator(block: BlockContext) -> SignalOrBus:
     """Collect the inputs to a bus, named after their lines, or as its bus object specifies."""
     labels = [block.flat.input_names.get(at, "") for at in range(block.input_count)]
@@ -199,7 +199,7 @@ def _member_of(wired: SignalOrBus, path: str) -> SignalOrBus:
     return wired
 
 
-@block("BusAssignment", AssignedSignals="")
+@block("BusAssignment", routes=True, AssignedSignals="")
 def bus_assignment(block: BlockContext) -> SignalOrBus:
     """Replace signals of a bus."""
     bus = block.bus()

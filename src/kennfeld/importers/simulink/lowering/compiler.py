@@ -95,7 +95,8 @@ class BlockCompiler(LoweringPass):
         """Return the outputs of a block, None if it or its inputs are not supported."""
         if kind is None:
             self.failures.note(flat, *unsupported_reason(flat), flat.undefined)
-        elif any(not wired.sound for wired in self.known_inputs(flat)):
+        # the names of a bus are known whether its signals are supported or not; a delay in a loop depends on them
+        elif not kind.routes and any(not wired.sound for wired in self.known_inputs(flat)):
             self._report_undefined(flat, kind)
         else:
             with self.failures.note_errors(flat):

@@ -20,6 +20,7 @@ from kennfeld.importers.simulink.variables.data_types import BusElement, BusType
 
 Key: TypeAlias = tuple[FlatBlock, int | str]  # a block and the number of its state, or the name of its input
 Shape: TypeAlias = tuple[int, ...]
+BusNames: TypeAlias = "tuple[tuple[str, BusNames], ...]"  # of the signals of a bus, () for a signal
 
 _MAX_SUGGESTED_SIZE = 1000
 
@@ -40,14 +41,21 @@ class RequiredShape:
 class InferredAttributes:
     """Attributes found in an earlier pass: shapes of states and sample times of their blocks.
 
-    `wished` are shapes that no input determined but a block downstream requires.
+    `wished` are shapes that no input determined but a block downstream requires, `buses` the signals of buses in states.
     """
 
     shapes: dict[Key, Shape] = field(default_factory=dict)
     periods: dict[FlatBlock, float] = field(default_factory=dict)
     taken: frozenset[str] = frozenset()
     wished: dict[Key, RequiredShape] = field(default_factory=dict)
+    buses: dict[FlatBlock, BusNames] = field(default_factory=dict)
     changed: bool = False
+
+    def bus(self, flat: FlatBlock, names: BusNames) -> None:
+        """Record the signals of a bus that a block delays for the next pass."""
+        if self.buses.get(flat) != names:
+            self.buses[flat] = names
+            self.changed = True
 
     def shape(self, key: Key, shape: Shape) -> None:
         """Record the shape of a state for the next pass."""
