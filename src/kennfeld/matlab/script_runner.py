@@ -296,6 +296,10 @@ class _ScriptRunner(NumericEvaluator):
             self.base()._store(m.Name(name), value, statement)
         return True
 
+    def buses(self) -> Mapping[str, v.Value]:
+        # buses of a function are variables of the base workspace
+        return {**self.base().variables, **self.variables}
+
     def base(self) -> "_ScriptRunner":
         """Return the runner of the outermost script, whose variables are the base workspace."""
         return self if self.caller is None else self.caller.base()

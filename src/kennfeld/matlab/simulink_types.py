@@ -31,6 +31,8 @@ _PROPERTIES: Mapping[str, Mapping[str, v.Value]] = {
 }  # fmt: skip
 _MODE: Final = "Fixed-point: "
 _MOST_BITS: Final = 128
+_MAX_DEPTH: Final = 50
+_MAX_ZEROS: Final = 1_000_000
 
 
 def type_properties(kind: str) -> dict[str, v.Value]:
@@ -106,3 +108,43 @@ def fixed_point_object(arguments: Sequence[v.Value]) -> v.MatlabStruct:
             fields |= {"Slope": v.scalar(total), "Bias": v.scalar(bias)}
     return v.MatlabStruct.of({**type_properties(NUMERIC_TYPE), "DataTypeMode": v.characters(_MODE + mode), **fields},
                              NUMERIC_TYPE)  # fmt: skip
+
+
+def struct_of_bus(name: str, variables: Mapping[str, v.Value], known: v.Value | None, depth: int = 0) -> v.MatlabStruct:
+    """Return the struct of zeros that `Simulink.Bus.createMATLABStruct(name, known)` creates.
+
+    Args:
+        name: name of a bus.
+        variables: the buses by name.
+        known: a struct of values that differ from 0, or None.
+        depth: number of buses around it.
+
+    Raises:
+        MatlabValueError: The bus, or one within it, is not defined or contains itself.
+    """
+    name = name.removeprefix("Bus:").strip()
+    bus = variables.get(name)
+    if not isinstance(bus, v.MatlabStruct) or bus.kind != BUS:
+        raise v.MatlabValueError(f"the bus {name[:60]} is not defined")
+    if depth > _MAX_DEPTH:
+        raise v.MatlabValueError(f"the bus {name[:60]} contains itself")
+    values = known.fields if isinstance(known, v.MatlabStruct) else {}
+    elements = bus.fields.get("Elements")
+    fields: dict[str, v.Value] = {}
+    for element in elements.elements.ravel(order="F") if isinstance(elements, v.MatlabStruct) else ():
+        key, kind = v.text(element["Name"]), v.text(element["DataType"])
+        inner = variables.get(kind.removeprefix("Bus:").strip())
+        if isinstance(inner, v.MatlabStruct) and inner.kind == BUS:
+            fields[key] = struct_of_bus(kind, variables, values.get(key), depth + 1)
+        else:
+            fields[key] = values.get(key, _zeros(element["Dimensions"]))
+    return v.MatlabStruct.of(fields)
+
+
+def _zeros(dimensions: v.Value) -> v.Array:
+    shape = [max(int(size), 1) for size in v.numbers(dimensions).ravel()] or [1]
+    # one dimension is a column in a struct
+    shape = [*shape, 1] if len(shape) == 1 else shape
+    if np.prod(shape, dtype=float) > _MAX_ZEROS:
+        raise v.MatlabValueError(f"an element of {np.prod(shape, dtype=float):g} numbers is too large")
+    return np.zeros(shape)

@@ -41,7 +41,8 @@ class RequiredShape:
 class InferredAttributes:
     """Attributes found in an earlier pass: shapes of states and sample times of their blocks.
 
-    `wished` are shapes that no input determined but a block downstream requires, `buses` the signals of buses in states.
+    `wished` are shapes that no input determined but a block downstream requires, `buses` the signals of the buses that
+    states hold.
     """
 
     shapes: dict[Key, Shape] = field(default_factory=dict)
