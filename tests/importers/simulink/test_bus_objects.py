@@ -441,3 +441,17 @@ def test_a_held_bus_keeps_its_signals(tmp_path):
     model = imported(drawn, tmp_path, parameters=[script(tmp_path)])
     outputs = run(model, {f"In.w.x[{at}]": U * at for at in range(1, 5)})
     np.testing.assert_allclose(outputs["y[2]"], 2 * U[[0, 0, 2, 2, 4]])
+
+
+def test_a_bus_assignment_behind_an_unsupported_block_is_not_reached(tmp_path):
+    drawn = fixed_step()
+    drawn.inport("u")
+    drawn.block("S-Function", "S", ports=(1, 1))
+    drawn.block("BusAssignment", "Put", ports=(2, 1), AssignedSignals="v")
+    drawn.outport("y")
+    drawn.line("u", "S", "Put:2")
+    drawn.line("S", "Put:1")
+    drawn.chain("Put", "y")
+    report = import_simulink(drawn.write(tmp_path)).report
+    assert [block.path for block in report.unsupported] == ["S"]
+    assert report.unreached == ("Put", "y")

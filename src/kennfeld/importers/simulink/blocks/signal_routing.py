@@ -203,6 +203,9 @@ def _member_of(wired: SignalOrBus, path: str) -> SignalOrBus:
 def bus_assignment(block: BlockContext) -> SignalOrBus:
     """Replace signals of a bus."""
     bus = block.bus()
+    if isinstance(bus, Signal) and not bus.sound:
+        # behind an unsupported block nothing is known of the bus itself
+        return bus
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
         # raises an error if the bus has no such signal, which `_set_member` would add
         old, new = _member_of(bus, path.strip()), block.input_or_bus(at)
