@@ -222,10 +222,11 @@ def test_an_array_of_buses_has_numbered_elements(tmp_path):
     assert "In.w(2).x[3]" in model.graph.inputs
 
 
-def test_the_sum_of_the_elements_of_an_inherited_width_says_so(tmp_path):
+@pytest.mark.parametrize(("kind", "inputs"), [("Sum", "+"), ("Product", "*"), ("MinMax", "1")])
+def test_a_result_of_all_elements_of_an_inherited_width_says_so(kind, inputs, tmp_path):
     drawn = fixed_step()
     drawn.inport("u")
-    drawn.block("Sum", "S", ports=(1, 1), Inputs="+")
+    drawn.block(kind, "S", ports=(1, 1), Inputs=inputs)
     drawn.outport("y")
     drawn.chain("u", "S", "y")
     report = import_simulink(drawn.write(tmp_path)).report
@@ -455,3 +456,12 @@ def test_a_bus_assignment_behind_an_unsupported_block_is_not_reached(tmp_path):
     report = import_simulink(drawn.write(tmp_path)).report
     assert [block.path for block in report.unsupported] == ["S"]
     assert report.unreached == ("Put", "y")
+
+
+@pytest.mark.parametrize("written", ["Bus: B", "B", ""])
+def test_the_reason_of_an_unknown_bus_is_what_its_port_says(written, tmp_path):
+    drawn = selecting()
+    drawn.blocks[0].parameters["OutDataTypeStr"] = written
+    remarks = [str(finding) for finding in import_simulink(drawn.write(tmp_path)).report.remarks]
+    reason = "the bus B is not defined" if written else "its port does not name a bus object"
+    assert any(f"width of In.v is unknown, assumed 1: {reason}" in remark for remark in remarks)

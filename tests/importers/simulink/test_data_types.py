@@ -62,6 +62,9 @@ def scope_of(folder, text=TYPES, *others):
         ("fixdt(1, Missing, 4)", UndefinedType("fixdt(1, Missing, 4)")),
         ("Inherit: Inherit via internal rule", None),
         ("Enum: Gear", None),
+        ("Same as input", None),
+        ("All ports same datatype", None),
+        ("Logical (see Configuration Parameters: Optimization)", None),
     ],
 )
 def test_types_are_read_by_name_expression_and_object(written, expected, tmp_path):

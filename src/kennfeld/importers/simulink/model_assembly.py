@@ -40,7 +40,7 @@ class NodeNames:
         needed, waiting = set[int](), list(map(self.visible.get, self.outputs))
         while waiting:
             node = waiting.pop()
-            if node is None or node in needed:
+            if node is None or node < 0 or node in needed:
                 continue
             needed.add(node)
             op, args, payload = nodes[node]

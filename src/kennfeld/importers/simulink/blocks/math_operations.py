@@ -148,7 +148,10 @@ def sign_operation(block: BlockContext) -> SignalOrBus:
 def minmax(block: BlockContext) -> SignalOrBus:
     """Compute the minimum or maximum of the inputs, or of the elements of a single input."""
     op = block.option("Function", "min", "max")
-    return block.reduce(op, block.inputs if block.input_count > 1 else block.input().elements)
+    if block.input_count > 1:
+        return block.reduce(op, block.inputs)
+    block.warn_of_unknown_width(block.input())
+    return block.reduce(op, block.input().elements)
 
 
 @block("Math", output=ARITHMETIC, Operator="exp", SampleTime="-1")

@@ -10,6 +10,7 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
+from kennfeld.importers.simulink.lowering.pass_state import undefined_reason
 from kennfeld.importers.simulink.lowering.registry import field_text
 from kennfeld.importers.simulink.lowering.type_effects import saturation_limits
 from kennfeld.importers.simulink.signals import (
@@ -25,7 +26,7 @@ from kennfeld.importers.simulink.signals import (
     constant,
     select,
 )
-from kennfeld.importers.simulink.variables.data_types import DataType, output_type
+from kennfeld.importers.simulink.variables.data_types import DataType, UndefinedType, output_type
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
 
@@ -191,7 +192,9 @@ class BlockContext:
         arriving = self.input_or_bus(0)
         if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
             return arriving
-        return self.compiler.inputs.open_bus(source.flat, "its port does not name a bus object")
+        kind = output_type(source.flat.block, source.flat.scope)
+        why = undefined_reason(kind) if isinstance(kind, UndefinedType) else "its port does not name a bus object"
+        return self.compiler.inputs.open_bus(source.flat, why)
 
     @property
     def inputs(self) -> list[Signal]:

@@ -27,6 +27,7 @@ from kennfeld.models.imperative.integer_types import IntegerType, integer_type_n
 _BUILT_IN: Final = frozenset({"double", "single", "half", "boolean", "logical", "bool", "string", "fcn_call", "action"})
 _NO_TYPE = re.compile(r"\Z|auto\Z|Inherit\b|Enum:|Image:|Connection:|Specify\b|<|[?]|Logical \(")
 _PREFIX = re.compile(r"(?:Bus|ValueType)\s*:\s*")
+_EXPRESSION = re.compile(r"[A-Za-z][\w.]*(?:\(|\Z)")
 _NAME = re.compile(r"[A-Za-z]\w*\Z")
 _CONSTRUCTOR = re.compile(r"([su])(fix|int|frac)\(\s*(\d{1,3})\s*\)\Z")  # sfix(16) of older files
 _FLOAT = re.compile(r"float\(\s*'(\w+)'\s*\)\Z")
@@ -250,6 +251,9 @@ def _decoded_number(text: str) -> float:
 
 def _type_of_expression(written: str, scope: Scope, depth: int) -> DataType | None:
     """Return the type of an expression such as `fixdt(1, WordLength, 4)`."""
+    # anything but a call or a field is a setting, such as "Same as input"
+    if not _EXPRESSION.match(written):
+        return None
     value = _evaluate(written, scope)
     if isinstance(value, str):
         return data_type(value, scope, depth + 1)
