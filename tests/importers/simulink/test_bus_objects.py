@@ -465,3 +465,32 @@ def test_the_reason_of_an_unknown_bus_is_what_its_port_says(written, tmp_path):
     remarks = [str(finding) for finding in import_simulink(drawn.write(tmp_path)).report.remarks]
     reason = "the bus B is not defined" if written else "its port does not name a bus object"
     assert any(f"width of In.v is unknown, assumed 1: {reason}" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(("kind", "field"), [("SignalSpecification", "Dimensions"), ("Outport", "PortDimensions")])
+def test_specified_dimensions_must_be_those_of_the_signal(kind, field, tmp_path):
+    drawn = fixed_step()
+    drawn.inport("In", OutDataTypeStr="Bus: B")
+    drawn.block("BusSelector", "Pick", ports=(1, 1), OutputSignals="v")
+    if kind == "Outport":
+        drawn.outport("y", PortDimensions="4")
+        drawn.chain("In", "Pick", "y")
+    else:
+        drawn.block(kind, "y", ports=(1, 1), Dimensions="4")
+        drawn.outport("z")
+        drawn.chain("In", "Pick", "y", "z")
+    message = rf"y: its input has size 3, but its {field} specifies 4; In\.v has 3 elements by the bus B of buses\.m"
+    with pytest.raises(InputError, match=message):
+        imported(drawn, tmp_path, parameters=[script(tmp_path)])
+    assert len(imported(drawn, tmp_path).graph.inputs) == 4
+
+
+def test_an_outport_of_a_bus_must_have_the_signals_of_its_object(tmp_path):
+    drawn = fixed_step()
+    drawn.block("BusCreator", "C", ports=(1, 1), Inputs="1")
+    drawn.inport("u")
+    drawn.outport("y", OutDataTypeStr="Bus: D")
+    drawn.line("u", "C", name="a")
+    drawn.chain("C", "y")
+    with pytest.raises(InputError, match=r"y: it contains a, but the bus D of buses\.m specifies a, b"):
+        imported(drawn, tmp_path, parameters=[script(tmp_path, TWO)])

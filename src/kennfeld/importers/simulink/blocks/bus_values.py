@@ -1,5 +1,6 @@
 """Buses of parameters, and buses that must be as their objects specify."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -128,12 +129,23 @@ class _BusFit:
         return dict(zip(wanted, wired.members.values(), strict=True))
 
     def _fit_signal(self, template: Signal, signal: Signal, path: str) -> Signal:
-        if signal.size == template.size:
-            return replace(signal, nodes=fit_to_shape(signal.nodes, template.shape))
-        is_open = signal.width is None or signal.width.key is not None
-        if signal.size == 1 and (self.fill or is_open):
-            # no valid model widens a scalar here: its width is not known yet, or only this object tells it
-            self.block.compiler.shapes.wish(signal, self.block.flat, template.shape, self.block.flat.path, certain=True)
-            return replace(signal, nodes=fit_to_shape(signal.nodes, template.shape), width=None)
-        sizes = f"has size {size_text(signal.shape)}, but {self.bus} specifies {size_text(template.shape)}"
-        raise UnsupportedError(f"its element {path} {sizes}{width_notes(signal)}")
+        return fit_to_dimensions(self.block, signal, template.shape, f"its element {path}", str(self.bus), self.fill)
+
+
+def fit_to_dimensions(
+    block: BlockContext, signal: Signal, shape: tuple[int, ...], name: str, source: str, fill: bool = False
+) -> Signal:
+    """Return a signal in the dimensions that `source` specifies for it.
+
+    Raises:
+        UnsupportedError: if it has another size; the message calls it `name`.
+    """
+    if signal.size == math.prod(shape):
+        return replace(signal, nodes=fit_to_shape(signal.nodes, shape))
+    is_open = signal.width is None or signal.width.key is not None
+    if signal.size == 1 and (fill or is_open):
+        # no valid model widens a scalar here: its width is not known yet, or only this source tells it
+        block.compiler.shapes.wish(signal, block.flat, shape, block.flat.path, certain=True)
+        return replace(signal, nodes=fit_to_shape(signal.nodes, shape), width=None)
+    sizes = f"has size {size_text(signal.shape)}, but {source} specifies {size_text(shape)}"
+    raise UnsupportedError(f"{name} {sizes}{width_notes(signal)}")

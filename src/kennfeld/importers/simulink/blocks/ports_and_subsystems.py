@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, fit_to_dimensions
 from kennfeld.importers.simulink.blocks.continuous import reset_signal
 from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, SignalSource, resets_on_enable
 from kennfeld.importers.simulink.lowering import (
@@ -24,6 +25,7 @@ from kennfeld.importers.simulink.reader.block_ports import port_number
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, join_path, split_path
 from kennfeld.importers.simulink.signals import (
     CONTINUOUS,
+    Bus,
     ExternalBus,
     InputWidth,
     Signal,
@@ -90,10 +92,30 @@ def _call_every_step(block: BlockContext) -> SignalOrBus:
 def result(block: BlockContext) -> SignalOrBus:
     """Pass on a result of the model; of a bus whose object is unknown, it is a single signal."""
     wired = block.input_or_bus(0)
-    return wired.signal if isinstance(wired, ExternalBus) and not wired.members else wired
+    wired = wired.signal if isinstance(wired, ExternalBus) and not wired.members else wired
+    return _as_specified(block, wired, "PortDimensions")
 
 
-@block("SignalConversion", "SignalSpecification", output=LIKE_INPUT)
+@block("SignalSpecification", output=LIKE_INPUT, Dimensions="-1")
+def signal_specification(block: BlockContext) -> SignalOrBus:
+    """Pass on a signal of the specified dimensions, which an inherited width of an input takes over."""
+    return _as_specified(block, block.input_or_bus(0), "Dimensions")
+
+
+def _as_specified(block: BlockContext, wired: SignalOrBus, field: str) -> SignalOrBus:
+    """Return a signal in the dimensions of a field, or a bus as its object specifies."""
+    if isinstance(block.output_type, BusType) and isinstance(wired, Bus):
+        return fit_to_bus(block, block.output_type, wired)
+    shape = tuple(int(n) for n in block.numeric_array(field, "-1").ravel() if n > 0)
+    if shape and isinstance(wired, ExternalBus) and not wired.members:
+        # what has dimensions is not a bus
+        wired = wired.signal
+    if not shape or not isinstance(wired, Signal):
+        return wired
+    return fit_to_dimensions(block, wired, shape, "its input", f"its {field}")
+
+
+@block("SignalConversion", output=LIKE_INPUT)
 @block("Environment Controller", linked=True)  # its first input is the one used in simulation
 def pass_on(block: BlockContext) -> SignalOrBus:
     """Pass on the first input."""
