@@ -113,6 +113,7 @@ def _look_up(
     except (UnsupportedError, ArgumentError):
         return None
     shape = tuple(points.size for points, _ in axes)
+    # MATLAB stores a curve as a row or a column
     values = table.values.ravel() if len(shape) == 1 else table.values
     if values.shape != shape:
         return None
@@ -215,6 +216,7 @@ class _Call:
         return body.state.kept.get(key)
 
     def _run(self, body: StatementInterpreter) -> tuple[SymbolicValue, ...]:
+        # the limit on statements is one for each run, of which there are several while variables are found
         self.context.statements = 0
         before = dict(body.state.kept)
         results = body.call(self.function, self.arguments, len(self.function.results), _BLOCK)

@@ -168,6 +168,7 @@ class ModelImport:
     def _attempt(self) -> BlockCompiler:
         """Lower the outputs, and recorded signals too if they are supported."""
         flat = self.flat
+        # recorded signals are a bonus: one that is not supported must not stop the outputs
         compiler = self._compile(flat.results)
         if not flat.outports and not flat.recorded and self._has_failures(compiler):
             compiler = self._compile_displays(compiler)
@@ -199,6 +200,7 @@ class ModelImport:
             raise InputError.of(Location(self.path.name, path=error.place), error.message, error.remedy) from None
 
     def _make_compiler(self, guesses: InferredAttributes) -> BlockCompiler:
+        # the limit on operations counts all passes, of which each begins a graph of its own
         self._asked_before = self.asked
         compiler = self._last = BlockCompiler(self.flat, self.clock, self.promote, self._bound_signals, guesses)
         compiler.files = self.files
@@ -299,6 +301,7 @@ class ModelImport:
 
 def _unknown_widths(compiler: BlockCompiler) -> Iterator[Finding]:
     """Yield a finding for the signals of buses whose width is unknown for the same reason."""
+    # one missing object may leave the widths of hundreds of signals open
     groups: dict[tuple[int, str, str], list[InputWidth]] = {}
     for width in compiler.inputs.widths.values():
         groups.setdefault((width.size, width.why, width.required_by), []).append(width)

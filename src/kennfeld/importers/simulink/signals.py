@@ -135,6 +135,7 @@ class Signal:
 
 def apply(op: str, *args: Signal | float) -> Signal:
     """Apply a graph operation element by element; scalars are broadcast, numbers are constants."""
+    # handlers mix signals with plain numbers, which know no graph
     builder = next(arg.builder for arg in args if isinstance(arg, Signal) and arg.builder is not None)
     spread = broadcast(*(arg if isinstance(arg, Signal) else constant(builder, arg) for arg in args))
     nodes = elementwise(builder, op, *(signal.nodes for signal in spread))
@@ -165,6 +166,7 @@ def select(condition: Signal, yes: Signal | float, no: Signal | float) -> Signal
 
 def select_by_index(index: Signal, values: Sequence[Signal], first: float) -> Signal:
     """Return the first value if the index is below `first`, the second if it is below `first` + 1, and so on."""
+    # from the last to the first, so that an index beyond the end selects the last value
     result = values[-1]
     for at in reversed(range(len(values) - 1)):
         result = select(index < at + first, values[at], result)
@@ -185,6 +187,7 @@ def interpolate_line(x: Signal, xs: Sequence[Signal], ys: Sequence[Signal]) -> S
 
 def clip(x: Signal, lower: Signal, upper: Signal) -> Signal:
     """Limit a signal; infinite limits have no effect."""
+    # an infinite limit would only add a node and a kink for derivatives
     if not _is_constant(lower, -math.inf):
         x = apply("max", x, lower)
     return x if _is_constant(upper, math.inf) else apply("min", x, upper)
@@ -276,6 +279,7 @@ def map_members(rule: Callable[..., Signal], mismatch: str, *wired: SignalOrBus,
     buses = [item for item in plain if isinstance(item, Bus)]
     if not buses:
         return rule(*plain)
+    # Simulink compares virtual buses by name, but stores others by position, which `ordered` stands for
     names = [list(bus.members) if ordered else set(bus.members) for bus in buses]
     if len(buses) < len(plain) or any(others != names[0] for others in names):
         raise EvaluationError(mismatch)

@@ -44,6 +44,7 @@ def _traced_types(source: SignalSource | None, stated: Callable[[FlatBlock], T |
         if pending.flat in seen:
             continue
         seen.add(pending.flat)
+        # a specified type ends the search, even at a block that would pass on that of its input
         kind, passed = stated(pending.flat), _type_inputs(pending.flat)
         if kind is None and passed:
             inputs = pending.flat.inputs
@@ -87,6 +88,7 @@ def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
     """Return the common type; if rounding or overflow differ, round down and wrap."""
     if len(types) == 1:
         return types.pop()
+    # a Switch of int8 signals is int8, however each of them was rounded
     plain = {(integer_type.bits, integer_type.signed) if integer_type is not None else None for integer_type in types}
     only = plain.pop() if len(plain) == 1 else None
     return IntegerType(*only) if only is not None else None

@@ -64,6 +64,7 @@ class LoweringPass(ABC):
         self.contents = DataStores(self.memories, self.stores, self.signal)
         self.needs = BlockDependencies(self.feedthrough, self.remembers, self.stores, self.failures)
         self.visits = BuildOrder(self.builder, self.needs, agenda, self.build)
+        # a count that a signal determines is known only here, and the model is flattened with it once more
         self.counts: dict[str, int] = {}  # iterations that inputs require, by subsystem path
         self.warnings: dict[str, None] = {}
         self.files = FunctionFiles(())
@@ -87,6 +88,7 @@ class LoweringPass(ABC):
         if source.flat not in self.visits.values:
             raise UnsupportedError(f"its input from {source.flat.path} is computed after it")
         outputs = self.visits.values[source.flat]
+        # only a forward integrator knows its state before its input; others would need the state of this step
         if source.port == STATE_PORT and source.flat.type != "DiscreteIntegrator" and outputs[-1].sound:
             self.failures.note(source.flat, "its state port is used, which is not supported")
             return placeholder_signal(self.builder)

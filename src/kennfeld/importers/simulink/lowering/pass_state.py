@@ -132,6 +132,7 @@ class ModelInputs(dict[str, FlatBlock | None]):
 
     def open_signal(self, flat: FlatBlock, name: str, why: str) -> Signal:
         """Return an input whose width is unknown: a scalar, or as wide as a block downstream requires."""
+        # by name as well, since each signal of a bus has a shape of its own
         key: Key = (flat, name)
         shape, required = self.guesses.shapes.get(key, (1,)), self.guesses.wished.get(key)
         path = required.path if required is not None else ""

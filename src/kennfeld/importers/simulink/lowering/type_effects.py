@@ -42,6 +42,7 @@ def _type_of_readers(flat: FlatBlock, readers: Readers) -> FixedPointType | None
     """Return the type that all readers of a signal require of it, None if one of them does not state a type."""
     kinds = set()
     for reader in readers(flat):
+        # what only displays a signal accepts any type
         if reader.type in BLOCK_TYPES and BLOCK_TYPES[reader.type].sink and reader.type != "Outport":
             continue
         kinds.add(output_type(reader.block, reader.scope) if reader.type in _STATES_TYPE else None)
@@ -51,6 +52,7 @@ def _type_of_readers(flat: FlatBlock, readers: Readers) -> FixedPointType | None
 
 def saturation_limits(flat: FlatBlock, readers: Readers) -> tuple[float, float] | None:
     """Return the smallest and largest value of the type to which a block converts, None if values are not limited."""
+    # the type of an inport or a constant says what values are, it does not change them
     if not is_saturating(flat) or output_type_of(flat).states:
         return None
     kind = converted_type(flat, readers)
@@ -59,6 +61,7 @@ def saturation_limits(flat: FlatBlock, readers: Readers) -> tuple[float, float] 
 
 def ignored_effects(blocks: Iterable[FlatBlock], readers: Readers) -> tuple[str, ...]:
     """Return a sentence on each effect of types that is ignored, with the blocks in which Simulink has it."""
+    # a model may have thousands of such blocks: a sentence for each kind, not for each block
     named: dict[str, dict[str, None]] = {}
     for flat in blocks:
         if effect := _ignored_effect(flat, readers):

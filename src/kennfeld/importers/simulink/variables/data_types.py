@@ -156,7 +156,7 @@ def _type_of_older_fields(block: ModelBlock, scope: Scope) -> DataType | None:
 
 def _type_of_object(name: str, variable: Variable, scope: Scope, depth: int) -> DataType | None:
     if not isinstance(variable.value, Mapping) or not variable.kind:
-        # a text is the name of a type; any other value defines none
+        # a mask or a script may keep the name of a type in a text; any other value defines none
         text = variable.value
         return data_type(text, scope, depth + 1) if isinstance(text, str) else UndefinedType(name)
     properties = _Properties(variable.value)
@@ -214,6 +214,7 @@ def _numeric_type(properties: _Properties, scope: Scope, depth: int) -> DataType
     mode = properties.text("DataTypeMode", "Double").casefold()
     if not mode.startswith("fixed-point"):
         return data_type(mode, scope, depth + 1)
+    # properties that a file does not store have the defaults of a new object
     bits = properties.number("WordLength", scope, 16)
     if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
         return None
