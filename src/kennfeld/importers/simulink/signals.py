@@ -279,7 +279,6 @@ def map_members(rule: Callable[..., Signal], mismatch: str, *wired: SignalOrBus,
     buses = [item for item in plain if isinstance(item, Bus)]
     if not buses:
         return rule(*plain)
-    # Simulink compares virtual buses by name, but stores others by position, which `ordered` stands for
     names = [list(bus.members) if ordered else set(bus.members) for bus in buses]
     if len(buses) < len(plain) or any(others != names[0] for others in names):
         raise EvaluationError(mismatch)

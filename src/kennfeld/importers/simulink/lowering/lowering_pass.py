@@ -88,7 +88,6 @@ class LoweringPass(ABC):
         if source.flat not in self.visits.values:
             raise UnsupportedError(f"its input from {source.flat.path} is computed after it")
         outputs = self.visits.values[source.flat]
-        # only a forward integrator knows its state before its input; others would need the state of this step
         if source.port == STATE_PORT and source.flat.type != "DiscreteIntegrator" and outputs[-1].sound:
             self.failures.note(source.flat, "its state port is used, which is not supported")
             return placeholder_signal(self.builder)
