@@ -94,6 +94,9 @@ def _assign_field(
         raise v.MatlabValueError(f"a {v.class_name(known)} has no field {name}")
     if known.elements.size != 1:
         raise v.MatlabValueError(f"expected one struct, got {known.elements.size}")
+    if known.kind and name not in known.names:
+        # the properties of an object, unlike the fields of a struct, are found in any case
+        name = next((other for other in known.names if other.casefold() == name.casefold()), name)
     evaluator.budget.allocate(_COPY * len(known.names))
     inner = _assign_part(evaluator, known.fields.get(name), rest, value, owned=False)
     return v.MatlabStruct.of({**known.fields, name: inner}, known.kind)

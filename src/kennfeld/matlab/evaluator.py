@@ -24,11 +24,13 @@ from kennfeld.matlab.operators import (
 )
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.simulink_objects import ENUMERATION, construct_object, is_constructor
+from kennfeld.matlab.simulink_types import BUS, struct_of_bus
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import access_chain, names_read
 
 HostFunction = Callable[..., Any]
 _SHORT = ("&&", "||")
+_STRUCT_OF_BUS = f"{BUS}.createMATLABStruct"
 _CLASSES = {
     f"{sign}{bits}": f"{name}{bits}" for sign, name in (("u", "uint"), ("s", "int")) for bits in (8, 16, 32, 64)
 }
@@ -267,10 +269,12 @@ class NumericEvaluator:
         path, at = base.name, 0
         while at < len(steps) and isinstance(field := steps[at], m.Field):
             path, at = f"{path}.{field.name}", at + 1
-            if is_constructor(path):
-                behind = steps[at] if at < len(steps) else None
+            behind = steps[at] if at < len(steps) else None
+            # a function of a class, such as Simulink.Bus.createMATLABStruct, has its name behind that of the class
+            if path == _STRUCT_OF_BUS or (is_constructor(path) and not (path == BUS and isinstance(behind, m.Field))):
                 known = self.flat_values(behind.arguments) if isinstance(behind, m.Call) else []
-                return [construct_object(path, known)], at + isinstance(behind, m.Call)
+                created = self._create_object(path, known, base.place)
+                return [created], at + isinstance(behind, m.Call)
         call = steps[0] if steps and isinstance(steps[0], m.Call) else None
         arguments = self.flat_values(call.arguments) if call is not None else []
         if not self.knows(base.name):
@@ -279,6 +283,22 @@ class NumericEvaluator:
             raise MatlabError.at(self.name, base.place, message, remedy)
         used = 0 if call is None else 1
         return self.call(base.name, arguments, outputs if len(steps) == used else 1, base.place), used
+
+    def _create_object(self, path: str, arguments: Sequence[v.Value], place: m.TextPosition) -> v.Value:
+        """Create an object of a class, or the struct of a bus."""
+        if path != _STRUCT_OF_BUS:
+            return construct_object(path, arguments)
+        try:
+            # a third argument makes an array of structs
+            if not 1 <= len(arguments) <= 2:
+                raise v.MatlabValueError("the name of a bus and at most a struct of values are supported")
+            return struct_of_bus(v.text(arguments[0]), self.buses(), arguments[1] if len(arguments) > 1 else None)
+        except v.MatlabValueError as error:
+            raise MatlabError.at(self.name, place, f"{path}: {error}") from None
+
+    def buses(self) -> Mapping[str, v.Value]:
+        """The variables among which buses are looked up by their names."""
+        return self.variables
 
     def knows(self, name: str) -> bool:
         """Return True if a function of this name exists."""

@@ -22,6 +22,7 @@ from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
 from kennfeld.matlab.script_files import Files, ScriptFiles
 from kennfeld.matlab.simulink_objects import define_enumeration
+from kennfeld.matlab.simulink_types import buses_of_cells
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import access_chain, assigned_path, paths_assigned
 
@@ -133,6 +134,7 @@ class _ScriptRunner(NumericEvaluator):
     ) -> None:
         super().__init__(variables, functions, shared.budget, name)
         self.shared = shared
+        self.caller: _ScriptRunner | None = None
         self.local: dict[str, m.FunctionDefinition] = {}
         self.comments: dict[str, str] = {}
         self.lines: dict[str, int] = {}
@@ -154,6 +156,8 @@ class _ScriptRunner(NumericEvaluator):
             if not tree.statements and tree.functions:
                 first = tree.functions[0]  # of a file of functions
                 # as MATLAB runs a file of functions; one with parameters can only be called
+                if first.parameters == ("varargin",):
+                    self.call(first.name, (), 0, self.place)
                 self.body(() if first.parameters else first.body)
             self.body(tree.statements)
         except _JumpError:
@@ -274,21 +278,31 @@ class _ScriptRunner(NumericEvaluator):
                 return
             if not steps and self._run_script_file(base.name):
                 return
-            if base.name == "Simulink" and self._define_enumeration(steps, statement):
+            if base.name == "Simulink" and self._define_types(steps, statement):
                 return
         self.values(statement.expression, 0)
 
-    def _define_enumeration(self, steps: Sequence[m.Expression], statement: m.Evaluate) -> bool:
-        """Return True if a statement defines an enumeration, stored as a struct of its members."""
-        first, second = steps if len(steps) == 2 else (None, None)
-        if not isinstance(first, m.Field) or first.name != "defineIntEnumType" or not isinstance(second, m.Call):
+    def _define_types(self, steps: Sequence[m.Expression], statement: m.Evaluate) -> bool:
+        """Return True if a statement defines an enumeration or buses, which are variables of the base workspace."""
+        path, call = [step.name for step in steps if isinstance(step, m.Field)], steps[-1] if steps else None
+        define = _DEFINITIONS.get(".".join(path))
+        if define is None or not isinstance(call, m.Call) or len(steps) != len(path) + 1:
             return False
         try:
-            name, members = define_enumeration(self.flat_values(second.arguments))
+            types = define(self.flat_values(call.arguments))
         except v.MatlabValueError as error:
-            raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
-        self._store(m.Name(name), members, statement)
+            raise MatlabError.at(self.name, statement.place, f"Simulink.{'.'.join(path)}: {error}") from None
+        for name, value in types.items():
+            self.base()._store(m.Name(name), value, statement)
         return True
+
+    def buses(self) -> Mapping[str, v.Value]:
+        # buses of a function are variables of the base workspace
+        return {**self.base().variables, **self.variables}
+
+    def base(self) -> "_ScriptRunner":
+        """Return the runner of the outermost script, whose variables are the base workspace."""
+        return self if self.caller is None else self.caller.base()
 
     def _is_user_function(self, name: str) -> bool:
         return name in self.functions or name in self.local
@@ -394,7 +408,7 @@ class _ScriptRunner(NumericEvaluator):
 
     def inner(self, variables: dict[str, v.Value]) -> "_ScriptRunner":
         runner = _ScriptRunner(variables, self.functions, self.shared, self.name)
-        runner.local = self.local
+        runner.local, runner.caller = self.local, self
         # a failure in a function reaches the `try` of its caller
         runner.trying = self.trying
         return runner
@@ -476,9 +490,29 @@ def _assert(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPositi
 def _assignin(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition) -> None:
     if len(arguments) != 3:
         raise v.MatlabValueError("assignin requires a workspace, a name and a value")
-    runner.variables[v.text(arguments[1])] = arguments[2]
+    # any other workspace is that of the caller
+    to_base = v.text(arguments[0]) == "base"
+    target = runner.base() if to_base else runner.caller or runner
+    name = v.text(arguments[1])
+    target.variables[name] = arguments[2]
+    target.define(name)
 
 
+def _enumeration(arguments: Sequence[v.Value]) -> dict[str, v.MatlabStruct]:
+    name, members = define_enumeration(arguments)
+    return {name: members}
+
+
+def _buses(arguments: Sequence[v.Value]) -> dict[str, v.MatlabStruct]:
+    if not arguments:
+        raise v.MatlabValueError("a list of buses is required")
+    return buses_of_cells(arguments[0])
+
+
+_DEFINITIONS: dict[str, Callable[[Sequence[v.Value]], dict[str, v.MatlabStruct]]] = {
+    "defineIntEnumType": _enumeration,
+    "Bus.cellToObject": _buses,
+}
 _STATEMENTS: dict[str, Callable[[_ScriptRunner, Sequence[Any], m.TextPosition], None]] = {
     "load": _load,
     "run": _run,

@@ -1,4 +1,4 @@
-"""The objects of parameter scripts: Simulink.Parameter, LookupTable, Breakpoint, Signal and variants.
+"""The objects of parameter scripts: Simulink.Parameter, LookupTable, Breakpoint, Signal, variants and data types.
 
 In a script they are structs with the name of their class; `to_calibration_parameter` converts them for a calibration.
 """
@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab import values as v
+from kennfeld.matlab.simulink_types import ALIAS_TYPE, type_properties
 
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"
 ENUMERATION = "Simulink.IntEnumType"
@@ -27,7 +28,7 @@ _PLAIN: Mapping[str, v.Value] = {
     "DataType": v.characters("auto"),
 }  # fmt: skip
 _KINDS = frozenset(
-    {"Parameter", "Signal", "LookupTable", "Breakpoint", "Bus", "BusElement", "NumericType", "AliasType"}
+    {"Parameter", "Signal", "LookupTable", "Breakpoint", "Bus", "BusElement", "NumericType", "AliasType", "ValueType"}
     | {"Variant", "VariantExpression", "VariantControl"}
 )
 _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", "canlib", "lookuptable"})
@@ -76,7 +77,7 @@ def construct_object(path: str, arguments: Sequence[v.Value]) -> v.MatlabStruct:
             if isinstance(name, np.ndarray) and name.dtype.kind == "U" and v.text(name) in fields:
                 fields[v.text(name)] = value
         return v.MatlabStruct.of(fields, path)
-    first = "Condition" if path in _VARIANTS else "Value"
+    first = "Condition" if path in _VARIANTS else "BaseType" if path == ALIAS_TYPE else "Value"
     if arguments and first in fields:
         fields[first] = arguments[0]
     return v.MatlabStruct.of(fields, path)
@@ -121,7 +122,7 @@ def default_properties(kind: str) -> dict[str, v.Value]:
         # -1: inherited
         store = {"InitialValue": _NO_TEXT, "Dimensions": v.scalar(-1.0)} if name == "Signal" else {}
         return {**fields, **store, "DocUnits": _NO_TEXT, "CoderInfo": _CODER, "StorageClass": v.characters("Auto")}
-    return {}
+    return type_properties(kind)
 
 
 def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:

@@ -106,7 +106,7 @@ def test_possible_effects_of_an_unknown_type_are_reported(tmp_path):
 def test_blocks_whose_integers_are_not_applied_are_reported(tmp_path):
     drawn = alone("Gain", Gain="3", OutDataTypeStr="int16")
     assert reported(drawn, tmp_path) == (
-        "integer types are ignored in B: Simulink rounds there, and wraps or saturates",
+        "integer types are ignored in B: Simulink rounds there, and wraps beyond their limits",
     )
     assert reported(alone("UnitDelay", OutDataTypeStr="int16"), tmp_path) == ()
 

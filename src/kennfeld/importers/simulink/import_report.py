@@ -10,7 +10,7 @@ from kennfeld.files.file_info import Table
 from kennfeld.models.import_report import ImportReport
 from kennfeld.models.quantities import CalibratableParameter, Quantity, UndefinedParameter
 
-TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
+TYPES_IGNORED = "data types are ignored, except for limits that saturate: all values are physical, in double precision"
 
 _MAX_PATHS = 3  # of blocks in a cell
 _SECTIONS = "To define them in a project file, replace nan with values in:"

@@ -15,7 +15,7 @@ from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.parameter_fields import variable_field
-from kennfeld.importers.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus, as_vector, period_of
+from kennfeld.importers.simulink.signals import CONSTANT, Bus, ExternalBus, Signal, SignalOrBus, as_vector, period_of
 from kennfeld.importers.simulink.variables.mask_scope import names_assigned_by_functions
 from kennfeld.matlab.parser import parse_script
 from kennfeld.matlab.values import MatlabStruct
@@ -113,6 +113,7 @@ def _look_up(
     except (UnsupportedError, ArgumentError):
         return None
     shape = tuple(points.size for points, _ in axes)
+    # MATLAB stores a curve as a row or a column
     values = table.values.ravel() if len(shape) == 1 else table.values
     if values.shape != shape:
         return None
@@ -145,14 +146,21 @@ def _arguments(block: BlockContext, function: m.FunctionDefinition) -> list[Symb
 
 def _input_value(block: BlockContext, at: int, name: str) -> SymbolicValue:
     """Return an input as a variable with the integer type that the block or its signal specifies."""
-    value, chart = _to_symbolic(block.input_or_bus(at)), block.flat.block.chart
+    wired, chart = block.input_or_bus(at), block.flat.block.chart
     stated = next((data.type for data in chart.data if data.name == name), "") if chart is not None else ""
+    if isinstance(wired, ExternalBus) and not wired.members and stated.startswith("Bus:"):
+        why = f"the elements of its input {name} are unknown: {wired.why}"
+        return InvalidValue(why, "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd.")
+    value = _to_symbolic(wired)
     word = matlab_word(stated) or integer_type_of(block.source(at))
     return integers(value, word) if isinstance(value, np.ndarray) else value
 
 
 def _to_symbolic(wired: SignalOrBus) -> SymbolicValue:
     """Return a signal as a variable: a vector as a column, a bus as a struct."""
+    # an element of an unknown bus is a number until something selects its elements
+    if isinstance(wired, ExternalBus) and not wired.members:
+        return wired.signal.matrix
     if isinstance(wired, Bus):
         return MatlabStruct.of({name: _to_symbolic(member) for name, member in wired.members.items()})
     return wired.matrix
@@ -208,6 +216,7 @@ class _Call:
         return body.state.kept.get(key)
 
     def _run(self, body: StatementInterpreter) -> tuple[SymbolicValue, ...]:
+        # the limit on statements is one for each run, of which there are several while variables are found
         self.context.statements = 0
         before = dict(body.state.kept)
         results = body.call(self.function, self.arguments, len(self.function.results), _BLOCK)

@@ -1,11 +1,13 @@
 """Names of graph nodes: outports first, then signal names, then block paths; each name is unique."""
 
+from functools import cached_property
+
 from kennfeld.base.errors import Location
 from kennfeld.graph import CLOCK
 from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, FlatBlock, FlatModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler
 from kennfeld.importers.simulink.reader.block_ports import port_label
-from kennfeld.importers.simulink.signals import leaf_signals
+from kennfeld.importers.simulink.signals import Bus, leaf_signals
 
 RESULTS = ("Outport", "ToWorkspace", *SINK_TYPES)
 
@@ -29,6 +31,21 @@ class NodeNames:
         for name, inport in compiler.inputs.items():
             if inport is not None:
                 self._describe(name, inport)
+        self.units |= compiler.inputs.units
+
+    @cached_property
+    def _needed(self) -> set[int]:
+        """The nodes on which outputs depend, in other steps too."""
+        nodes, states = self.compiler.builder.nodes, self.compiler.builder.states
+        needed, waiting = set[int](), list(map(self.visible.get, self.outputs))
+        while waiting:
+            node = waiting.pop()
+            if node is None or node < 0 or node in needed:
+                continue
+            needed.add(node)
+            op, args, payload = nodes[node]
+            waiting += args if op != "state" else (states[payload].init, states[payload].next)
+        return needed
 
     def _name_inner_signals(self, flat: FlatModel) -> None:
         """Name the inner signals, those with names of their own first."""
@@ -48,13 +65,17 @@ class NodeNames:
 
     def _add(self, flat: FlatBlock, port: int, name: str, prefer_path: bool = False) -> list[str]:
         names = []
-        for key, signal in leaf_signals(self.compiler.outputs(flat)[port], name):
+        wired, is_output = self.compiler.outputs(flat)[port], flat.type in RESULTS
+        for key, signal in leaf_signals(wired, name):
             for at, node in enumerate(signal.flat):
+                # of a bus within the model, which may hold hundreds of signals, only those that an output needs
+                if isinstance(wired, Bus) and not is_output and node not in self._needed:
+                    continue
                 own = key if signal.size == 1 else f"{key}[{at + 1}]"
                 # of two signals of one name, the later one takes the path of its block
                 if prefer_path and own in self.visible and self.visible[own] != node:
                     own = flat.path if signal.size == 1 else f"{flat.path}[{at + 1}]"
-                names.append(self._assign(own, node, flat, is_output=flat.type in RESULTS))
+                names.append(self._assign(own, node, flat, is_output))
         return names
 
     def _assign(self, name: str, node: int, flat: FlatBlock, is_output: bool) -> str:

@@ -1,7 +1,7 @@
 """Import of one system: flattening, solver and step, lowering, import report and model."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -23,14 +23,14 @@ from kennfeld.importers.simulink.import_report import (
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, placeholder_signal, unsupported_reason
-from kennfeld.importers.simulink.lowering.integer_signals import find_integer_conversions
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
 from kennfeld.importers.simulink.lowering.scheduling import ModelClock
+from kennfeld.importers.simulink.lowering.type_effects import ignored_effects
 from kennfeld.importers.simulink.model_assembly import NodeNames
 from kennfeld.importers.simulink.reader.model_tree import System
-from kennfeld.importers.simulink.signals import Signal, SignalOrBus
+from kennfeld.importers.simulink.signals import InputWidth, Signal, SignalOrBus, width_note
 from kennfeld.importers.simulink.solver_selection import SolverSelection
 from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
 from kennfeld.importers.simulink.variables.mask_scope import Scope
@@ -42,7 +42,7 @@ from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
 
 _MAX_LISTED = 6
-_MAX_NAMED = 3  # blocks named in a sentence
+_BUS_REMEDY = "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd."
 _MAX_ATTEMPTS = 20  # to determine nested iteration counts
 _SYNTHETIC_TYPES = (
     "ConditionalSubsystem",
@@ -168,6 +168,7 @@ class ModelImport:
     def _attempt(self) -> BlockCompiler:
         """Lower the outputs, and recorded signals too if they are supported."""
         flat = self.flat
+        # recorded signals are a bonus: one that is not supported must not stop the outputs
         compiler = self._compile(flat.results)
         if not flat.outports and not flat.recorded and self._has_failures(compiler):
             compiler = self._compile_displays(compiler)
@@ -199,6 +200,7 @@ class ModelImport:
             raise InputError.of(Location(self.path.name, path=error.place), error.message, error.remedy) from None
 
     def _make_compiler(self, guesses: InferredAttributes) -> BlockCompiler:
+        # the limit on operations counts all passes, of which each begins a graph of its own
         self._asked_before = self.asked
         compiler = self._last = BlockCompiler(self.flat, self.clock, self.promote, self._bound_signals, guesses)
         compiler.files = self.files
@@ -250,9 +252,13 @@ class ModelImport:
             for first, later in compiler.stores.undecided_writers
         )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
-        sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
+        sentences = (*compiler.warnings, *ignored_effects(self.flat.blocks, compiler.readers))
         constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
-        warnings = (*constant, *(Finding(Location(), sentence, severity="warning") for sentence in sentences))
+        warnings = (
+            *constant,
+            *_unknown_widths(compiler),
+            *(Finding(Location(), sentence, severity="warning") for sentence in sentences),
+        )
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return SimulinkReport(
@@ -293,10 +299,15 @@ class ModelImport:
             raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
 
 
-def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
-    """Return a sentence on blocks that convert to integers, () if there are none."""
-    names = join_names(find_integer_conversions(blocks), _MAX_NAMED)
-    return (f"integer types are ignored in {names}: Simulink rounds there, and wraps or saturates",) if names else ()
+def _unknown_widths(compiler: BlockCompiler) -> Iterator[Finding]:
+    """Yield a finding for the signals of buses whose width is unknown for the same reason."""
+    # one missing object may leave the widths of hundreds of signals open
+    groups: dict[tuple[int, str, str], list[InputWidth]] = {}
+    for width in compiler.inputs.widths.values():
+        groups.setdefault((width.size, width.why, width.required_by), []).append(width)
+    for widths in groups.values():
+        message = width_note([width.name for width in widths], widths[0])
+        yield Finding(Location(), message, _BUS_REMEDY, severity="warning")
 
 
 def _output_remedy(system: System) -> str:

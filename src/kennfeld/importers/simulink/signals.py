@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from kennfeld.base.formatting import size_text
+from kennfeld.base.formatting import count_noun, join_names, size_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -15,6 +15,7 @@ from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 
 CONSTANT = math.inf
 CONTINUOUS = 0.0
+_MAX_NAMED = 3  # inputs named in a sentence
 
 
 def _operator(op: str) -> "Callable[[Signal, Signal | float], Signal]":
@@ -25,19 +26,57 @@ def _reflected_operator(op: str) -> "Callable[[Signal, float], Signal]":
     return lambda signal, other: apply(op, other, signal)
 
 
+@dataclass(frozen=True)
+class InputWidth:
+    """Origin of the width of a signal from outside of the model.
+
+    `why` says which object specifies it, or why it is unknown; `key` then identifies it for blocks that require a
+    width, and `required_by` is the path of a block that did.
+    """
+
+    name: str
+    size: int
+    why: str
+    key: Any = None
+    required_by: str = ""
+
+    @property
+    def note(self) -> str:
+        """The origin as a clause of a message."""
+        return width_note([self.name], self) if self.key else f"{self.name} has {self._elements} by {self.why}"
+
+    @property
+    def _elements(self) -> str:
+        return count_noun(self.size, "element")
+
+
+def width_note(names: Sequence[str], width: InputWidth) -> str:
+    """Return a clause on inputs of unknown width, assumed to be that of one of them."""
+    required = f", as {width.required_by} requires" if width.required_by else ""
+    return f"the width of {join_names(names, _MAX_NAMED)} is unknown, assumed {width.size}{required}: {width.why}"
+
+
+def width_notes(*signals: "Signal") -> str:
+    """Return what is known of the widths of signals, to append to a message on sizes that do not match."""
+    notes = dict.fromkeys(signal.width.note for signal in signals if signal.width is not None)
+    return "".join(f"; {note}" for note in notes)
+
+
 @dataclass(frozen=True, eq=False)
 class Signal:
     """Graph nodes in the shape of the signal: (n,) for a vector, (rows, columns) for a matrix, (1,) for a scalar.
 
     `period` is the sample time in s: 0 if it may change at any time, infinite if it is constant. `sound` is False for
-    placeholders of unsupported signals. Operators act element by element, with numbers as constants, and add nodes to
-    the graph of `builder`; comparisons give 1 or 0, and `&`, `|` and `~` are logical.
+    placeholders of unsupported signals. `width` is the origin of its width, if it is that of an input. Operators act
+    element by element, with numbers as constants, and add nodes to the graph of `builder`; comparisons give 1 or 0,
+    and `&`, `|` and `~` are logical.
     """
 
     nodes: Nodes
     period: float = CONTINUOUS
     sound: bool = True
     builder: GraphBuilder | None = None
+    width: InputWidth | None = None
 
     __array_ufunc__ = None  # a numpy number on the left leaves the operation to the signal
 
@@ -64,7 +103,7 @@ class Signal:
     @property
     def elements(self) -> "list[Signal]":
         """Scalar signals, column by column."""
-        return [replace(self, nodes=np.array([node], dtype=np.int64)) for node in self.flat]
+        return [replace(self, nodes=np.array([node], dtype=np.int64), width=None) for node in self.flat]
 
     __add__ = _operator("add")
     __sub__ = _operator("sub")
@@ -96,10 +135,13 @@ class Signal:
 
 def apply(op: str, *args: Signal | float) -> Signal:
     """Apply a graph operation element by element; scalars are broadcast, numbers are constants."""
+    # handlers mix signals with plain numbers, which know no graph
     builder = next(arg.builder for arg in args if isinstance(arg, Signal) and arg.builder is not None)
     spread = broadcast(*(arg if isinstance(arg, Signal) else constant(builder, arg) for arg in args))
     nodes = elementwise(builder, op, *(signal.nodes for signal in spread))
-    return Signal(nodes, period_of(spread), builder=builder)
+    # the result of an operation by elements has the width of an operand, except for scalars that were broadcast
+    widths = (arg.width for arg in args if isinstance(arg, Signal) and arg.shape == nodes.shape)
+    return Signal(nodes, period_of(spread), builder=builder, width=next(filter(None, widths), None))
 
 
 def broadcast(*signals: Signal) -> list[Signal]:
@@ -107,7 +149,7 @@ def broadcast(*signals: Signal) -> list[Signal]:
     shape = common_shape(*(signal.shape for signal in signals))
     if shape is None:
         sizes = ", ".join(size_text(signal.shape) for signal in signals)
-        raise EvaluationError(f"its inputs have the sizes {sizes}, which do not match")
+        raise EvaluationError(f"its inputs have the sizes {sizes}, which do not match{width_notes(*signals)}")
     return [replace(signal, nodes=fit_to_shape(signal.nodes, shape)) for signal in signals]
 
 
@@ -124,6 +166,7 @@ def select(condition: Signal, yes: Signal | float, no: Signal | float) -> Signal
 
 def select_by_index(index: Signal, values: Sequence[Signal], first: float) -> Signal:
     """Return the first value if the index is below `first`, the second if it is below `first` + 1, and so on."""
+    # from the last to the first, so that an index beyond the end selects the last value
     result = values[-1]
     for at in reversed(range(len(values) - 1)):
         result = select(index < at + first, values[at], result)
@@ -144,9 +187,15 @@ def interpolate_line(x: Signal, xs: Sequence[Signal], ys: Sequence[Signal]) -> S
 
 def clip(x: Signal, lower: Signal, upper: Signal) -> Signal:
     """Limit a signal; infinite limits have no effect."""
+    # an infinite limit would only add a node and a kink for derivatives
     if not _is_constant(lower, -math.inf):
         x = apply("max", x, lower)
     return x if _is_constant(upper, math.inf) else apply("min", x, upper)
+
+
+def limit(x: Signal, lower: float, upper: float) -> Signal:
+    """Limit a signal to numbers."""
+    return apply("min", apply("max", x, lower), upper)
 
 
 def _is_constant(signal: Signal, value: float) -> bool:
@@ -187,12 +236,13 @@ class Bus:
 class ExternalBus(Bus):
     """A bus input of the model whose signals are known only by use: each selected one is an input of its own.
 
-    `name` is its path, "engine.speed"; `node` returns the node of an input. `members` are signals that were replaced.
-    Used as a signal, it is a scalar input.
+    `name` is its path, "engine.speed"; `create` returns the signal of an input; `why` is the reason why its elements
+    are unknown. `members` are signals that were replaced. Used as a signal, it is a single input.
     """
 
     name: str = ""
-    node: Callable[[str], int] = lambda name: -1
+    create: Callable[[str], Signal] = lambda name: Signal(np.array([-1]))
+    why: str = ""
 
     @property
     def period(self) -> float:
@@ -201,12 +251,12 @@ class ExternalBus(Bus):
 
     @property
     def signal(self) -> Signal:
-        """The scalar input that it is if no signal is selected."""
-        return scalar(self.node(self.name))
+        """The single input that it is if no signal is selected."""
+        return self.create(self.name)
 
     def member(self, name: str) -> "SignalOrBus":
         """Return the signal of a name, which may itself be a bus."""
-        return self.members.get(name) or ExternalBus(name=f"{self.name}.{name}", node=self.node)
+        return self.members.get(name) or replace(self, name=f"{self.name}.{name}", members={})
 
 
 SignalOrBus: TypeAlias = Signal | Bus

@@ -8,6 +8,7 @@ import numpy as np
 from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
 from kennfeld.matlab.operators import cast_to_class, to_logical
+from kennfeld.matlab.simulink_types import fixed_point_object
 
 __all__: list[str] = []
 
@@ -173,3 +174,8 @@ function("feval", 1, MANY)(lambda call: tuple(call.apply(call[0], call.values[1:
 function("is_function_handle", 1)(lambda call: v.logical(isinstance(call[0], v.MatlabFunctionHandle)))
 function("dec2bin", 1, 2)(lambda call: v.characters(f"{call.integer(0):b}".zfill(min(call.integer(1, 0), 64))))
 function("dec2hex", 1, 2)(lambda call: v.characters(f"{call.integer(0):X}".zfill(min(call.integer(1, 0), 64))))
+
+
+@function("fixdt", 1, 20)
+def _fixdt(call: NumericArguments) -> v.Value:
+    return fixed_point_object(call.values)

@@ -14,7 +14,16 @@ from kennfeld.importers.simulink.lowering import (
     block,
     no_feedthrough,
 )
-from kennfeld.importers.simulink.signals import Signal, SignalOrBus, SignalRule, apply, clip, interpolate_line, select
+from kennfeld.importers.simulink.signals import (
+    Signal,
+    SignalOrBus,
+    SignalRule,
+    apply,
+    clip,
+    interpolate_line,
+    limit,
+    select,
+)
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 
 _MAX_ORDER = 100  # of a zero-pole transfer function
@@ -151,9 +160,11 @@ def output_limits(block: BlockContext) -> tuple[Signal, Signal] | None:
 
 
 def limit_output(block: BlockContext, y: Signal) -> Signal:
-    """Limit the output."""
+    """Limit the output as the block specifies, and to the limits of its type if it saturates."""
     limits = output_limits(block)
-    return y if limits is None else clip(y, *limits)
+    y = y if limits is None else clip(y, *limits)
+    # a state that is limited by its type does not wind up beyond
+    return y if block.type_limits is None else limit(y, *block.type_limits)
 
 
 def integrator_start(block: BlockContext) -> Signal:

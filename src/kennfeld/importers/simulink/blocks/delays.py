@@ -1,7 +1,9 @@
 """Delays by a number of samples: constant or variable, with enable and reset ports, tapped, or by one sample."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
+from kennfeld.importers.simulink.blocks.bus_states import delay_members
+from kennfeld.importers.simulink.blocks.bus_values import parameter_or_bus
 from kennfeld.importers.simulink.blocks.continuous import external_reset, has_external_reset, reset_signal
 from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.signals import (
@@ -69,11 +71,15 @@ def _shortest(block: BlockContext) -> int:
 def delay(block: BlockContext) -> SignalOrBus:
     """Delay the input by a number of samples."""
     ports = _ports(block)
+    if not ports:
+        steps = _steps(block, "DelayLength")
+        start = parameter_or_bus(block, "InitialCondition")
+        return delay_members(block, start, lambda init, arriving: _delay_by(block, init, steps, arriving))
     init = block.input(ports["init"]) if "init" in ports else block.parameter("InitialCondition")
     if "length" not in ports:
         steps = _steps(block, "DelayLength")
         if "enable" not in ports and "reset" not in ports:
-            return _delay_by(block, init, steps)
+            return _delay_by(block, init, steps, block.input)
         return _controlled_delay(block, ports, init, steps, None)
     steps = block.integer_field("DelayLengthUpperLimit", 1, _MAX_STEPS)
     if init.size != 1 and steps != 1:
@@ -86,16 +92,16 @@ def delay(block: BlockContext) -> SignalOrBus:
 def integer_delay(block: BlockContext) -> SignalOrBus:
     """Delay the input by a number of samples (block of older releases)."""
     init = block.parameter(block.field_name("InitialCondition", "vinit"))
-    return _delay_by(block, init, _steps(block, "NumDelays"))
+    return _delay_by(block, init, _steps(block, "NumDelays"), block.input)
 
 
-def _delay_by(block: BlockContext, init: Signal, steps: int) -> Signal:
+def _delay_by(block: BlockContext, init: Signal, steps: int, arriving: Callable[[], Signal]) -> Signal:
     if steps == 0:
-        return block.input()
+        return arriving()
     # one state that is read `steps` steps later; a block that skips steps needs a state for each of its samples
     if init.size == 1 and block.compiler.gates.is_written_every_step(block.flat):
-        return block.discrete_state(init, lambda _: block.input(), steps)
-    return _taps(block, init, steps, None, None)[-1]
+        return block.discrete_state(init, lambda _: arriving(), steps)
+    return _taps(block, init, steps, None, None, arriving)[-1]
 
 
 def _initial_content(init: Signal, steps: int) -> list[Signal]:
@@ -107,17 +113,25 @@ def _initial_content(init: Signal, steps: int) -> list[Signal]:
     return init.elements[::-1]
 
 
-def _taps(block: BlockContext, init: Signal, steps: int, runs: Signal | None, anew: Signal | None) -> list[Signal]:
+def _taps(
+    block: BlockContext,
+    init: Signal,
+    steps: int,
+    runs: Signal | None,
+    anew: Signal | None,
+    arriving: Callable[[], Signal] | None = None,
+) -> list[Signal]:
     """Return the inputs of the last samples, latest first; they shift while `runs` holds and are reset by `anew`."""
     if steps > _MAX_STEPS:
         states = f"a separate state for each of its {steps} steps"
         raise UnsupportedError(f"it needs {states}; at most {_MAX_STEPS} are supported")
     taps: list[Signal] = []
+    arriving = arriving or block.input
 
     def following(at: int) -> SignalRule:
         def then(_: Signal) -> Signal:
             # shift register: tap 0 takes the input, each other one what the tap before it held
-            new = block.input(0) if at == 0 else taps[at - 1]
+            new = arriving() if at == 0 else taps[at - 1]
             return new if runs is None else select(runs, new, taps[at])
 
         return then

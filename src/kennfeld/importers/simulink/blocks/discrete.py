@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from functools import cache
 
+from kennfeld.importers.simulink.blocks.bus_states import delay_members
+from kennfeld.importers.simulink.blocks.bus_values import parameter_or_bus
 from kennfeld.importers.simulink.blocks.continuous import (
     divide_by_lead,
     external_reset,
@@ -26,7 +28,7 @@ from kennfeld.importers.simulink.lowering import (
     block,
     no_feedthrough,
 )
-from kennfeld.importers.simulink.signals import CONSTANT, Signal, SignalOrBus, SignalRule, apply, select
+from kennfeld.importers.simulink.signals import CONSTANT, Signal, SignalOrBus, SignalRule, apply, map_members, select
 
 _FIR_STRUCTURES = ("", " symmetric", " antisymmetric", " transposed")
 _FILTER = {
@@ -144,13 +146,14 @@ def _initial_states(block: BlockContext, inits: Signal, order: int, lead: int) -
 @block("Memory", output=LIKE_INPUT, needs=no_feedthrough, InitialCondition="0", InheritSampleTime="off")
 def unit_delay(block: BlockContext) -> SignalOrBus:
     """Delay the input by one sample, or by one major step."""
-    return block.discrete_state(block.parameter(block.field_name("X0", "InitialCondition")), lambda _: block.input())
+    init = parameter_or_bus(block, block.field_name("X0", "InitialCondition"))
+    return delay_members(block, init, lambda start, arriving: block.discrete_state(start, lambda _: arriving()))
 
 
 @block("ZeroOrderHold", "Zero-Order Hold", output=LIKE_INPUT, SampleTime="1")
 def zero_order_hold(block: BlockContext) -> SignalOrBus:
     """Hold the input of the last sample hit."""
-    return block.hold_in_minor_steps(block.input())
+    return map_members(block.hold_in_minor_steps, "", block.input_or_bus(0))
 
 
 @block("InitialCondition", Value="1", SampleTime="-1")

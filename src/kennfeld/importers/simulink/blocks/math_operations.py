@@ -8,7 +8,16 @@ import numpy as np
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.blocks.matrix_operations import inverse_of
 from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, Outputs, UnsupportedError, block, evaluating
-from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, as_vector, broadcast, period_of, select
+from kennfeld.importers.simulink.signals import (
+    Signal,
+    SignalOrBus,
+    apply,
+    as_vector,
+    broadcast,
+    period_of,
+    select,
+    width_notes,
+)
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, without_rest
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product, reduce_nodes
 
@@ -32,16 +41,16 @@ def gain(block: BlockContext) -> SignalOrBus:
     if "u*K" in kind and u.nodes.ndim == 1:
         # a vector from the left is a row if the matrix has as many rows, else a column
         left = u.nodes.reshape(1, -1) if k.shape[0] == u.size else column
-    nodes = _product(block, left, right)
+    nodes = _product(block, left, right, width_notes(u))
     return block.signal(nodes.ravel() if u.nodes.ndim == 1 and 1 in nodes.shape else nodes, u.period)
 
 
-def _product(block: BlockContext, left: Nodes, right: Nodes) -> Nodes:
+def _product(block: BlockContext, left: Nodes, right: Nodes, note: str) -> Nodes:
     if left.size == 1 or right.size == 1:
         return elementwise(block.builder, "mul", left, right)
     if left.shape[1] != right.shape[0]:
         sizes = f"{size_text(left.shape)} and {size_text(right.shape)}"
-        raise UnsupportedError(f"matrices of size {sizes} cannot be multiplied")
+        raise UnsupportedError(f"matrices of size {sizes} cannot be multiplied{note}")
     return matrix_product(block.builder, left, right)
 
 
@@ -70,6 +79,7 @@ def sum_of(block: BlockContext) -> SignalOrBus:
 def _reduce_elements(block: BlockContext, op: str) -> Signal:
     """Reduce the elements of the only input, over all or one dimension."""
     u = block.input()
+    block.warn_of_unknown_width(u)
     if u.nodes.ndim == 2 and block.field_text("CollapseMode") != "All dimensions":
         axis = block.integer_field("CollapseDim", 1, 2) - 1
         lines = u.nodes if axis == 1 else u.nodes.T
@@ -104,7 +114,7 @@ def _matrices(block: BlockContext, signs: str) -> Signal:
     for at, sign in enumerate(signs):
         other = block.input(at).matrix
         other = inverse_of(block, other) if sign == "/" else other
-        nodes = other if nodes is None else _product(block, nodes, other)
+        nodes = other if nodes is None else _product(block, nodes, other, width_notes(*block.inputs))
     assert nodes is not None
     flat = all(signal.nodes.ndim == 1 for signal in block.inputs) or nodes.size == 1
     return block.signal(as_vector(nodes) if flat else nodes, period_of(block.inputs))
@@ -138,7 +148,10 @@ def sign_operation(block: BlockContext) -> SignalOrBus:
 def minmax(block: BlockContext) -> SignalOrBus:
     """Compute the minimum or maximum of the inputs, or of the elements of a single input."""
     op = block.option("Function", "min", "max")
-    return block.reduce(op, block.inputs if block.input_count > 1 else block.input().elements)
+    if block.input_count > 1:
+        return block.reduce(op, block.inputs)
+    block.warn_of_unknown_width(block.input())
+    return block.reduce(op, block.input().elements)
 
 
 @block("Math", output=ARITHMETIC, Operator="exp", SampleTime="-1")

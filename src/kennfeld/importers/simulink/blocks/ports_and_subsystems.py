@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, fit_to_dimensions
 from kennfeld.importers.simulink.blocks.continuous import reset_signal
 from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, SignalSource, resets_on_enable
 from kennfeld.importers.simulink.lowering import (
@@ -17,11 +18,16 @@ from kennfeld.importers.simulink.lowering import (
     evaluating,
     no_feedthrough,
 )
+from kennfeld.importers.simulink.lowering.bus_structure import MAX_ELEMENTS
 from kennfeld.importers.simulink.lowering.parameter_fields import case_values
+from kennfeld.importers.simulink.lowering.pass_state import undefined_reason
 from kennfeld.importers.simulink.reader.block_ports import port_number
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, join_path, split_path
 from kennfeld.importers.simulink.signals import (
     CONTINUOUS,
+    Bus,
+    ExternalBus,
+    InputWidth,
     Signal,
     SignalOrBus,
     apply,
@@ -31,9 +37,9 @@ from kennfeld.importers.simulink.signals import (
     period_of,
     select,
 )
+from kennfeld.importers.simulink.variables.data_types import BusElement, BusType, UndefinedType
 from kennfeld.models.imperative.node_arrays import reduce_nodes
 
-_MAX_PORT_WIDTH = 10_000  # elements of a root inport, each an input of the model
 _MAX_ITERATIONS = 1000.0
 _DASHBOARD = (
     "CallbackButton", "Checkbox", "CircularGaugeBlock", "ComboBox", "CustomWebBlock", "DashboardScope", "DisplayBlock",
@@ -47,22 +53,26 @@ _DASHBOARD = (
 @block("Inport", output=OutputType(floating=True, states=True), PortDimensions="-1", SampleTime="-1")
 def inport(block: BlockContext) -> SignalOrBus:
     """Return an input of the model: one channel per element of a vector, one per used signal of a bus."""
-    shape: tuple[int, ...] = (1,)
     if block.is_on("OutputFunctionCall"):
         return _call_every_step(block)
-    # a From without a Goto is an input as well, of one element
-    if block.flat.type == "Inport":
-        shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
+    inputs, kind = block.compiler.inputs, block.output_type
+    # a From without a Goto is an input as well
+    if block.flat.type != "Inport":
+        return inputs.open_signal(block.flat, inputs.name(block.flat), "it comes from outside of the system")
+    if isinstance(kind, BusType):
+        return inputs.bus(block.flat, kind)
+    if isinstance(kind, UndefinedType) and kind.is_bus:
+        return inputs.open_bus(block.flat, undefined_reason(kind))
+    shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
+    if not shape and isinstance(kind, BusElement):
+        shape = kind.dimensions or ()
+    if not shape:
         # -1 is inherited: a scalar, or what a block downstream suggests
-        shape = shape or block.compiler.shapes.input_shape(block.flat)
-        if block.field_text("OutDataTypeStr", "").startswith("Bus:"):
-            return block.compiler.inputs.open_bus(block.flat)
-    name = block.compiler.inputs.name(block.flat)
-    count = math.prod(shape)
-    if count > _MAX_PORT_WIDTH:
-        raise UnsupportedError(f"it has {count} elements; at most {_MAX_PORT_WIDTH} are supported")
-    names = [name] if count == 1 else [f"{name}[{i + 1}]" for i in range(count)]
-    return block.signal([block.builder.input(text) for text in names], CONTINUOUS, shape)
+        return inputs.open_signal(block.flat, inputs.name(block.flat), "its port inherits it")
+    if math.prod(shape) > MAX_ELEMENTS:
+        raise UnsupportedError(f"it has {math.prod(shape)} elements; at most {MAX_ELEMENTS} are supported")
+    name = inputs.name(block.flat)
+    return inputs.signal(name, shape, InputWidth(name, math.prod(shape), "its port"))
 
 
 def _call_every_step(block: BlockContext) -> SignalOrBus:
@@ -79,7 +89,33 @@ def _call_every_step(block: BlockContext) -> SignalOrBus:
 
 @block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")
 @block("Outport", output=LIKE_INPUT, SampleTime="-1")
-@block("SignalConversion", "SignalSpecification", output=LIKE_INPUT)
+def result(block: BlockContext) -> SignalOrBus:
+    """Pass on a result of the model; of a bus whose object is unknown, it is a single signal."""
+    wired = block.input_or_bus(0)
+    wired = wired.signal if isinstance(wired, ExternalBus) and not wired.members else wired
+    return _as_specified(block, wired, "PortDimensions")
+
+
+@block("SignalSpecification", output=LIKE_INPUT, Dimensions="-1")
+def signal_specification(block: BlockContext) -> SignalOrBus:
+    """Pass on a signal of the specified dimensions, which an inherited width of an input takes over."""
+    return _as_specified(block, block.input_or_bus(0), "Dimensions")
+
+
+def _as_specified(block: BlockContext, wired: SignalOrBus, field: str) -> SignalOrBus:
+    """Return a signal in the dimensions of a field, or a bus as its object specifies."""
+    if isinstance(block.output_type, BusType) and isinstance(wired, Bus):
+        return fit_to_bus(block, block.output_type, wired)
+    shape = tuple(int(n) for n in block.numeric_array(field, "-1").ravel() if n > 0)
+    if shape and isinstance(wired, ExternalBus) and not wired.members:
+        # what has dimensions is not a bus
+        wired = wired.signal
+    if not shape or not isinstance(wired, Signal):
+        return wired
+    return fit_to_dimensions(block, wired, shape, "its input", f"its {field}")
+
+
+@block("SignalConversion", output=LIKE_INPUT)
 @block("Environment Controller", linked=True)  # its first input is the one used in simulation
 def pass_on(block: BlockContext) -> SignalOrBus:
     """Pass on the first input."""

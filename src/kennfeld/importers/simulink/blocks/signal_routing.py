@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.base.formatting import size_text
+from kennfeld.base.formatting import count_noun, size_text
 from kennfeld.importers.simulink.blocks.bit_operations import fit_to_type, stored_integer
+from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus
 from kennfeld.importers.simulink.flattening.connections import bus_member_names, find_bus_member
 from kennfeld.importers.simulink.lowering import (
     LIKE_INPUT,
@@ -18,6 +19,7 @@ from kennfeld.importers.simulink.lowering import (
     block,
     no_feedthrough,
 )
+from kennfeld.importers.simulink.lowering.diagnostics import placeholder_signal
 from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     case_values,
@@ -27,6 +29,7 @@ from kennfeld.importers.simulink.lowering.parameter_fields import (
 )
 from kennfeld.importers.simulink.signals import (
     Bus,
+    ExternalBus,
     Signal,
     SignalOrBus,
     apply,
@@ -36,7 +39,9 @@ from kennfeld.importers.simulink.signals import (
     period_of,
     select,
     select_by_index,
+    width_notes,
 )
+from kennfeld.importers.simulink.variables.data_types import BusType, PlainType
 from kennfeld.models.imperative.node_arrays import Nodes
 
 _MAX_SELECTED = 10_000
@@ -47,10 +52,9 @@ _MAX_COMPARISONS = 100_000
        ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
 def conversion(block: BlockContext) -> SignalOrBus:
     """Pass on the input, as values are physical; converted to boolean, 1 unless it is 0."""
-    wanted = _wanted_type(block)
     if block.field_text("ConvertRealWorld").startswith("Stored"):
-        return _by_bits(block, wanted)
-    if wanted in ("boolean", "logical"):
+        return _by_bits(block, _wanted_type(block))
+    if isinstance(block.output_type, PlainType) and block.output_type.name in ("boolean", "logical", "bool"):
         return apply("ne", block.input(), 0.0)
     return block.input_or_bus(0)
 
@@ -97,15 +101,20 @@ def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
 def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Split a vector into outputs of the specified widths."""
     wired = block.input_or_bus(0)
+    if isinstance(wired, ExternalBus) and not wired.members:
+        wired = wired.signal
     if isinstance(wired, Bus):
         members = list(wired.members.values())
         # a bus of as many members is taken apart, any other one is a vector
         if len(members) == _outputs(block):
             return tuple(members)
         wired = as_one_vector(block, wired)
-    if wired.size == 1 < _outputs(block) and block.numeric_array("Outputs").size == 1:
-        block.suggest_dimensions((_outputs(block),))
-    ends = np.cumsum(_widths(block, wired.size))
+    stated = _stated(block)
+    # a list of widths is a width in all if it leaves none open
+    wanted = stated[0] if len(stated) == 1 else sum(stated) if min(stated) > 0 else len(stated)
+    if wired.size == 1 < wanted:
+        block.suggest_dimensions((wanted,))
+    ends = np.cumsum(_widths(block, wired))
     return tuple(block.signal(part, wired.period) for part in np.split(np.array(wired.flat), ends[:-1]))
 
 
@@ -122,8 +131,8 @@ def _stated(block: BlockContext) -> list[int]:
     return [int(n) for n in numbers]
 
 
-def _widths(block: BlockContext, size: int) -> list[int]:
-    stated = _stated(block)
+def _widths(block: BlockContext, wired: Signal) -> list[int]:
+    size, stated = wired.size, _stated(block)
     if len(stated) > 1:
         # -1 leaves a width open: what remains is shared evenly among these
         free = [at for at, width in enumerate(stated) if width <= 0]
@@ -131,11 +140,14 @@ def _widths(block: BlockContext, size: int) -> list[int]:
         for at, width in zip(free, _divide_evenly(rest, len(free)), strict=True):
             stated[at] = width
         if sum(stated) != size or min(stated) < 1:
-            raise UnsupportedError(f"a vector of {size} elements cannot be split into outputs of {str(stated)[:100]}")
+            parts = str(stated)[:100]
+            message = f"a vector of {count_noun(size, 'element')} cannot be split into outputs of {parts}"
+            raise UnsupportedError(message + width_notes(wired))
         return stated
     count = stated[0] if stated else 0
     if not 1 <= count <= size:
-        raise UnsupportedError(f"a vector of {size} elements cannot be split into {count} outputs")
+        message = f"a vector of {count_noun(size, 'element')} cannot be split into {count} outputs"
+        raise UnsupportedError(message + width_notes(wired))
     return _divide_evenly(size, count)
 
 
@@ -144,12 +156,21 @@ def _divide_evenly(size: int, count: int) -> list[int]:
     return [size // count + (at < size % count) for at in range(count)] if count else []
 
 
-@block("BusCreator", Inputs="2")
+@block("BusCreator", routes=True, Inputs="2")
 def bus_creator(block: BlockContext) -> SignalOrBus:
-    """Collect the inputs to a bus, named after their lines."""
+    """Collect the inputs to a bus, named after their lines, or as its bus object specifies."""
     labels = [block.flat.input_names.get(at, "") for at in range(block.input_count)]
     names = bus_member_names(labels, block.field_text("Inputs"))
-    return Bus({name: block.input_or_bus(at) for at, name in enumerate(names)})
+    bus = Bus({name: _created_member(block, at) for at, name in enumerate(names)})
+    return fit_to_bus(block, block.output_type, bus) if isinstance(block.output_type, BusType) else bus
+
+
+def _created_member(block: BlockContext, index: int) -> SignalOrBus:
+    """Return an input, or a placeholder while only the others are compared with the bus object."""
+    source = block.source(index)
+    if source is not None and not block.compiler.is_lowered(source):
+        return placeholder_signal(block.builder)
+    return block.input_or_bus(index)
 
 
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
@@ -178,15 +199,29 @@ def _member_of(wired: SignalOrBus, path: str) -> SignalOrBus:
     return wired
 
 
-@block("BusAssignment", AssignedSignals="")
+@block("BusAssignment", routes=True, AssignedSignals="")
 def bus_assignment(block: BlockContext) -> SignalOrBus:
     """Replace signals of a bus."""
     bus = block.bus()
+    if isinstance(bus, Signal) and not bus.sound:
+        # behind an unsupported block nothing is known of the bus itself
+        return bus
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
         # raises an error if the bus has no such signal, which `_set_member` would add
-        _member_of(bus, path.strip())
-        bus = _set_member(bus, path.strip().split("."), block.input_or_bus(at))
+        old, new = _member_of(bus, path.strip()), block.input_or_bus(at)
+        _check_assigned(path.strip(), old, new)
+        bus = _set_member(bus, path.strip().split("."), new)
     return bus
+
+
+def _check_assigned(path: str, old: SignalOrBus, new: SignalOrBus) -> None:
+    """Raise `UnsupportedError` if a signal does not have the width that the object of a bus specifies for it."""
+    if not isinstance(old, Signal) or old.width is None or old.width.key is not None:
+        return
+    if not isinstance(new, Signal) or new.size == old.size:
+        return
+    sizes = f"it assigns {count_noun(new.size, 'element')} to {path}"
+    raise UnsupportedError(sizes + width_notes(old, new))
 
 
 @block("BusElement", "BusElements")
@@ -227,7 +262,8 @@ def concatenate(block: BlockContext) -> SignalOrBus:
         return block.signal(np.concatenate(parts, axis=axis), period)
     except ValueError:
         sizes = ", ".join(size_text(part.shape) for part in parts)
-        raise UnsupportedError(f"its inputs of sizes {sizes} cannot be concatenated") from None
+        message = f"its inputs of sizes {sizes} cannot be concatenated{width_notes(*inputs)}"
+        raise UnsupportedError(message) from None
 
 
 def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
@@ -241,7 +277,8 @@ def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
     if all(columns == 1 for _, columns in shapes):
         return nodes.reshape(-1, 1)
     sizes = ", ".join(size_text(signal.shape) for signal in inputs)
-    raise UnsupportedError(f"it concatenates vectors, but its inputs have the sizes {sizes}")
+    message = f"it concatenates vectors, but its inputs have the sizes {sizes}"
+    raise UnsupportedError(message + width_notes(*inputs))
 
 
 @block("Reshape", OutputDimensionality="1-D array", OutputDimensions="[1,1]")
@@ -257,7 +294,8 @@ def reshape(block: BlockContext) -> SignalOrBus:
     try:
         return block.signal(x.nodes.reshape(shape, order="F"), x.period)
     except ValueError:
-        raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
+        message = f"{count_noun(x.size, 'element')} cannot be reshaped to {size_text(shape)}"
+        raise UnsupportedError(message + width_notes(x)) from None
 
 
 @block("Selector", output=LIKE_INPUT, NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
@@ -268,11 +306,14 @@ def selector(block: BlockContext) -> SignalOrBus:
     options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or _old_options(block, dimensions)
     index_fields = dimension_settings(block, "Indices", "IndexParamArray") or [block.field_text("Elements", "")]
     width = block.integer_field("InputPortWidth", -1, _MAX_SELECTED)
-    if x.size == 1 < width and dimensions == 1:
-        block.suggest_dimensions((width,))
+    # without a width of the port, an index tells at least how many elements there are
+    least = max(width, _last_index(block, options[0], index_fields[0]) if options and index_fields else -1)
+    if x.size == 1 < least and dimensions == 1:
+        block.suggest_dimensions((least,))
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
-        raise UnsupportedError(f"it selects along {dimensions} dimensions, but its input has {nodes.ndim}")
+        message = f"it selects along {dimensions} dimensions, but its input has {nodes.ndim}"
+        raise UnsupportedError(message + width_notes(x))
     port = 1
     for axis, option in enumerate(options[:dimensions]):
         text = index_fields[axis] if axis < len(index_fields) else ""
@@ -281,8 +322,17 @@ def selector(block: BlockContext) -> SignalOrBus:
             nodes = _select_variable(block, nodes, axis, _variable_indices(block, option, axis, block.input(port)))
             port += 1
         else:
-            nodes = np.take(nodes, selected_indices(block, option, text, nodes.shape[axis], axis), axis=axis)
+            places = selected_indices(block, option, text, nodes.shape[axis], axis, note=width_notes(x))
+            nodes = np.take(nodes, places, axis=axis)
     return block.signal(nodes, period_of(block.inputs))
+
+
+def _last_index(block: BlockContext, option: str, text: str) -> int:
+    """Return the number of the last element that constant indices select, 0 if they are not constant."""
+    if option != "Index vector (dialog)" or not text:
+        return 0
+    first = 0 if block.field_text("IndexMode").startswith("Zero") else 1
+    return int(max(block.evaluate(text).ravel(), default=first)) - first + 1
 
 
 def _old_options(block: BlockContext, dimensions: int) -> list[str]:

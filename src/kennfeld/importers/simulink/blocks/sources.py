@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, parameter_or_bus
 from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, constant_curve
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
@@ -19,6 +20,7 @@ from kennfeld.importers.simulink.lowering import (
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
+    Bus,
     Signal,
     SignalOrBus,
     apply,
@@ -26,6 +28,7 @@ from kennfeld.importers.simulink.signals import (
     select_by_index,
     staircase,
 )
+from kennfeld.importers.simulink.variables.data_types import BusType
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 
@@ -36,9 +39,12 @@ _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 
 @block("Constant", output=OutputType(floating=True, states=True), Value="1", SampleTime="inf", VectorParams1D="on")
 def constant(block: BlockContext) -> SignalOrBus:
-    """Return a constant or a variable."""
-    if block.field_text("VectorParams1D", "on") == "on":
-        return block.parameter("Value")
+    """Return a constant or a variable; a struct is a bus."""
+    value = parameter_or_bus(block, "Value")
+    if isinstance(block.output_type, BusType):
+        return fit_to_bus(block, block.output_type, value, fill=True)
+    if isinstance(value, Bus) or block.field_text("VectorParams1D", "on") == "on":
+        return value
     return block.signal(block.matrix("Value"), CONSTANT)
 
 

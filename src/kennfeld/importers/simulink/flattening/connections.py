@@ -17,6 +17,7 @@ from kennfeld.importers.simulink.flattening.hierarchy import (
 )
 from kennfeld.importers.simulink.reader.block_ports import element_of, elements, port_number
 from kennfeld.importers.simulink.reader.model_tree import Endpoint, ModelBlock, Ports, join_path
+from kennfeld.importers.simulink.variables.data_types import BusType, output_type
 from kennfeld.importers.simulink.variables.mask_scope import (
     Scope,
     Variable,
@@ -35,6 +36,7 @@ class SignalTracer:
     def __init__(self, gotos: Mapping[str, Sequence[tuple[SystemInstance, ModelBlock]]]) -> None:
         self._local: dict[tuple[SystemInstance, str], tuple[SystemInstance, ModelBlock]] = {}
         self._wide: dict[str, list[tuple[SystemInstance, ModelBlock]]] = {}
+        self._element_names: dict[FlatBlock, list[str]] = {}
         for tag, ends in gotos.items():
             for level, goto in ends:
                 # of several Gotos with one tag in a system, the first one counts
@@ -108,8 +110,19 @@ class SignalTracer:
         here, sid = last[0], flat.block.sid
         ends = [Endpoint(sid, "in", number) for number in range(1, here.fed.get(sid, 0) + 1)]
         names = bus_member_names([self.label(here, end) for end in ends], flat.block.value("Inputs") or "")
+        # a bus object names the elements in the order of the inputs, whatever their lines are called
+        listed = self._names_by_object(flat)
+        names = listed if len(listed) == len(names) else names
         member = find_bus_member(names, name)
         return (here, ends[names.index(member)]) if member is not None else None
+
+    def _names_by_object(self, flat: FlatBlock) -> list[str]:
+        """Return the names of the elements by the bus object of a creator, [] without an object."""
+        # each selected signal asks again, and a bus may have hundreds of elements
+        if flat not in self._element_names:
+            bus = output_type(flat.block, flat.scope)
+            self._element_names[flat] = [element.name for element in bus.elements] if isinstance(bus, BusType) else []
+        return self._element_names[flat]
 
     def _origin(self, level: SystemInstance, end: Endpoint) -> tuple[SystemInstance, Endpoint] | None:
         """Return the end at which the signal is computed."""

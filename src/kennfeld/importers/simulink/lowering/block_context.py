@@ -10,7 +10,9 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
+from kennfeld.importers.simulink.lowering.pass_state import undefined_reason
 from kennfeld.importers.simulink.lowering.registry import field_text
+from kennfeld.importers.simulink.lowering.type_effects import saturation_limits
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
@@ -24,6 +26,7 @@ from kennfeld.importers.simulink.signals import (
     constant,
     select,
 )
+from kennfeld.importers.simulink.variables.data_types import DataType, UndefinedType, output_type
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
 
@@ -70,6 +73,16 @@ class BlockContext:
     def field_name(self, *names: str) -> str:
         """Return the first of several names of one field that the file contains, else the last name."""
         return next((name for name in names if self.flat.block.value(name) is not None), names[-1])
+
+    @functools.cached_property
+    def output_type(self) -> DataType | None:
+        """The data type that the block specifies for its output, None if it is inherited."""
+        return output_type(self.flat.block, self.flat.scope)
+
+    @functools.cached_property
+    def type_limits(self) -> tuple[float, float] | None:
+        """The limits of the integer or fixed-point type to which the block saturates its output, None without."""
+        return saturation_limits(self.flat, self.compiler.readers)
 
     def is_on(self, name: str) -> bool:
         """Return True if a field is on."""
@@ -136,6 +149,12 @@ class BlockContext:
         """Add a warning to the import report; the sentence continues the path of the block."""
         self.compiler.warnings[f"{self.flat.path} {sentence}"] = None
 
+    def warn_of_unknown_width(self, signal: Signal) -> None:
+        """Add a warning if the result depends on the width of an input that nothing specifies."""
+        # that of a bus is reported in any case, by its port
+        if signal.width is not None and signal.width.name not in self.compiler.inputs.widths and signal.width.key:
+            self.warn(f"combines the elements of its input: {signal.width.note}")
+
     def source(self, index: int = 0) -> SignalSource | None:
         """Return the source of an input, None if it is unconnected."""
         return self.flat.inputs[index] if index < len(self.flat.inputs) else None
@@ -173,7 +192,9 @@ class BlockContext:
         arriving = self.input_or_bus(0)
         if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
             return arriving
-        return self.compiler.inputs.open_bus(source.flat)
+        kind = output_type(source.flat.block, source.flat.scope)
+        why = undefined_reason(kind) if isinstance(kind, UndefinedType) else "its port does not name a bus object"
+        return self.compiler.inputs.open_bus(source.flat, why)
 
     @property
     def inputs(self) -> list[Signal]:
@@ -299,7 +320,7 @@ class BlockContext:
         """Suggest the shape of the first input, whose memory or inport does not determine it."""
         source = self.source()
         if source is not None:
-            self.compiler.shapes.wish(source.flat, shape)
+            self.compiler.shapes.wish(self.input(), source.flat, shape, self.flat.path)
 
     def zero_crossing(self, x: Signal, kind: str) -> Signal:
         """Return 1 if a signal crosses zero as a trigger detects it: rising, falling or either.

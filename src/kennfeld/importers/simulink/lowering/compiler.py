@@ -21,7 +21,8 @@ from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, BlockType, Outputs
 from kennfeld.importers.simulink.reader.model_tree import join_path, split_path
-from kennfeld.importers.simulink.signals import SignalOrBus
+from kennfeld.importers.simulink.signals import Signal, SignalOrBus, limit
+from kennfeld.importers.simulink.variables.data_types import BusType, output_type
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
 _MAX_PASSES = 500
@@ -36,7 +37,22 @@ class BlockCompiler(LoweringPass):
     def demand(self, blocks: Iterable[FlatBlock]) -> None:
         """Lower blocks and everything they depend on, states included."""
         self.visits.demand(blocks)
+        self._check_buses()
         self.continuous.close()
+
+    def _check_buses(self) -> None:
+        """Lower the bus creators behind which only single signals are used, to compare them with their objects."""
+        for flat in self.flat.blocks:
+            if flat.type != "BusCreator" or flat in self.visits.values:
+                continue
+            # what nothing else needs is not lowered for that, and a bus without an object is not checked
+            known = [source is not None and source.flat in self.visits.values for source in flat.inputs]
+            if any(known) and isinstance(output_type(flat.block, flat.scope), BusType):
+                self._call_handler_for_check(flat)
+
+    def _call_handler_for_check(self, flat: FlatBlock) -> None:
+        with self.failures.note_errors(flat):
+            self._call_handler(flat, BLOCK_TYPES[flat.type])
 
     @cached_property
     def _contexts(self) -> dict[FlatBlock, BlockContext]:
@@ -68,6 +84,8 @@ class BlockCompiler(LoweringPass):
         if kind is None or outputs is None:
             return placeholder_outputs(self.builder, flat)
         outputs = outputs if isinstance(outputs, tuple) else (outputs,)
+        if (limits := self.block_context(flat).type_limits) is not None:
+            outputs = tuple(_limited(wired, limits) for wired in outputs)
         if not kind.held:
             return outputs
         remembers = self.block_context(flat).memories > 0
@@ -77,7 +95,8 @@ class BlockCompiler(LoweringPass):
         """Return the outputs of a block, None if it or its inputs are not supported."""
         if kind is None:
             self.failures.note(flat, *unsupported_reason(flat), flat.undefined)
-        elif any(not wired.sound for wired in self.known_inputs(flat)):
+        # the names of a bus are known whether its signals are supported or not; a delay in a loop depends on them
+        elif not kind.routes and any(not wired.sound for wired in self.known_inputs(flat)):
             self._report_undefined(flat, kind)
         else:
             with self.failures.note_errors(flat):
@@ -134,6 +153,11 @@ class BlockCompiler(LoweringPass):
                 self.failures.note(flat, "its inputs and its parameters require different iteration counts")
 
 
+def _limited(wired: SignalOrBus, limits: tuple[float, float]) -> SignalOrBus:
+    """Return a signal within the limits of its type; a bus has the types of its object."""
+    return limit(wired, *limits) if isinstance(wired, Signal) and wired.sound else wired
+
+
 def compile_to_fixed_point(
     make: Callable[[InferredAttributes], BlockCompiler], goals: Collection[FlatBlock]
 ) -> BlockCompiler:
@@ -157,11 +181,14 @@ def compile_to_fixed_point(
         if guesses.changed:
             continue
         wishes = compiler.shapes.wishes
-        if not compiler.failures or not wishes or stopped is not None:
-            # of the attempts without and with suggested sizes, the one with fewer failures
-            return stopped if stopped is not None and len(stopped.failures) <= len(compiler.failures) else compiler
-        # a failure may come from a scalar that a matrix downstream expects to be a vector: try its size once
-        stopped, guesses.wished = compiler, wishes
-        guesses.shapes.update(wishes)
+        if guesses.wish(wishes, only_certain=True):
+            stopped = None
+            continue
+        # of the attempts without and with suggested sizes, the one with fewer failures
+        if stopped is None or len(compiler.failures) < len(stopped.failures):
+            stopped = compiler
+        # a failure may come from a scalar that a block downstream expects to be a vector: try its size, once each
+        if not compiler.failures or not guesses.wish(wishes, only_certain=False):
+            return stopped
     compiler.failures.note(next(iter(goals)), _UNSETTLED, _UNSETTLED_REMEDY)
     return compiler

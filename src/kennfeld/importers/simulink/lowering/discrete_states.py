@@ -83,7 +83,8 @@ class DiscreteStates:
     def check_widened(self, flat: FlatBlock, key: Key) -> None:
         """Report a state that is a vector because of its readers although its input is a scalar."""
         if (wished := self.guesses.wished.get(key)) is not None:
-            self.failures.note(flat, f"its input must be a vector of {wished}, got a scalar")
+            message = f"its input must have the size {size_text(wished.shape)}, as {wished.path} requires, got a scalar"
+            self.failures.note(flat, message)
 
     def _read(self, key: Key, first: Nodes, latency: int) -> Nodes:
         """Return the state read by a block: of the previous step, or of the previous iteration."""

@@ -1,20 +1,21 @@
-"""Integer types of signals, found by tracing connections back."""
+"""Integer and fixed-point types of signals, found by tracing connections back."""
 
 import re
-from collections.abc import Iterable
-from dataclasses import replace
-from typing import Final
+from collections.abc import Callable, Iterator
+from typing import Final, TypeVar
 
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.registry import output_type_of
+from kennfeld.importers.simulink.variables.data_types import FixedPointType, PlainType, output_type
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
+
+T = TypeVar("T")
 
 _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
 _MAX_TRACED_BLOCKS = 200
 _LITERAL = re.compile(r"[-+.\deE\[\]\s,;]*")  # numbers that no variable gives a type
 _FLOATING: Final = ("double", "single", "half")
 _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
-_ASSIGNED: Final = ("LOCAL_DATA", "OUTPUT_DATA")
 
 
 def integer_type_of(source: SignalSource | None) -> IntegerType | None:
@@ -22,22 +23,34 @@ def integer_type_of(source: SignalSource | None) -> IntegerType | None:
 
     The signal is traced back through blocks that pass on the type of their input.
     """
-    waiting, types, seen = [source], set[IntegerType | None](), set[FlatBlock]()
+    return _common_type(set(_traced_types(source, specified_integer_type)))
+
+
+def fixed_point_type_of(source: SignalSource | None) -> FixedPointType | None:
+    """Return the integer or fixed-point type of a signal, traced back in the same way."""
+    types = set(_traced_types(source, _stated_fixed_point))
+    return types.pop() if len(types) == 1 else None
+
+
+def _traced_types(source: SignalSource | None, stated: Callable[[FlatBlock], T | None]) -> Iterator[T | None]:
+    """Yield the types that the blocks behind a signal state, None for one that states none."""
+    waiting, seen = [source], set[FlatBlock]()
     while waiting:
         pending = waiting.pop()
         if pending is None or len(seen) > _MAX_TRACED_BLOCKS:
-            return None
+            # an unknown type among them leaves all of them open
+            yield None
+            return
         if pending.flat in seen:
             continue
         seen.add(pending.flat)
-        stated = specified_integer_type(pending.flat)
-        passed = _type_inputs(pending.flat)
-        if stated is None and passed:
+        # a specified type ends the search, even at a block that would pass on that of its input
+        kind, passed = stated(pending.flat), _type_inputs(pending.flat)
+        if kind is None and passed:
             inputs = pending.flat.inputs
             waiting += [inputs[at] if at < len(inputs) else None for at in passed]
         else:
-            types.add(stated)
-    return _common_type(types)
+            yield kind
 
 
 def is_floating(source: SignalSource | None) -> bool:
@@ -54,10 +67,10 @@ def is_floating(source: SignalSource | None) -> bool:
         if flat in seen:
             continue
         seen.add(flat)
-        written = _specified_type(flat)
-        if written in _FLOATING:
+        kind = output_type(flat.block, flat.scope)
+        if isinstance(kind, PlainType) and kind.name in _FLOATING:
             continue
-        if written or not output_type_of(flat).floating:
+        if _specified_type(flat) or not output_type_of(flat).floating:
             return False
         if flat.type == "Constant" and not _LITERAL.fullmatch(flat.block.value("Value") or "1"):
             return False
@@ -75,6 +88,7 @@ def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
     """Return the common type; if rounding or overflow differ, round down and wrap."""
     if len(types) == 1:
         return types.pop()
+    # a Switch of int8 signals is int8, however each of them was rounded
     plain = {(integer_type.bits, integer_type.signed) if integer_type is not None else None for integer_type in types}
     only = plain.pop() if len(plain) == 1 else None
     return IntegerType(*only) if only is not None else None
@@ -89,28 +103,19 @@ def _type_inputs(flat: FlatBlock) -> tuple[int, ...]:
 
 def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
     """Return the integer type that a block specifies for its output."""
-    for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"):
-        written = (flat.block.value(key) or "").strip()
-        word = integer_type_named(written)
-        if word is not None:
-            saturates = (flat.block.value("SaturateOnIntegerOverflow") or "off") == "on"
-            return replace(word, rounding=flat.block.value("RndMeth") or "Floor", saturates=saturates)
-        if written and not written.startswith("Inherit"):
-            return None
+    kind = output_type(flat.block, flat.scope)
+    if isinstance(kind, FixedPointType):
+        rounding = flat.block.value("RndMeth") or "Floor"
+        return IntegerType(kind.bits, kind.signed, rounding, is_saturating(flat)) if kind.is_integer else None
     cast = _CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
-    return integer_type_named(cast[1]) if cast is not None else None
+    return integer_type_named(cast[1]) if cast is not None and kind is None else None
 
 
-def find_integer_conversions(blocks: Iterable[FlatBlock]) -> tuple[str, ...]:
-    """Return the paths of the blocks that convert numbers to integers, which is ignored: values stay physical."""
-    return tuple(dict.fromkeys(flat.path for flat in blocks if _converts(flat)))
+def _stated_fixed_point(flat: FlatBlock) -> FixedPointType | None:
+    kind = output_type(flat.block, flat.scope)
+    return kind if isinstance(kind, FixedPointType) else None
 
 
-def _converts(flat: FlatBlock) -> bool:
-    """Return True if a block converts to integers: by its output type, a cast in its code, or a chart variable."""
-    if not output_type_of(flat).converts:
-        return False
-    if specified_integer_type(flat) is not None or _CAST.search(flat.block.script):
-        return True
-    chart = flat.block.chart if flat.type == "Chart" else None
-    return chart is not None and any(integer_type_named(data.type) for data in chart.data if data.scope in _ASSIGNED)
+def is_saturating(flat: FlatBlock) -> bool:
+    """Return True if values beyond the type of a block are saturated, not wrapped."""
+    return (flat.block.value("SaturateOnIntegerOverflow") or "off") == "on"

@@ -64,6 +64,7 @@ class LoweringPass(ABC):
         self.contents = DataStores(self.memories, self.stores, self.signal)
         self.needs = BlockDependencies(self.feedthrough, self.remembers, self.stores, self.failures)
         self.visits = BuildOrder(self.builder, self.needs, agenda, self.build)
+        # a count that a signal determines is known only here, and the model is flattened with it once more
         self.counts: dict[str, int] = {}  # iterations that inputs require, by subsystem path
         self.warnings: dict[str, None] = {}
         self.files = FunctionFiles(())
@@ -106,10 +107,14 @@ class LoweringPass(ABC):
         """Return the outputs of a lowered block, () for others."""
         return self.visits.values.get(flat, ())
 
+    def readers(self, flat: FlatBlock) -> list[FlatBlock]:
+        """Return the blocks that read the outputs of a block."""
+        return self.flat.readers.get(flat, [])
+
+    def is_lowered(self, source: SignalSource) -> bool:
+        """Return True if the signal of a source is known so far."""
+        return source.flat in self.visits.values or is_known_at_step_start(source)
+
     def known_inputs(self, flat: FlatBlock) -> list[SignalOrBus]:
         """Return the signals at the inputs of a block that are known so far."""
-        return [
-            self.value(source)
-            for source in flat.inputs
-            if source is not None and (source.flat in self.visits.values or is_known_at_step_start(source))
-        ]
+        return [self.value(source) for source in flat.inputs if source is not None and self.is_lowered(source)]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.base.errors import InputError
+from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
@@ -147,11 +148,11 @@ def dimension_settings(block: BlockContext, *names: str) -> list[str]:
 
 
 def selected_indices(
-    block: BlockContext, option: str, text: str, size: int, axis: int, count: int | None = None
+    block: BlockContext, option: str, text: str, size: int, axis: int, count: int | None = None, note: str = ""
 ) -> list[int]:
     """Evaluate constant indices along a dimension of `size` elements, from 0.
 
-    A starting index covers `count` elements, or as many as the file specifies.
+    A starting index covers `count` elements, or as many as the file specifies; `note` ends a message on the size.
     """
     if option == "Select all":
         return list(range(size))
@@ -166,7 +167,7 @@ def selected_indices(
     # -1 in older files selects all elements
     elif places == [-1 - first]:
         return list(range(size))
-    check_indices(places, size, text)
+    check_indices(places, size, text, note)
     return places
 
 
@@ -176,10 +177,10 @@ def selection_length(block: BlockContext, axis: int) -> int:
     return int(block.evaluate(sizes[axis]).item()) if axis < len(sizes) else 1
 
 
-def check_indices(places: list[int], size: int, text: str) -> None:
+def check_indices(places: list[int], size: int, text: str, note: str = "") -> None:
     """Raise `UnsupportedError` if an index is out of range."""
     if not places or not all(0 <= place < size for place in places):
-        raise UnsupportedError(f"its index {text[:60]} is out of range for {size} elements")
+        raise UnsupportedError(f"its index {text[:60]} is out of range for {count_noun(size, 'element')}{note}")
 
 
 def case_values(block: BlockContext, field: str) -> list[list[float]]:

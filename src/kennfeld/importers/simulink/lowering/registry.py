@@ -60,6 +60,7 @@ class BlockType:
         held: False if the handler itself computes the outputs between sample hits.
         continuous: True if the block has continuous states.
         library_mask: True if a mask of Simulink's library has that type although it is one word.
+        routes: True if the type only arranges its inputs, placeholders of unsupported ones included.
     """
 
     name: str
@@ -74,6 +75,7 @@ class BlockType:
     output: OutputType = COMPUTED
     continuous: bool = False
     library_mask: bool = False
+    routes: bool = False
 
     def sample_of(self, block: ModelBlock) -> str:
         """Return the field with the sample time of a block."""
@@ -138,6 +140,7 @@ def block(
     output: OutputType = COMPUTED,
     continuous: bool = False,
     library_mask: bool = False,
+    routes: bool = False,
     **defaults: str,
 ) -> Callable[[Handler], Handler]:
     """Register a function as the handler of block types."""
@@ -145,7 +148,19 @@ def block(
     def enter(rule: Handler) -> Handler:
         for name in names:
             BLOCK_TYPES[name] = BlockType(
-                name, rule, defaults, needs, sink, sample, linked, refused, held, output, continuous, library_mask
+                name,
+                rule,
+                defaults,
+                needs,
+                sink,
+                sample,
+                linked,
+                refused,
+                held,
+                output,
+                continuous,
+                library_mask,
+                routes,
             )
         return rule
 

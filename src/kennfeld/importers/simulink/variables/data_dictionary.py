@@ -34,6 +34,7 @@ from kennfeld.importers.simulink.variables.stored_variables import (
     stored_variable,
 )
 from kennfeld.matlab.mat_nodes import MatFileError
+from kennfeld.matlab.simulink_types import TYPE_CLASSES
 from kennfeld.matlab.values import INTEGERS
 
 _PARTS, _PART, _CONTENT = "__MW_TEXT_PARTS__", "__MW_TEXT_PART__/data/chunk", "__MW_TEXT_content"
@@ -54,9 +55,6 @@ _MAX_DIMENSION = 1_000_000_000  # values along one dimension
 _EXTENSION_REMEDY = "The extension of data dictionaries is .sldd."
 
 _ENUMERATION = "Simulink.data.dictionary.EnumTypeDefinition"
-_TYPE_CLASSES = frozenset(
-    {"Simulink.AliasType", "Simulink.Bus", "Simulink.NumericType", "Simulink.ValueType", _ENUMERATION}
-)
 
 
 def text_chunks(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
@@ -173,7 +171,8 @@ class Dictionary:
     """A data dictionary.
 
     `references` are the names of referenced dictionaries; `solvers` are the configurations by name; `types` are the
-    names of enumerated types, buses and aliases, `enumerations` the members of enumerated types by name.
+    names of enumerated types, buses and aliases, `enumerations` the members of enumerated types by name, and
+    `definitions` the objects of the other types.
     """
 
     path: Path
@@ -182,14 +181,14 @@ class Dictionary:
     solvers: Mapping[str, StoredSolver] = field(default_factory=dict)
     types: tuple[str, ...] = ()
     enumerations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    definitions: StoredVariables = field(default_factory=StoredVariables)
 
     def merged_with(self, further: "Dictionary") -> "Dictionary":
         """Add the entries of another dictionary to those of this one, which take precedence."""
         return replace(
             self,
-            data=StoredVariables(
-                {**further.data.entries, **self.data.entries}, {**further.data.unreadable, **self.data.unreadable}
-            ),
+            data=self.data.merged_with(further.data),
+            definitions=self.definitions.merged_with(further.definitions),
             solvers={**further.solvers, **self.solvers},
             types=tuple(dict.fromkeys((*self.types, *further.types))),
             enumerations={**further.enumerations, **self.enumerations},
@@ -294,6 +293,7 @@ def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
     """Return the dictionary of its chunks: variables, types, configurations and references."""
     entries: dict[str, StoredVariable] = {}
     unreadable: dict[str, str] = {}
+    definitions, undefined = dict[str, StoredVariable](), dict[str, str]()
     references: list[str] = []
     solvers: dict[str, StoredSolver] = {}
     types: list[str] = []
@@ -309,14 +309,16 @@ def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
         classes = {part.keys.get("Class", "") for part in (section, *section.all("Element"))}
         if not classes.isdisjoint(_NOT_DATA):
             solvers[name] = solver_from(section)
-        elif not classes.isdisjoint(_TYPE_CLASSES):
+        elif _ENUMERATION in classes:
             types.append(name)
-            enumerations |= {name: enumerals(section)} if _ENUMERATION in classes else {}
+            enumerations[name] = enumerals(section)
+        elif not classes.isdisjoint(TYPE_CLASSES):
+            types.append(name)
+            _add(name, section, definitions, undefined)
         else:
             _add(name, section, entries, unreadable)
-    return Dictionary(
-        path, StoredVariables(entries, unreadable), tuple(references), solvers, tuple(types), enumerations
-    )
+    data, objects = StoredVariables(entries, unreadable), StoredVariables(definitions, undefined)
+    return Dictionary(path, data, tuple(references), solvers, tuple(types), enumerations, objects)
 
 
 def _add(name: str, section: SectionNode, entries: dict[str, StoredVariable], unreadable: dict[str, str]) -> None:

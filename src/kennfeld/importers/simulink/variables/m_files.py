@@ -30,7 +30,8 @@ from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
-from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, text
+from kennfeld.matlab.simulink_types import BUS, BUS_ELEMENT, TYPE_CLASSES
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, object_array, text
 from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.program import tree as m
@@ -142,9 +143,13 @@ def to_variable(value: Any, source: str) -> Variable | None:
         )
         variable = Variable(parameter_value, unit=meant.unit, description=meant.description, source=source)
         return variable.limited(meant.min, meant.max)
+    if isinstance(value, MatlabStruct) and isinstance(inner := value.fields.get("Value"), MatlabStruct) and value.kind:
+        # the parameter of a bus: its value is a struct
+        value = inner
     plain = _plain(value)
-    fixed = isinstance(value, MatlabStruct) and value.kind == ENUMERATION
-    return Variable(plain, source=source, fixed=fixed) if plain is not None else None
+    kind = value.kind if isinstance(value, MatlabStruct) else ""
+    type_class = kind if kind in TYPE_CLASSES else ""
+    return Variable(plain, source=source, fixed=kind == ENUMERATION, kind=type_class) if plain is not None else None
 
 
 def _table(meant: LookupTable) -> dict[str, ParameterValue]:
@@ -215,7 +220,7 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
             continue
         # a script returns all variables: those it left unchanged keep their source, limits and unit
         before = variables.get(key)
-        if before is None or not equal_values(before.value, result.value):
+        if before is None or before.kind != result.kind or not equal_values(before.value, result.value):
             comment = result.description or outcome.comments.get(key, "")
             variables[key] = replace(result, description=comment)
     for key, why in outcome.undefined.items():
@@ -226,10 +231,25 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
 
 
 def _script_value(variable: Variable) -> Any:
-    """Return a variable for a script, in which an enumeration converts numbers."""
+    """Return a variable for a script, in which an enumeration converts numbers and a data type is an object."""
+    if variable.kind:
+        return _type_object(variable)
     if not (variable.fixed and isinstance(variable.value, Mapping)):
         return variable.value
     return MatlabStruct.of({name: from_python(value) for name, value in variable.value.items()}, ENUMERATION)
+
+
+def _type_object(variable: Variable) -> MatlabStruct:
+    """Return the object of a data type, which a later script may extend."""
+    properties = variable.value if isinstance(variable.value, Mapping) else {}
+    fields = {name: from_python(value) for name, value in properties.items()}
+    if variable.kind == BUS:
+        listed = properties.get("Elements", ())
+        elements = [from_python(part) for part in (listed if isinstance(listed, tuple) else (listed,))]
+        structs = [part.fields for part in elements if isinstance(part, MatlabStruct)]
+        names = tuple(dict.fromkeys(name for part in structs for name in part))
+        fields["Elements"] = MatlabStruct(object_array(structs, (len(structs), 1)), names, BUS_ELEMENT)
+    return MatlabStruct.of(fields, variable.kind)
 
 
 def _load_file(folder: Path, name: str) -> bytes | None:

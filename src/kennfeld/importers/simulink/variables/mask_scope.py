@@ -29,7 +29,8 @@ class Variable:
 
     `lower` and `upper` are one number, or one for each number of the value. `axes` are those that a calibration file
     gives a table. A `fixed` variable, such as an enumeration member, is not a parameter. A `local` one is of a model
-    workspace, which other models do not see.
+    workspace, which other models do not see. `kind` is the class of an object that defines a data type, such as
+    Simulink.Bus; its value then are its properties.
     """
 
     value: ParameterValue
@@ -41,6 +42,7 @@ class Variable:
     axes: tuple[Axis, ...] = ()
     fixed: bool = False
     local: bool = False
+    kind: str = ""
 
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
         """Add limits to the variable, None for none; limits that its own value violates are ignored."""

@@ -38,6 +38,7 @@ from kennfeld.importers.simulink.variables.stored_variables import (
     workspace_variables,
 )
 from kennfeld.importers.simulink.variables.stored_variables import Value as Stored
+from kennfeld.matlab.simulink_types import BUS_ELEMENT, TYPE_CLASSES
 from kennfeld.models.imperative.node_arrays import Numbers
 
 ParameterSource: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
@@ -182,6 +183,7 @@ def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
     read = search.dictionary(path)
     # before the entries, whose enumerated values are members of these
     variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
+    _add(variables, read.definitions, path.name)
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
     for name in read.data.unreadable:
@@ -239,6 +241,9 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     condition = entry.properties.get("Condition")
     if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
         return Variable({"Condition": condition}, source=source)
+    if entry.kind in TYPE_CLASSES:
+        properties = _value(entry, known)
+        return Variable(properties if properties is not None else {}, source=source, kind=entry.kind)
     value = _value(entry, known)
     if value is None and entry.kind.rpartition(".")[2] == "Signal":  # it may declare a data store
         parts = {"InitialValue": "", **entry.properties}
@@ -275,6 +280,8 @@ def _value(stored: Stored, known: Mapping[str, Variable]) -> ParameterValue | No
     if isinstance(stored, StoredVariable):
         if _is_enumerated(stored):
             return _member_numbers(stored, known)
+        if stored.kind in TYPE_CLASSES or stored.kind == BUS_ELEMENT:
+            return _value(stored.properties, known)
         if not stored.breakpoints:
             return _value(stored.value, known)
         axes = {f"Breakpoints{number}": variable for number, variable in enumerate(stored.breakpoints, 1)}

@@ -58,6 +58,11 @@ class StoredVariables:
     entries: Mapping[str, StoredVariable] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
 
+    def merged_with(self, further: "StoredVariables") -> "StoredVariables":
+        """Add the variables of another source to those of this one, which take precedence."""
+        entries, unreadable = {**further.entries, **self.entries}, {**further.unreadable, **self.unreadable}
+        return StoredVariables(entries, unreadable)
+
 
 class UnusableValueError(Exception):
     """A value cannot be used; the text gives the reason."""
