@@ -24,6 +24,7 @@ from kennfeld.importers.simulink.lowering.parameter_fields import (
     parameter_field,
     variable_field,
 )
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import (
     Signal,
     SignalOrBus,
@@ -200,7 +201,7 @@ def _object(block: BlockContext) -> SignalOrBus:
 def method_of(block: BlockContext) -> LookupMethod:
     """Read the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
     between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
-    kind = _METHODS.get(between)
+    kind = _METHODS.get(match_word(between, _METHODS) or "")
     if kind is None:
         remedy = "Supported: linear, nearest, flat and cubic spline."
         raise UnsupportedError(f"InterpMethod {between!r} is not supported", remedy)
@@ -208,10 +209,11 @@ def method_of(block: BlockContext) -> LookupMethod:
     if kind in ("nearest", "flat"):
         return LookupMethod(kind, "clip")
     known = _EXTRAPOLATIONS | (dict.fromkeys(_SPLINE, "cubic") if kind == "spline" else {})
-    if beyond not in known:
+    end = match_word(beyond, known)
+    if end is None:
         names = "clip, linear and cubic" if kind == "spline" else "clip and linear"
         raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", f"Supported: {names}.")
-    return LookupMethod(kind, known[beyond])
+    return LookupMethod(kind, known[end])
 
 
 def _coordinates(block: BlockContext, count: int) -> list[Signal]:
@@ -351,10 +353,8 @@ def lookup_2d(block: BlockContext) -> SignalOrBus:
 
 
 def _old_method(block: BlockContext) -> LookupMethod:
-    written = block.field_text("LookUpMeth")
-    if written not in _METHODS or _METHODS[written] == "spline":
-        raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
-    return LookupMethod(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
+    word = block.option("LookUpMeth", *(word for word, kind in _METHODS.items() if kind != "spline"))
+    return LookupMethod(_METHODS[word], "linear" if word == "Interpolation-Extrapolation" else "clip")
 
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",

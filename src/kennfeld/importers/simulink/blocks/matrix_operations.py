@@ -6,7 +6,8 @@ import numpy as np
 
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
-from kennfeld.importers.simulink.lowering.parameter_fields import dimension_settings, selected_indices
+from kennfeld.importers.simulink.lowering.parameter_fields import dimension_settings, index_options, selected_indices
+from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, period_of
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 
@@ -19,14 +20,14 @@ _MAX_INVERSE_ROWS = 3
 def assignment(block: BlockContext) -> SignalOrBus:
     """Replace elements of the first input by those of the second; indices may be further inputs."""
     how = block.field_text("OutputInitialize")
-    if not how.startswith("Initialize using input port"):
+    if not begins_with_word(how, "Initialize using input port"):
         raise UnsupportedError(f"OutputInitialize {how!r} is not supported: unassigned elements would be undefined")
     into, values = block.input(0), block.input(1)
     dimensions = block.integer_field("NumberOfDimensions", 1, 2)
     nodes = np.array(into.flat, dtype=np.int64) if dimensions == 1 else into.nodes
     if nodes.ndim != dimensions:
         raise UnsupportedError(f"it assigns along {dimensions} dimensions, but its input has {nodes.ndim}")
-    options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or ["Index vector (dialog)"] * dimensions
+    options = index_options(block) or ["Index vector (dialog)"] * dimensions
     index_fields = dimension_settings(block, "Indices", "IndexParamArray")
     port, axes = 2, list[list[int] | Signal]()
     for axis, option in enumerate(options[:dimensions]):
@@ -55,7 +56,7 @@ def _variable_indices(
     block: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int
 ) -> Signal:
     """Return the indices from a signal, from 0; a starting index covers as many elements as there are values."""
-    first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
+    first = 0.0 if block.begins_with("IndexMode", "Zero") else 1.0
     places = apply("floor", index) - first
     if option.startswith("Starting"):
         places = places + block.constant(*map(float, range(_extent(values, axis, nodes.ndim))))

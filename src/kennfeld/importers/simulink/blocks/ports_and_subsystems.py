@@ -19,6 +19,7 @@ from kennfeld.importers.simulink.lowering import (
 )
 from kennfeld.importers.simulink.lowering.parameter_fields import case_values
 from kennfeld.importers.simulink.reader.block_ports import port_number
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, join_path, split_path
 from kennfeld.importers.simulink.signals import (
     CONTINUOUS,
@@ -55,7 +56,7 @@ def inport(block: BlockContext) -> SignalOrBus:
         shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
         # -1 is inherited: a scalar, or what a block downstream suggests
         shape = shape or block.compiler.shapes.input_shape(block.flat)
-        if block.field_text("OutDataTypeStr", "").startswith("Bus:"):
+        if block.begins_with("OutDataTypeStr", "Bus:", default=""):
             return block.compiler.inputs.open_bus(block.flat)
     name = block.compiler.inputs.name(block.flat)
     count = math.prod(shape)
@@ -173,14 +174,15 @@ def _enabled_again(block: BlockContext, active: Signal, triggered: Signal | None
 def _condition(block: BlockContext, port: str, u: Signal) -> Signal:
     if port == "enable":
         return _any(block, u > 0.0)
-    kind = block.flat.control_ports[port].value("TriggerType") or "rising"
+    written = block.flat.control_ports[port].value("TriggerType") or "rising"
+    kind = match_word(written, ("rising", "falling", "either", "function-call"))
     if port == "ifaction" or kind == "function-call":
         if u.size > 1:
             remedy = "Use a separate subsystem for each caller."
             raise UnsupportedError(f"its {port} port receives {u.size} function calls, which is not supported", remedy)
         return apply("ne", u, 0.0)
-    if kind not in ("rising", "falling", "either"):
-        raise UnsupportedError(f"TriggerType {kind!r} is not supported")
+    if kind is None:
+        raise UnsupportedError(f"TriggerType {written[:60]!r} is not supported")
     return _any(block, block.zero_crossing(block.hold_in_minor_steps(u), kind))
 
 
@@ -204,7 +206,7 @@ def _hold_output(block: BlockContext, signal: Signal) -> Signal:
     init = block.signal(fit_to_shape(stated.nodes, signal.shape))
     # between triggers, outputs are held whatever the setting
     resettable = control is not None and "trigger" not in control.control_ports
-    if block.field_text("OutputWhenDisabled") == "reset" and resettable:
+    if block.is_set_to("OutputWhenDisabled", "reset") and resettable:
         return select(runs, signal, init)
     return block.unconditional_feedback(init, lambda before: select(runs, signal, before))
 
@@ -300,9 +302,9 @@ def function_call_split(block: BlockContext) -> tuple[SignalOrBus, ...]:
 def for_iterator(block: BlockContext) -> SignalOrBus:
     """Return the iteration number."""
     _check_inside(bool(block.flat.passes))
-    if block.field_text("IterationSource") == "external":
+    if block.is_set_to("IterationSource", "external"):
         _count(block, _constant_count(block))
-    return block.constant(block.flat.passes[-1] - (block.field_text("IndexMode") == "Zero-based"))
+    return block.constant(block.flat.passes[-1] - block.is_set_to("IndexMode", "Zero-based"))
 
 
 def _constant_count(block: BlockContext) -> float:
@@ -381,7 +383,7 @@ def iteration_output(block: BlockContext) -> SignalOrBus:
 def for_each(block: BlockContext) -> SignalOrBus:
     """Return the element number."""
     _check_inside(block.flat.element > 0)
-    return block.constant(block.flat.element - (block.field_text("IndexMode") == "Zero-based"))
+    return block.constant(block.flat.element - block.is_set_to("IndexMode", "Zero-based"))
 
 
 @block("ForEachPartition")

@@ -237,7 +237,7 @@ def refuse_interpreted(block: BlockContext) -> SignalOrBus:
 
 def _sample_of_output(block: ModelBlock) -> str:
     """Return the field with the output sample time, if the block has one."""
-    return "OutPortSampleTime" if (block.value("OutPortSampleTimeOpt") or "Specify") == "Specify" else ""
+    return "OutPortSampleTime" if block.is_set_to("OutPortSampleTimeOpt", "Specify", default="Specify") else ""
 
 
 @block("RateTransition", output=LIKE_INPUT,

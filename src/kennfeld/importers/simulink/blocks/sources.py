@@ -16,6 +16,7 @@ from kennfeld.importers.simulink.lowering import (
     UnsupportedError,
     block,
 )
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
@@ -37,7 +38,7 @@ _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 @block("Constant", output=OutputType(floating=True, states=True), Value="1", SampleTime="inf", VectorParams1D="on")
 def constant(block: BlockContext) -> SignalOrBus:
     """Return a constant or a variable."""
-    if block.field_text("VectorParams1D", "on") == "on":
+    if block.is_set_to("VectorParams1D", "on", default="on"):
         return block.parameter("Value")
     return block.signal(block.matrix("Value"), CONSTANT)
 
@@ -79,7 +80,7 @@ def sine(block: BlockContext) -> SignalOrBus:
     if block.option("SineType", "Time based", "Sample based") == "Sample based":
         angle = _angle_of_hit(block)
     else:
-        t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+        t = block.time if block.is_set_to("TimeSource", "Use simulation time") else block.input()
         angle = block.parameter("Frequency") * t + block.parameter("Phase")
     return block.parameter("Amplitude") * apply("sin", angle) + block.parameter("Bias")
 
@@ -106,10 +107,11 @@ def chirp(block: BlockContext) -> SignalOrBus:
        TimeSource="Use simulation time")  # fmt: skip
 def generator(block: BlockContext) -> SignalOrBus:
     """Lower a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
-    form = block.field_text("WaveForm")
-    if form not in ("sine", "square"):
-        raise UnsupportedError(f"its wave form {form[:40]!r} is not supported, only sine and square", _BIND)
-    t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+    written = block.field_text("WaveForm")
+    form = match_word(written, ("sine", "square"))
+    if form is None:
+        raise UnsupportedError(f"its wave form {written[:40]!r} is not supported, only sine and square", _BIND)
+    t = block.time if block.is_set_to("TimeSource", "Use simulation time") else block.input()
     amplitude, frequency = block.parameter("Amplitude"), block.parameter("Frequency")
     in_hertz = block.option("Units", "Hertz", "rad/sec") == "Hertz"
     if form == "sine":
@@ -167,7 +169,7 @@ def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[floa
             raise EvaluationError(f"its {name} must be scalar, got {numbers.size} values")
         return float(numbers.item())
 
-    if (block.value("PulseType") or defaults["PulseType"]) != "Time based":
+    if not block.is_set_to("PulseType", "Time based", default=defaults["PulseType"]):
         return [number("SampleTime", "1")]
     period = number("Period")
     # a step that divides all three hits every edge
@@ -200,7 +202,7 @@ def from_workspace(block: BlockContext) -> SignalOrBus:
     _check_points(times, values)
     if times[0] > 0:
         raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
-    last = block.field_text("OutputAfterFinalValue")
+    last = _after_end(block)
     series = [_RecordedSeries(times, column) for column in values.T]
     columns = [_column(block, f"column {at}", points, last) for at, points in enumerate(series, 2)]
     return block.signal([signal.flat[0] for signal in columns], CONTINUOUS)
@@ -229,18 +231,19 @@ def _current_time(block: BlockContext) -> Signal:
     return block.time + block.time_tolerance(1e-9)
 
 
+def _after_end(block: BlockContext) -> str:
+    return block.option("OutputAfterFinalValue", "Extrapolation", "Holding final value", "Setting to zero")
+
+
 def _column(block: BlockContext, label: str, points: _RecordedSeries, last: str) -> Signal:
     now = _current_time(block)
     if block.is_on("Interpolate"):
         y = _line(block, label, block.time, points, "linear" if last == "Extrapolation" else "clip")
     else:
         y = _hold_points(block, now, points)
-    match last:
-        case "Extrapolation" | "Holding final value":
-            return y
-        case "Setting to zero":
-            return select(now > float(points.times[-1]) + block.time_tolerance(), 0.0, y)
-    raise UnsupportedError(f"OutputAfterFinalValue {last!r} is not supported", _BIND)
+    if last == "Setting to zero":
+        return select(now > float(points.times[-1]) + block.time_tolerance(), 0.0, y)
+    return y
 
 
 def _hold_points(block: BlockContext, now: Signal, points: _RecordedSeries) -> Signal:

@@ -7,6 +7,7 @@ from typing import Final
 
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.registry import output_type_of
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 
 _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
@@ -14,6 +15,7 @@ _MAX_TRACED_BLOCKS = 200
 _LITERAL = re.compile(r"[-+.\deE\[\]\s,;]*")  # numbers that no variable gives a type
 _FLOATING: Final = ("double", "single", "half")
 _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
+_ROUNDINGS: Final = ("Ceiling", "Convergent", "Floor", "Nearest", "Round", "Simplest", "Zero")
 _ASSIGNED: Final = ("LOCAL_DATA", "OUTPUT_DATA")
 
 
@@ -93,12 +95,17 @@ def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
         written = (flat.block.value(key) or "").strip()
         word = integer_type_named(written)
         if word is not None:
-            saturates = (flat.block.value("SaturateOnIntegerOverflow") or "off") == "on"
-            return replace(word, rounding=flat.block.value("RndMeth") or "Floor", saturates=saturates)
+            saturates = flat.block.is_set_to("SaturateOnIntegerOverflow", "on")
+            return replace(word, rounding=_rounding(flat), saturates=saturates)
         if written and not written.startswith("Inherit"):
             return None
     cast = _CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
     return integer_type_named(cast[1]) if cast is not None else None
+
+
+def _rounding(flat: FlatBlock) -> str:
+    written = flat.block.value("RndMeth") or "Floor"
+    return match_word(written, _ROUNDINGS) or written
 
 
 def find_integer_conversions(blocks: Iterable[FlatBlock]) -> tuple[str, ...]:

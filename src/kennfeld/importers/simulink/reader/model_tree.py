@@ -12,6 +12,7 @@ from typing import Literal
 
 from kennfeld.base.errors import Finding
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.section_tree import normalize_name
 
 
@@ -230,10 +231,10 @@ class MaskParameter:
         if not self.evaluated:
             return self.expression
         if self.type == "checkbox":
-            return {"on": "1", "off": "0"}.get(self.expression.strip(), self.expression)
+            return {"on": "1", "off": "0"}.get(match_word(self.expression, ("on", "off")) or "", self.expression)
         # an evaluated choice is the number of its text, from 1
-        chosen = self.type in ("popup", "radiobutton") and self.expression in self.options
-        return str(self.options.index(self.expression) + 1) if chosen else self.expression
+        choice = match_word(self.expression, self.options) if self.type in ("popup", "radiobutton") else None
+        return str(self.options.index(choice) + 1) if choice is not None else self.expression
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,6 +304,14 @@ class ModelBlock:
     def value(self, name: str) -> str | None:
         """Read a field as text: of the block, else of its type in the file; or None."""
         return self.parameters.get(name, self.defaults.get(name))
+
+    def is_set_to(self, name: str, *words: str, default: str = "") -> bool:
+        """Return True if a field is one of some words of a dialog; `default` stands for a field without a value.
+
+        >>> ModelBlock("SubSystem", "V", "1", "V", {"Variant": "On"}).is_set_to("Variant", "on")
+        True
+        """
+        return match_word(self.value(name) or default, words) is not None
 
 
 @dataclass(frozen=True)

@@ -325,7 +325,7 @@ class FunctionCallSubsystems:
         names = chart_port_names(self.block.flat, "Outport")
         for atom in self.block.compiler.flat.blocks:
             trigger = atom.control_ports.get("trigger") if atom.type == "ConditionalSubsystem" else None
-            if trigger is not None and trigger.value("TriggerType") == "function-call":
+            if trigger is not None and trigger.is_set_to("TriggerType", "function-call"):
                 for source in atom.inputs:
                     if source is not None and source.flat is self.block.flat and 0 <= source.port < len(names):
                         yield atom, names[source.port]
