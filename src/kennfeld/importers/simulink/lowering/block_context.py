@@ -255,7 +255,9 @@ class BlockContext:
         """Return 1 if an input, held during minor steps, is not 0."""
         return apply("ne", self.hold_in_minor_steps(self.input(index)), 0.0)
 
-    def discrete_state(self, init: Signal, then: SignalRule, latency: int = 1, ported: bool = False) -> Signal:
+    def discrete_state(
+        self, init: Signal, then: SignalRule, latency: int = 1, ported: bool = False, sampled: bool = True
+    ) -> Signal:
         """Return a discrete state at the start of the step.
 
         Args:
@@ -263,9 +265,11 @@ class BlockContext:
             then: maps the state to its next value; called once all blocks are lowered.
             latency: number of steps until the next value is read.
             ported: True for the state at the block's state port.
+            sampled: False if the state is written in every step, not at the hits of the block's own sample time only.
         """
         self.memories += 1
-        return self.compiler.memories.create(self.flat, STATE_PORT if ported else self.memories, init, then, latency)
+        number = STATE_PORT if ported else self.memories
+        return self.compiler.memories.create(self.flat, number, init, then, latency, sampled)
 
     def feedback(self, init: Signal, rule: SignalRule) -> Signal:
         """Return y = rule(y'), in which y' is the value of y in the previous sample, at first `init`."""
