@@ -287,7 +287,7 @@ def selector(block: BlockContext) -> SignalOrBus:
 
 
 def _old_options(block: BlockContext, dimensions: int) -> list[str]:
-    if not block.is_set_to("ElementSrc", "Internal") or block.is_on("IndexIsStartValue"):
+    if not block.is_set_to("ElementSrc", "Internal", default="Internal") or block.is_on("IndexIsStartValue"):
         raise UnsupportedError("its indices come from an input in a way that is not supported")
     return ["Index vector (dialog)"] * dimensions
 

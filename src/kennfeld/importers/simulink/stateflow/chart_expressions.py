@@ -187,7 +187,7 @@ class ChartExpressions(ChartPart):
         # the time, unless something else has this name
         if tree.name == "t":
             return self._array(self.machine.time)
-        member = unqualified_member(self.scope.variables, tree.name)
+        member = unqualified_member(self.scope.variables, tree.name, self.diagram.types)
         return None if member is None else self._array(self.builder.const(member))
 
     def _may_fail(self, tree: m.Expression, context: ActionContext) -> bool:

@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.stateflow.label_parser import (
     parse_transition_label,
     strip_comments,
 )
+from kennfeld.importers.simulink.variables.enumerations import enumerated_type
 from kennfeld.program import tree as m
 
 _MAX_DEPTH = 40  # nested states
@@ -283,6 +284,11 @@ class ChartModel:
         after = self.language.statements(label.action, place)
         events = self.language.events(label.event, place)
         return TransitionEdge(place, target, holder, drawn.order, events, condition, before, after)
+
+    @property
+    def types(self) -> Iterator[str]:
+        """The data types of the variables, enumerations by the names of their classes."""
+        return (enumerated_type(variable.written.type) for variable in self.data.values())
 
     @property
     def junctions(self) -> Iterable[JunctionNode]:

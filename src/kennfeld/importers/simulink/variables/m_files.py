@@ -15,7 +15,7 @@ import numpy as np
 from kennfeld.base.errors import Finding, InputError, Location, Severity
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.file_state import note_opened
-from kennfeld.importers.simulink.variables.enumerations import enumeration_variable
+from kennfeld.importers.simulink.variables.enumerations import class_variable
 from kennfeld.importers.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -29,7 +29,7 @@ from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
-from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
+from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, SimulinkParameter, to_calibration_parameter
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, text
 from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -137,14 +137,17 @@ def to_variable(value: Any, source: str) -> Variable | None:
     """Convert a value to a variable with the limits, unit and description of its object."""
     meant = to_calibration_parameter(value)
     if meant is not None:
-        parameter_value: ParameterValue = (
-            _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
-        )
-        variable = Variable(parameter_value, unit=meant.unit, description=meant.description, source=source)
+        variable = Variable(_parameter_value(meant), unit=meant.unit, description=meant.description, source=source)
         return variable.limited(meant.min, meant.max)
     plain = _plain(value)
     fixed = isinstance(value, MatlabStruct) and value.kind == ENUMERATION
     return Variable(plain, source=source, fixed=fixed) if plain is not None else None
+
+
+def _parameter_value(meant: SimulinkParameter) -> ParameterValue:
+    if isinstance(meant, LookupTable):
+        return _table(meant)
+    return _struct(meant.value) if isinstance(meant.value, MatlabStruct) else np.asarray(meant.value, dtype=np.float64)
 
 
 def _table(meant: LookupTable) -> dict[str, ParameterValue]:
@@ -182,7 +185,7 @@ def run_parameter_script(variables: VariableTable, path: Path) -> None:
     if not is_class(text):
         run_text(variables, text, path.name, path.parent)
     elif (enumeration := enumeration_of(text)) is not None:
-        variables[enumeration[0]] = enumeration_variable(enumeration[1], path.name)
+        variables[enumeration.name] = class_variable(enumeration, path.name)
     else:
         message = "is a class, but not an enumeration of integers"
         raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")

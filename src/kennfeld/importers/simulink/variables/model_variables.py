@@ -133,7 +133,13 @@ def _hidden(document: ModelDocument, name: str) -> Finding:
 def _add_adjacent_files(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
     """Add enumerations and data dictionaries next to a model; folders in the names of dictionaries are ignored."""
     folders = (document.path.parent, *search.folders)
-    variables.update(search.enumerations(document.path.parent))
+    enumerations = search.enumerations(document.path.parent)
+    variables.update(enumerations)
+    variables.findings += [
+        Finding(Location(variable.source, path=name), variable.description, severity="remark")
+        for name, variable in enumerations.items()
+        if variable.description
+    ]
     for name in document.dictionaries:
         if file_name(name) in search.given_names:
             continue
