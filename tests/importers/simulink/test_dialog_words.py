@@ -28,7 +28,7 @@ def respelled(system, change):
     return system
 
 
-@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl classic"]))
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 @pytest.mark.parametrize("change", [str.upper, str.lower, str.capitalize])
 @pytest.mark.parametrize(
     "settings", [{"VariantControlMode": "expression"}, {"VariantControlMode": "label", "LabelModeActiveChoice": "K==2"}]

@@ -59,7 +59,11 @@ class StoredJunction:
 
 @dataclass(frozen=True, slots=True)
 class StoredTransition:
-    """A transition between states or junctions; `source` is empty for a default transition."""
+    """A transition between states or junctions; `source` is empty for a default transition.
+
+    One that crosses the edge of a subchart is stored as a whole and once more in pieces, one for each drawing that
+    shows a part of it; `whole` is the identifier of the transition that a piece belongs to, "" for any other.
+    """
 
     id: str
     label: str
@@ -67,6 +71,7 @@ class StoredTransition:
     target: str
     order: int = 0
     parent: str = ""
+    whole: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -245,7 +245,16 @@ class ChartModel:
         return JunctionNode(number, holder, kind == "HISTORY_JUNCTION")
 
     def _add_transitions(self) -> None:
+        known = {drawn.id for drawn in self.chart.transitions}
         for drawn in self.chart.transitions:
+            # the whole transition has the label, the order and both ends; a piece would be a second way out of its
+            # source, and the edge of a subchart is no place where a chart can rest
+            if drawn.whole in known:
+                continue
+            if drawn.whole:
+                text = " ".join(drawn.label.split())[:60] or "without label"
+                message = f"transition {text} is a piece of one through a subchart, which the file lacks as a whole"
+                raise UnsupportedError(message, "Save the model again, or use a complete copy of the file.")
             holder = self.holder(drawn.parent)
             target = self._junctions.get(drawn.target) or self.states.get(drawn.target)
             if target is None or holder is None:
