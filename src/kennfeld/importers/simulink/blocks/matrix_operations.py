@@ -9,10 +9,10 @@ from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError,
 from kennfeld.importers.simulink.lowering.parameter_fields import dimension_settings, index_options, selected_indices
 from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, period_of
-from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
+from kennfeld.models.imperative.linear_systems import MAX_EQUATIONS, inverse_matrix, matrix_determinant
+from kennfeld.models.imperative.node_arrays import Nodes
 
 _MAX_COMPARISONS = 100_000
-_MAX_INVERSE_ROWS = 3
 
 
 @block("Assignment", NumberOfDimensions="1", IndexMode="One-based", Indices="", IndexParamArray="", OutputSizes="",
@@ -149,7 +149,7 @@ def cross_product(block: BlockContext) -> SignalOrBus:
 def determinant(block: BlockContext) -> SignalOrBus:
     """Compute the determinant of a matrix."""
     x = block.input()
-    return block.signal([determinant_of(block, _square(x.matrix))], x.period)
+    return block.signal([matrix_determinant(block.builder, _square(x.matrix))], x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
@@ -161,33 +161,12 @@ def inverse(block: BlockContext) -> SignalOrBus:
 
 def _square(matrix: Nodes) -> Nodes:
     rows, columns = matrix.shape
-    if rows != columns or rows > _MAX_INVERSE_ROWS:
-        limit = f"only square matrices up to {_MAX_INVERSE_ROWS} x {_MAX_INVERSE_ROWS} are supported"
+    if rows != columns or rows > MAX_EQUATIONS:
+        limit = f"only square matrices up to {MAX_EQUATIONS} x {MAX_EQUATIONS} are supported"
         raise UnsupportedError(f"it inverts a matrix of size {rows} x {columns}; {limit}")
     return matrix
 
 
-def determinant_of(block: BlockContext, matrix: Nodes) -> int:
-    """Expand the determinant of a small matrix along its first row."""
-    if matrix.shape == (1, 1):
-        return int(matrix[0, 0])
-    call, first_row = block.builder.call, map(int, matrix[0])
-    products = (call("mul", node, _cofactor(block, matrix, 0, at)) for at, node in enumerate(first_row))
-    return reduce_nodes(block.builder, "add", products)
-
-
-def _cofactor(block: BlockContext, matrix: Nodes, row: int, column: int) -> int:
-    minor = determinant_of(block, np.delete(np.delete(matrix, row, axis=0), column, axis=1))
-    return minor if (row + column) % 2 == 0 else block.builder.call("neg", minor)
-
-
 def inverse_of(block: BlockContext, matrix: Nodes) -> Nodes:
-    """Invert a matrix, Int[rows, rows], of up to three rows by cofactors; infinite or NaN if singular."""
-    whole = determinant_of(block, _square(matrix))
-    if matrix.shape == (1, 1):
-        return np.array([[block.builder.call("div", block.builder.const(1.0), whole)]], dtype=np.int64)
-    nodes = np.empty_like(matrix)
-    for row, column in np.ndindex(*matrix.shape):
-        # transposed: the inverse is the adjugate over the determinant
-        nodes[column, row] = block.builder.call("div", _cofactor(block, matrix, row, column), whole)
-    return nodes
+    """Invert a matrix, Int[rows, rows]; infinite or NaN if it is singular."""
+    return inverse_matrix(block.builder, _square(matrix))
