@@ -43,10 +43,11 @@ _SCRIPT_NAME = re.compile(r"[\w. -]{1,128}\Z")  # of a file or a folder
 
 
 class FunctionFiles:
-    """Functions by file name; `files` are individually named ones."""
+    """Functions by file name, and files of data that blocks name; `files` are individually named ones."""
 
     def __init__(self, folders: Iterable[Path], files: Iterable[Path] = ()) -> None:
-        self._files = {path.stem: path for path in files if path.suffix == ".m"}
+        self._given = {path.name: path for path in files}
+        self._files = {path.stem: path for path in self._given.values() if path.suffix == ".m"}
         self._folders = tuple(folders)
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
 
@@ -56,6 +57,17 @@ class FunctionFiles:
             path = self._path(name)
             self._read[name] = _functions(path) if path is not None else {}
         return self._read[name]
+
+    def data(self, name: str) -> bytes | None:
+        """Read a file that a block names, None if there is none; a file that the user names precedes those in folders.
+
+        Folders within the name are followed below those of the model, and ignored if they lead elsewhere.
+        """
+        plain = name.replace("\\", "/").rpartition("/")[2]
+        if plain in self._given:
+            return read_file(self._given[plain])
+        contents = (_load_file(folder, wanted) for folder in self._folders for wanted in (name, plain))
+        return next((content for content in contents if content is not None), None)
 
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):
