@@ -269,7 +269,8 @@ def _end(written, usual):
 class Model(System):
     """A model, or with kind="Library" a library. `defaults` are by block type; `code` fills the model workspace.
 
-    `configuration` names one that is kept elsewhere.
+    `configuration` names one that is kept elsewhere. `records` are binary data by tag, to which a field refers by a
+    `Reference`.
     """
 
     def __init__(
@@ -297,6 +298,7 @@ class Model(System):
         self.solver = {"StartTime": start, "StopTime": stop, "FixedStep": step, "SolverName": solver}
         self.callbacks, self.code, self.workspace = callbacks or {}, code, workspace
         self.dictionary, self.defaults = dictionary, defaults or {}
+        self.records = {}
 
     def number(self):
         self.count += 1
@@ -338,7 +340,13 @@ def _text_package(parts, release):
     return "\n".join([*lines, "__MWOPC_PACKAGE_END__", ""]).encode("utf-8")
 
 
+class Reference(str):
+    """The value of a field that is a record elsewhere in the file: its tag."""
+
+
 def _p(name, value):
+    if isinstance(value, Reference):
+        return f"<P Name={quoteattr(name)} Ref={quoteattr(f'bdmxdata:{value}')}/>"
     return f"<P Name={quoteattr(name)}>{escape(str(value), {chr(13): '&#xD;'})}</P>"
 
 
@@ -360,6 +368,7 @@ def _parts(model, separate):
         settings.append(f"<ModelWorkspace>{code}</ModelWorkspace>")
     if model.workspace:
         parts["simulink/modelWorkspace.mxarray"] = model.workspace
+    parts |= {f"simulink/bdmxdata/{tag}.mxarray": raw for tag, raw in model.records.items()}
     diagram = f"<{model.kind}>{''.join(settings)}{inner}</{model.kind}>"
     parts["simulink/blockdiagram.xml"] = f'{HEAD}<ModelInformation Version="1.0">{diagram}</ModelInformation>'
     if model.defaults:
@@ -613,9 +622,10 @@ def _classic(model):
         content.append(_braces("BlockParameterDefaults", *blocks))
     content.append(_system_braces(model))
     sections = [_braces(model.kind, *content)]
-    if model.workspace:
-        record = _braces("DataRecord", "Tag DataTag0", _key("Data", uuencoded(model.workspace)))
-        sections.append(_braces("MatData", "NumRecords 1", record))
+    records = ({"DataTag0": model.workspace} if model.workspace else {}) | model.records
+    if records:
+        written = [_braces("DataRecord", f"Tag {tag}", _key("Data", uuencoded(raw))) for tag, raw in records.items()]
+        sections.append(_braces("MatData", f"NumRecords {len(records)}", *written))
     if _functions(model):
         sections.append(_stateflow_braces(model))
     return "\n".join(sections) + "\n"

@@ -11,6 +11,7 @@ import numpy as np
 
 from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, constant_curve
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.lowering.registry import Outputs
 from kennfeld.importers.simulink.reader.model_tree import split_path
 from kennfeld.importers.simulink.signals import CONTINUOUS, Signal, SignalOrBus, select, staircase
 from kennfeld.importers.simulink.variables.mask_scope import Variable
@@ -25,6 +26,7 @@ from kennfeld.models.imperative.node_arrays import Numbers
 
 _BIND = "Bind it to a measured channel."
 _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
+_BUILDER_VARIABLE = "tuvar"
 _MAX_WIDTH = 1000  # elements of an input in place of a recording
 
 
@@ -45,8 +47,10 @@ def repeating_sequence(block: BlockContext) -> SignalOrBus:
 def from_workspace(block: BlockContext) -> SignalOrBus:
     """Interpolate the columns of a matrix over its first one, the time, or the signals of a Signal Builder."""
     recording = block.flat.block.recording
-    # the inner block of a Signal Builder has the name of a variable of its mask; the user knows that of the builder
-    own = split_path(block.flat.path)[-2:][0] if recording is not None else block.field_text("VariableName")
+    own = block.field_text("VariableName")
+    # the inner block of a Signal Builder reads a variable of its mask code; the user knows the name of the builder
+    if own == _BUILDER_VARIABLE:
+        own = split_path(block.flat.path)[-2:][0]
     try:
         series = _active_group(block, own) if recording is not None else _of_variable(block)
     except EvaluationError as error:
@@ -66,9 +70,8 @@ def _active_group(block: BlockContext, builder: str) -> Sequence[RecordedSeries]
     assert stored is not None
     group = builder_recording(stored)
     if group.count > 1:
-        block.warn(
-            f"gives the signals of the active group {group.name!r}, one of {group.count} of the Signal Builder {builder}"
-        )
+        groups = f"one of {group.count} of the Signal Builder {builder}"
+        block.warn(f"gives the signals of the active group {group.name!r}, {groups}")
     return group.signals
 
 
@@ -136,10 +139,16 @@ def _beyond(block: BlockContext, points: RecordedSeries, how: str, at: int) -> S
 
 
 @block("FromSpreadsheet", "Signal Editor", "SignalEditor", FileName="untitled.mat")
-def from_unread_file(block: BlockContext) -> SignalOrBus:
-    """Make an input of a signal whose file is not read: a spreadsheet, or the scenarios of a Signal Editor."""
-    name = block.field_text("FileName").strip("'\"")
-    return _measured(block, block.flat.block.name, f"its file {name[:60]} has a form that is not supported")
+def from_unread_file(block: BlockContext) -> Outputs:
+    """Make inputs of signals whose file is not read: a spreadsheet, or the scenarios of a Signal Editor."""
+    file, own = block.field_text("FileName").strip("'\""), block.flat.block.name
+    why = f"its file {file[:60]} has a form that is not supported"
+    ports = block.flat.block.ports
+    if ports is None or ports.outputs < 2:
+        return _measured(block, own, why)
+    # one signal a port, as which its line or the drawing of the block names it
+    names = [block.flat.output_names.get(at, "").strip("<>") or f"{own}:{at + 1}" for at in range(ports.outputs)]
+    return tuple(_measured(block, name, why) for name in names)
 
 
 def _measured(block: BlockContext, name: str, why: str) -> Signal:
