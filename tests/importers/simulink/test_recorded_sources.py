@@ -10,6 +10,7 @@ from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.importing import import_simulink
 from tests.draws import mostly_slow
 from tests.importers.simulink.simulink_data import Thing, mxarray
+from tests.importers.simulink.simulink_data import matfile as object_file
 from tests.importers.simulink.simulink_files import LAYOUTS, Mask, Model, Reference
 from tests.importers.simulink.simulink_runs import alone, imported, run
 
@@ -180,3 +181,66 @@ def test_points_of_a_file_that_go_back_in_time_are_refused(tmp_path):
     (tmp_path / "log.mat").write_bytes(matfile(ans=np.array([[0.0, 2.0, 1.0], [1.0, 2.0, 3.0]])))
     with pytest.raises(InputError, match="its times must increase"):
         imported(alone("FromFile", 0, FileName="log.mat"), tmp_path)
+
+
+def series(times, values, first=1.0, **info):
+    """A timeseries object; without times, evenly spaced; `first` is 1 if the rows of the values are the times."""
+    spaced = {} if times is None else {"Time_": np.array([times], dtype=float).T}
+    time = Thing("tsdata.timemetadata", {"Units": "seconds", **spaced, **info})
+    return Thing("timeseries", {"Name": "s", "TimeInfo": time, "Data_": np.asarray(values), "IsTimeFirst_": first})
+
+
+def dataset(*elements):
+    """A dataset as files contain it, each layer of its classes below `any`."""
+    storage = Thing("Simulink.SimulationData.Storage.RamDatasetStorage", {"Elements": tuple(elements)})
+    return Thing("Simulink.SimulationData.Dataset", {"Name": "", "any": {"Storage": storage}})
+
+
+def editor(outputs=1, **parameters):
+    """A Signal Editor of the scenario Warm, linked to its library."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.link("E", "SignalEditorBlockLib/Signal Editor", "SignalEditor", ports=(0, outputs), FileName="s.mat",
+               ActiveScenario="Warm", **parameters)  # fmt: skip
+    for at in range(1, outputs + 1):
+        drawn.outport(f"y{at}")
+        drawn.line(f"E:{at}", f"y{at}")
+    return drawn
+
+
+@pytest.mark.parametrize("last", ["Setting to zero", "Holding final value"])
+def test_a_signal_editor_gives_the_signals_of_its_active_scenario(last, tmp_path):
+    pairs = np.array([[1.0, 10.0], [3.0, 20.0], [-1.0, 0.0]])
+    second = Thing("Simulink.SimulationData.Signal", {"Values": series(None, [[5.0], [6.0]], Start_=0.0, Increment_=2.0,
+                                                                       Length=2.0)})  # fmt: skip
+    scenarios = {"Cold": dataset(series([0, 1], [[0.0], [0.0]])), "Warm": dataset(series([0, 1, 2], pairs), second)}
+    (tmp_path / "s.mat").write_bytes(object_file(scenarios))
+    result = import_simulink(editor(2, OutputAfterFinalValue=last).write(tmp_path))
+    assert result.model is not None, result.problems
+    outputs = run(result.model, samples=COUNT)
+    ends = TIME > 2 + 1e-6
+    for at, values in enumerate(pairs.T, 1):
+        beyond = 0 if last.startswith("Setting") else values[-1]
+        np.testing.assert_allclose(outputs[f"y1[{at}]"], np.where(ends, beyond, np.interp(TIME, [0, 1, 2], values)),
+                                   atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(outputs["y2"][:20], 5 + TIME[:20] / 2, atol=1e-9)
+    assert any("interpolates and ends all its signals" in str(note) for note in result.report.notes)
+
+
+def test_a_scenario_that_is_not_there_becomes_inputs_by_the_names_of_the_ports(tmp_path):
+    (tmp_path / "s.mat").write_bytes(object_file({"Cold": dataset(series([0, 1], [[0.0], [0.0]]))}))
+    result = import_simulink(editor(2).write(tmp_path))
+    outputs = run(result.model, {"E:1": TIME, "E:2": -TIME})
+    np.testing.assert_array_equal(outputs["y2"], -TIME)
+    assert any("it has no scenario Warm, but Cold" in str(note) for note in result.report.notes)
+
+
+@pytest.mark.parametrize(("values", "first"), [([[1.0], [3.0]], 1.0), ([[1.0, 3.0]], 0.0)])
+@pytest.mark.parametrize(("unit", "scale"), [("seconds", 1.0), ("minutes", 60.0)])
+def test_a_timeseries_is_a_recording_in_a_workspace_and_in_a_file(unit, scale, values, first, tmp_path):
+    raw = object_file({"simin": series([0, 2], values, first, Units=unit)})
+    (tmp_path / "s.mat").write_bytes(raw)
+    expected = 1 + TIME / scale
+    model = imported(alone("FromWorkspace", 0, VariableName="simin"), tmp_path, parameters=[tmp_path / "s.mat"])
+    np.testing.assert_allclose(run(model, samples=COUNT)["y1"], expected, atol=1e-9)
+    model = imported(alone("FromFile", 0, FileName="s.mat"), tmp_path)
+    np.testing.assert_allclose(run(model, samples=COUNT)["y1"], expected, atol=1e-9)

@@ -13,12 +13,14 @@ from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, const
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.lowering.registry import Outputs
 from kennfeld.importers.simulink.reader.model_tree import split_path
-from kennfeld.importers.simulink.signals import CONTINUOUS, Signal, SignalOrBus, select, staircase
+from kennfeld.importers.simulink.signals import CONTINUOUS, Bus, Signal, SignalOrBus, select, staircase
+from kennfeld.importers.simulink.variables.datasets import Recorded
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.importers.simulink.variables.recordings import (
     RecordedSeries,
     builder_recording,
     file_recording,
+    scenario_recording,
     structure_recording,
 )
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -138,15 +140,50 @@ def _beyond(block: BlockContext, points: RecordedSeries, how: str, at: int) -> S
     return edge + (float(points.values[other]) - edge) / span * (block.time - float(points.times[at]))
 
 
-@block("FromSpreadsheet", "Signal Editor", "SignalEditor", FileName="untitled.mat")
-def from_unread_file(block: BlockContext) -> Outputs:
-    """Make inputs of signals whose file is not read: a spreadsheet, or the scenarios of a Signal Editor."""
-    file, own = block.field_text("FileName").strip("'\""), block.flat.block.name
-    why = f"its file {file[:60]} has a form that is not supported"
-    ports = block.flat.block.ports
+@block("FromSpreadsheet", FileName="untitled.xlsx")
+def from_spreadsheet(block: BlockContext) -> SignalOrBus:
+    """Make an input of a signal in a spreadsheet, which is not read."""
+    name = block.field_text("FileName").strip("'\"")
+    return _measured(block, block.flat.block.name, f"its file {name[:60]} is a spreadsheet, which is not read")
+
+
+@block("Signal Editor", "SignalEditor", FileName="untitled.mat", ActiveScenario="Scenario", ActiveSignal="",
+       Interpolate="on", OutputAfterFinalValue="Setting to zero", SampleTime="0")  # fmt: skip
+def signal_editor(block: BlockContext) -> Outputs:
+    """Return the signals of the active scenario in a MAT-file, one a port, or inputs in their place."""
+    name, scenario = block.field_text("FileName").strip("'\""), block.field_text("ActiveScenario")
+    content = block.compiler.files.data(name)
+    if content is None:
+        return _measured_ports(block, f"its file {name[:60]} was not found next to the model")
+    try:
+        signals = scenario_recording(content, scenario)
+    except EvaluationError as error:
+        return _measured_ports(block, f"its file {name[:60]} cannot be used: {error}")
+    if len(signals) > 1:
+        shown = block.field_text("ActiveSignal") or "the one that is shown"
+        block.warn(f"interpolates and ends all its signals as the file specifies it for {shown}")
+    return tuple(_editor_signal(block, f"signal {at}", signal) for at, signal in enumerate(signals, 1))
+
+
+def _editor_signal(block: BlockContext, label: str, signal: Recorded) -> SignalOrBus:
+    if isinstance(signal, dict):
+        return Bus({name: _editor_signal(block, f"{label} {name}", part) for name, part in signal.items()})
+    times, values = signal
+    _check_points(times, values)
+    if times[0] > 0:
+        raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
+    last = block.option("OutputAfterFinalValue", "Extrapolation", "Holding final value", "Setting to zero")
+    columns = values.T
+    names = [label] if len(columns) == 1 else [f"{label}[{at}]" for at in range(1, len(columns) + 1)]
+    series = (RecordedSeries(times, column) for column in columns)
+    return _joined(block, [_column(block, *pair, last) for pair in zip(names, series, strict=True)])
+
+
+def _measured_ports(block: BlockContext, why: str) -> Outputs:
+    """Return an input for each port, as which its line names it."""
+    own, ports = block.flat.block.name, block.flat.block.ports
     if ports is None or ports.outputs < 2:
         return _measured(block, own, why)
-    # one signal a port, as which its line or the drawing of the block names it
     names = [block.flat.output_names.get(at, "").strip("<>") or f"{own}:{at + 1}" for at in range(ports.outputs)]
     return tuple(_measured(block, name, why) for name in names)
 

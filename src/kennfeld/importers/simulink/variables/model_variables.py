@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.variables.data_dictionary import (
     find_beside,
     read_dictionary,
 )
+from kennfeld.importers.simulink.variables.datasets import is_timeseries, timeseries_points
 from kennfeld.importers.simulink.variables.enumerations import enumeration_files, enumeration_variable, members_of
 from kennfeld.importers.simulink.variables.m_files import read_file, run_parameter_script, run_text
 from kennfeld.importers.simulink.variables.mask_scope import (
@@ -38,6 +39,7 @@ from kennfeld.importers.simulink.variables.stored_variables import (
     workspace_variables,
 )
 from kennfeld.importers.simulink.variables.stored_variables import Value as Stored
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 
 ParameterSource: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
@@ -245,6 +247,10 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     condition = entry.properties.get("Condition")
     if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
         return Variable({"Condition": condition}, source=source)
+    if is_timeseries(entry):
+        times, values = _timeseries(entry)
+        # as a structure with time, which a From Workspace block takes as well
+        return Variable({"time": times, "signals": {"values": values}}, source=source)
     value = _value(entry, known)
     if value is None and entry.kind.rpartition(".")[2] == "Signal":  # it may declare a data store
         parts = {"InitialValue": "", **entry.properties}
@@ -254,6 +260,13 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     fixed = _is_enumerated(entry) or _is_enumerated(entry.value)
     variable = Variable(value, unit=entry.unit, description=entry.description, source=source, fixed=fixed)
     return variable.limited(entry.minimum, entry.maximum)
+
+
+def _timeseries(entry: StoredVariable) -> tuple[Numbers, Numbers]:
+    try:
+        return timeseries_points(entry)
+    except EvaluationError as error:
+        raise UnusableValueError(str(error)) from None
 
 
 def _is_enumerated(stored: Stored) -> bool:

@@ -9,8 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.reader.model_tree import StoredWorkspace
+from kennfeld.importers.simulink.variables.datasets import (
+    Recorded,
+    dataset_signals,
+    is_timeseries,
+    timeseries_points,
+)
 from kennfeld.importers.simulink.variables.stored_variables import (
     StoredVariable,
     Value,
@@ -39,7 +46,7 @@ class SignalGroup:
 
 
 def file_recording(raw: bytes) -> tuple[RecordedSeries, ...]:
-    """Read the signals of a MAT-file for a From File block: a matrix with the times in its first row.
+    """Read the signals of a MAT-file for a From File block: a timeseries, or a matrix with the times in its first row.
 
     Raises:
         EvaluationError: if the first variable of the file is no such matrix.
@@ -48,11 +55,27 @@ def file_recording(raw: bytes) -> tuple[RecordedSeries, ...]:
     if not stored.entries:
         raise EvaluationError(next(iter(stored.unreadable.values()), "it has no variables"))
     name, entry = next(iter(stored.entries.items()))
+    if is_timeseries(entry):
+        times, values = timeseries_points(entry)
+        return tuple(RecordedSeries(times, column) for column in values.T)
     matrix = entry.value
     if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.shape[0] < 2:
         raise EvaluationError(f"its variable {name} ({entry.kind}) is not a matrix with the times in its first row")
     numbers = np.asarray(matrix, dtype=np.float64)
     return tuple(RecordedSeries(numbers[0], row) for row in numbers[1:])
+
+
+def scenario_recording(raw: bytes, scenario: str) -> tuple[Recorded, ...]:
+    """Read the signals of a scenario in the file of a Signal Editor, a dataset of its name.
+
+    Raises:
+        EvaluationError: if the file has no such dataset.
+    """
+    stored = mat_variables(raw)
+    if scenario not in stored.entries:
+        names = join_names([name for name in stored.entries if name], 5) or "none"
+        raise EvaluationError(f"it has no scenario {scenario[:40]}, but {names}")
+    return dataset_signals(stored.entries[scenario])
 
 
 def structure_recording(value: Mapping[str, object]) -> tuple[RecordedSeries, ...]:
