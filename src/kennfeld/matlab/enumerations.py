@@ -51,6 +51,7 @@ def enumeration_of(text: str) -> Enumeration | None:
         return None
     body = plain[head.end() :]
     written = list(_MEMBER.finditer("\n".join(section[1] for section in _LISTS.finditer(body))))
+    # some with numbers and some without have no meaning that two readers would agree on
     counted = all(match[2] is None for match in written)
     numbers = [float(at) if counted else number_of(match[2]) for at, match in enumerate(written)]
     members = {match[1]: number for match, number in zip(written, numbers, strict=True) if number is not None}

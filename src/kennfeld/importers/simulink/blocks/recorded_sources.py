@@ -39,6 +39,7 @@ def repeating_sequence(block: BlockContext) -> SignalOrBus:
     _check_points(times, values[:, None])
     if not times[-1] > times[0]:
         raise UnsupportedError("its points all have the same time")
+    # the last point is the first one of the next period
     first, span = float(times[0]), float(times[-1] - times[0])
     within = (_current_time(block) - first) % span + first
     return _line(block, "rep_seq_y", within, RecordedSeries(times, values), "clip")

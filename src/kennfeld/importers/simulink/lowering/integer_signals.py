@@ -69,6 +69,7 @@ def is_floating(source: SignalSource | None) -> bool:
 
 def _specified_type(flat: FlatBlock) -> str:
     """Return the output type that a block specifies, "" if it is inherited."""
+    # the key of newer files first; the mode of older ones names the type unless it refers to an expression
     words = ((flat.block.value(key) or "").strip() for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"))
     return next((word for word in words if word and word != "auto" and not word.startswith("Inherit")), "")
 
@@ -77,6 +78,7 @@ def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
     """Return the common type; if rounding or overflow differ, round down and wrap."""
     if len(types) == 1:
         return types.pop()
+    # paths that differ in how they convert still store the same bits
     plain = {(integer_type.bits, integer_type.signed) if integer_type is not None else None for integer_type in types}
     only = plain.pop() if len(plain) == 1 else None
     return IntegerType(*only) if only is not None else None
@@ -115,6 +117,7 @@ def find_integer_conversions(blocks: Iterable[FlatBlock]) -> tuple[str, ...]:
 
 def _converts(flat: FlatBlock) -> bool:
     """Return True if a block converts to integers: by its output type, a cast in its code, or a chart variable."""
+    # a block that passes on a type has had its value converted before it
     if not output_type_of(flat).converts:
         return False
     if specified_integer_type(flat) is not None or _CAST.search(flat.block.script):

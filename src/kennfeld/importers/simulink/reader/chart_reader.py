@@ -168,6 +168,7 @@ def _transition(section: SectionNode, number: str, parent: str, numbers: Mapping
             return ""
         return node.keys.get("SSID") or numbers.get(node.keys.get("id", ""), "")
 
+    # the last piece of a transition through a subchart has no order of its own: 4294967295, which counts as none
     order = _whole(section.keys.get("executionOrder", ""))
     label, whole = section.keys.get("labelString", ""), _whole_transition(section, numbers)
     return StoredTransition(number, label, end("src"), end("dst"), order, parent, whole)

@@ -182,6 +182,7 @@ class ChartExpressions(ChartPart):
         key = self.resolve_key(tree, context)
         if key is not None:
             return integers(self.variables.get(key, guard), self._declared_type(key))
+        # parameters and workspace variables are left to the evaluator of fields; MATLAB requires the names of classes
         if not isinstance(tree, m.Name) or self.diagram.chart.language != "C" or self.scope.find(tree.name) is not None:
             return None
         # the time, unless something else has this name

@@ -52,12 +52,12 @@ def _times(stored: StoredVariable) -> Numbers:
         raise EvaluationError(f"its timeseries has the unknown time unit {str(unit)[:20]!r}")
     listed = [fields.get("Time_"), stored.properties.get("Time_")]
     times = next((part for part in listed if isinstance(part, np.ndarray) and part.size), None)
-    if times is None:
-        start, increment, length = (_scalar(fields.get(key)) for key in ("Start_", "Increment_", "Length"))
-        if increment is None or length is None:
-            raise EvaluationError("its timeseries has no times")
-        times = (start or 0.0) + increment * np.arange(int(length))
-    return np.asarray(times, dtype=np.float64).ravel() * scale
+    if times is not None:
+        return np.asarray(times, dtype=np.float64).ravel() * scale
+    start, increment, length = (_scalar(fields.get(key)) for key in ("Start_", "Increment_", "Length"))
+    if increment is None or length is None:
+        raise EvaluationError("its timeseries has no times")
+    return ((start or 0.0) + increment * np.arange(int(length))) * scale
 
 
 def _flag(value: Value) -> bool:

@@ -45,6 +45,7 @@ def class_variable(enumeration: Enumeration, source: str) -> Variable:
 
 def members_of(variable: Variable | None) -> Mapping[str, float]:
     """Return the members of a variable that is an enumeration, {} for any other."""
+    # other structs are parameters, field by field
     if variable is None or not variable.fixed or not isinstance(variable.value, Mapping):
         return {}
     return {
@@ -64,6 +65,7 @@ def unqualified_member(variables: Mapping[str, Variable], name: str, types: Iter
 
     The classes in `types`, those that a chart uses, take precedence over all others that are known.
     """
+    # a folder holds the classes of many models, in which words such as Off occur again and again
     near = {kind: variables[kind] for kind in types if kind in variables}
     for classes in (near, variables):
         numbers = {members[name] for variable in classes.values() if name in (members := members_of(variable))}
@@ -80,6 +82,7 @@ def enumeration_files(folders: Iterable[Path], files: Iterable[Path] = ()) -> di
     paths = [*files, *(path for folder in folders for path in _scripts(folder))]
     enumerations: dict[str, Variable] = {}
     for path in paths:
+        # MATLAB finds a class by the name of its file only
         if path.stem not in enumerations and (text := _class_text(path)):
             enumeration = enumeration_of(text)
             if enumeration is not None and enumeration.name == path.stem:

@@ -54,6 +54,7 @@ def file_recording(raw: bytes) -> tuple[RecordedSeries, ...]:
     stored = mat_variables(raw)
     if not stored.entries:
         raise EvaluationError(next(iter(stored.unreadable.values()), "it has no variables"))
+    # a From File block names no variable: the first one of the file counts
     name, entry = next(iter(stored.entries.items()))
     if is_timeseries(entry):
         times, values = timeseries_points(entry)
@@ -110,6 +111,7 @@ def builder_recording(stored: StoredWorkspace) -> SignalGroup:
         raise EvaluationError(f"the data of the Signal Builder cannot be read: {error}") from None
     if not isinstance(whole, Mapping):
         raise EvaluationError("the data of the Signal Builder have an unknown form")
+    # newer files keep the channels as well, but without their points
     suite = whole.get("sbobj")
     group = _of_suite(suite) if isinstance(suite, StoredVariable) else _of_channels(whole)
     if not group.signals or any(len(x) != len(y) or len(x) < 2 for x, y in group.signals):
@@ -142,6 +144,7 @@ def _of_channels(whole: Mapping[str, Value]) -> SignalGroup:
     at = _position(whole.get("dataSetIdx"), max(len(groups), 1))
     if at is None:
         raise EvaluationError("the Signal Builder has no active group")
+    # channels are in the order in which they were drawn
     ordered = sorted(channels, key=lambda channel: _number(channel.get("outIndex")))
     name = groups[at].get("name") if groups else ""
     signals = tuple(_of_channel(channel, at) for channel in ordered)

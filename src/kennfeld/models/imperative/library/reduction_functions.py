@@ -42,6 +42,7 @@ def matrix_power(evaluator: SymbolicEvaluator, left: Nodes, right: Nodes) -> Nod
     if not float(exponent.item()).is_integer() or not -64 <= exponent.item() <= 64:
         raise ProgramError(f"the exponent {exponent.item():g} of a matrix is not supported")
     times = int(exponent.item())
+    # a power of 0 is the unit matrix whatever the matrix, even a singular one
     if not times:
         return constants(evaluator.builder, np.eye(left.shape[0]))
     base = left if times > 0 else inverse_matrix(evaluator.builder, left)
