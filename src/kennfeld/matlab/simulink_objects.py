@@ -4,6 +4,7 @@ In a script they are structs with the name of their class; `to_calibration_param
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -36,9 +37,12 @@ _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", 
 
 @dataclass(frozen=True, eq=False)
 class SimulinkParameter:
-    """A Simulink.Parameter: its value, limits (None if not set), unit and description."""
+    """A Simulink.Parameter: its value, limits (None if not set), unit and description.
 
-    value: Float
+    The value is an array of numbers, or a struct, whose fields have neither limits nor units of their own.
+    """
+
+    value: Float | v.MatlabStruct
     min: float | None = None
     max: float | None = None
     unit: str = ""
@@ -95,8 +99,22 @@ def define_enumeration(arguments: Sequence[v.Value]) -> tuple[str, v.MatlabStruc
     values = v.numbers(arguments[2]).ravel(order="F")
     if len(members) != values.size:
         raise v.MatlabValueError(f"{len(members)} members, but {values.size} numbers")
-    fields: dict[str, v.Value] = {name: v.scalar(float(value)) for name, value in zip(members, values, strict=True)}
+    numbers = with_default(dict(zip(members, map(float, values), strict=True)), _default_member(arguments[3:]))
+    fields: dict[str, v.Value] = {name: v.scalar(value) for name, value in numbers.items()}
     return v.text(arguments[0]), v.MatlabStruct.of(fields, ENUMERATION)
+
+
+def with_default(members: Mapping[str, float], default: str) -> dict[str, float]:
+    """Return the members of an enumeration with the default one first, in their order if it is none of them."""
+    return {default: members[default], **members} if default in members else dict(members)
+
+
+def _default_member(options: Sequence[v.Value]) -> str:
+    """Return the member that the option DefaultValue names, "" if there is none."""
+    texts = [
+        v.text(option) if isinstance(option, np.ndarray) and option.dtype.kind == "U" else "" for option in options
+    ]
+    return next((value for name, value in pairwise(texts) if name == "DefaultValue"), "")
 
 
 def default_properties(kind: str) -> dict[str, v.Value]:
@@ -136,6 +154,9 @@ def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:
     points = fields.get("Breakpoints")
     if isinstance(points, v.MatlabStruct) and points.elements.size == 1:
         return _breakpoint(points.fields)
+    inner = fields.get("Value")
+    if isinstance(inner, v.MatlabStruct) and not inner.kind:
+        return SimulinkParameter(inner, description=_word(fields, "Description"))
     properties = _properties(fields)
     return None if properties is None else SimulinkParameter(*properties)
 

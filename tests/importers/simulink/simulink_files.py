@@ -76,7 +76,7 @@ class Chart:
     at once, and "" among them stands for the chart; `boxes` are boxes, not states. A transition may have a fourth part,
     the state that it is drawn in, data an initial value, a size and a parent, events (name, scope, trigger) a parent.
     `functions` are states that are functions, with their code in MATLAB or "" where they are drawn. `types` are those
-    of data by their names.
+    of data by their names. A transition through the edge of one of the `subcharts` is stored whole and in pieces.
     """
 
     states: dict[str, str] = field(default_factory=dict)
@@ -92,6 +92,7 @@ class Chart:
     settings: dict[str, str] = field(default_factory=dict)
     language: str = "C"
     types: dict[str, str] = field(default_factory=dict)
+    subcharts: tuple[str, ...] = ()
 
     def ids(self):
         """The numbers of states and junctions by their names."""
@@ -129,6 +130,29 @@ class Chart:
             key = one[0] or f"in {self.holder(one)}", one[0] == self.holder(one)
             seen[key] = seen.get(key, 0) + 1
             yield seen[key]
+
+    def drawn(self):
+        """The transitions as a file has them: number, transition, order, further keys.
+
+        One through the edges of subcharts is stored as SUPER, followed by its pieces (SUB), each drawn in one subchart
+        or around them.
+        """
+        number = len(self.transitions)
+        for at, (whole, order) in enumerate(zip(self.transitions, self.orders(), strict=True), 1):
+            holder = self.holder(whole)
+            inside = [[name for name in self.around(end)[1:] if end and name in self.subcharts] for end in whole[:2]]
+            ups, downs = ([name for name in names if holder in self.around(name)[1:]] for names in inside)
+            stops = [whole[0], *ups, *reversed(downs), whole[1]]
+            if len(stops) == 2:
+                yield at, whole, order, {}
+                continue
+            yield at, whole, order, {"type": "SUPER", "firstSubWire": number + 1}
+            for place, (start, end) in enumerate(pairwise(stops)):
+                number += 1
+                within = end if place < len(ups) else holder if place == len(ups) else start
+                last = place == len(stops) - 2
+                link = [at, number - 1 if place else 0, 0 if last else number + 1]
+                yield number, (start, end, whole[2], within), order, {"type": "SUB", "subLink": link}
 
     def written(self):
         """The settings of the chart."""
@@ -245,7 +269,8 @@ def _end(written, usual):
 class Model(System):
     """A model, or with kind="Library" a library. `defaults` are by block type; `code` fills the model workspace.
 
-    `configuration` names one that is kept elsewhere.
+    `configuration` names one that is kept elsewhere. `records` are binary data by tag, to which a field refers by a
+    `Reference`.
     """
 
     def __init__(
@@ -273,6 +298,7 @@ class Model(System):
         self.solver = {"StartTime": start, "StopTime": stop, "FixedStep": step, "SolverName": solver}
         self.callbacks, self.code, self.workspace = callbacks or {}, code, workspace
         self.dictionary, self.defaults = dictionary, defaults or {}
+        self.records = {}
 
     def number(self):
         self.count += 1
@@ -314,7 +340,13 @@ def _text_package(parts, release):
     return "\n".join([*lines, "__MWOPC_PACKAGE_END__", ""]).encode("utf-8")
 
 
+class Reference(str):
+    """The value of a field that is a record elsewhere in the file: its tag."""
+
+
 def _p(name, value):
+    if isinstance(value, Reference):
+        return f"<P Name={quoteattr(name)} Ref={quoteattr(f'bdmxdata:{value}')}/>"
     return f"<P Name={quoteattr(name)}>{escape(str(value), {chr(13): '&#xD;'})}</P>"
 
 
@@ -336,6 +368,7 @@ def _parts(model, separate):
         settings.append(f"<ModelWorkspace>{code}</ModelWorkspace>")
     if model.workspace:
         parts["simulink/modelWorkspace.mxarray"] = model.workspace
+    parts |= {f"simulink/bdmxdata/{tag}.mxarray": raw for tag, raw in model.records.items()}
     diagram = f"<{model.kind}>{''.join(settings)}{inner}</{model.kind}>"
     parts["simulink/blockdiagram.xml"] = f'{HEAD}<ModelInformation Version="1.0">{diagram}</ModelInformation>'
     if model.defaults:
@@ -524,10 +557,11 @@ def _content_xml(chart, holder=""):
         if chart.parents.get(name, "") == holder:
             kind = "HISTORY_JUNCTION" if name in chart.histories else "CONNECTIVE_JUNCTION"
             content.append(f'<junction SSID="{ids[name]}">{_p("type", kind)}</junction>')
-    for at, (one, order) in enumerate(zip(chart.transitions, chart.orders(), strict=True), 1):
+    for at, one, order, keys in chart.drawn():
         if chart.holder(one) == holder:
             start = f"<src>{_p('SSID', ids[one[0]]) if one[0] else ''}</src>"
             text = _p("labelString", one[2]) + _p("executionOrder", order)
+            text += "".join(_p(key, _links(value, 100)) for key, value in keys.items())
             content.append(
                 f'<transition SSID="{100 + at}">{text}{start}<dst>{_p("SSID", ids[one[1]])}</dst></transition>'
             )
@@ -588,9 +622,10 @@ def _classic(model):
         content.append(_braces("BlockParameterDefaults", *blocks))
     content.append(_system_braces(model))
     sections = [_braces(model.kind, *content)]
-    if model.workspace:
-        record = _braces("DataRecord", "Tag DataTag0", _key("Data", uuencoded(model.workspace)))
-        sections.append(_braces("MatData", "NumRecords 1", record))
+    records = ({"DataTag0": model.workspace} if model.workspace else {}) | model.records
+    if records:
+        written = [_braces("DataRecord", f"Tag {tag}", _key("Data", uuencoded(raw))) for tag, raw in records.items()]
+        sections.append(_braces("MatData", f"NumRecords {len(records)}", *written))
     if _functions(model):
         sections.append(_stateflow_braces(model))
     return "\n".join(sections) + "\n"
@@ -700,6 +735,13 @@ def _bare(value):
     return value if re.fullmatch(r"\w+", value) else _quoted(value)
 
 
+def _links(value, base):
+    """A key of a piece of a transition: its links to others by number, or its type."""
+    if isinstance(value, list):
+        return f"[{' '.join(str(base + number if number else 0) for number in value)}]"
+    return base + value if isinstance(value, int) else value
+
+
 def _flat(drawn, chart, base):
     ids = {"": chart, **{name: base + number for name, number in drawn.ids().items()}}
     content = []
@@ -715,7 +757,7 @@ def _flat(drawn, chart, base):
         kind = "HISTORY_JUNCTION" if name in drawn.histories else "CONNECTIVE_JUNCTION"
         head = [f"id {ids[name]}", f"ssIdNumber {ids[name] - base}", f"type {kind}", f"chart {chart}"]
         content.append(_braces("junction", *head, f"linkNode [{ids[drawn.parents.get(name, '')]} 0 0]"))
-    for at, (one, order) in enumerate(zip(drawn.transitions, drawn.orders(), strict=True), 1):
+    for at, one, order, keys in drawn.drawn():
         start = _braces("src", f"id {ids[one[0]]}") if one[0] else _braces("src", "intersection [0 0 0 0]")
         end = _braces("dst", f"id {ids[one[1]]}")
         head = [
@@ -723,6 +765,7 @@ def _flat(drawn, chart, base):
             f"ssIdNumber {100 + at}",
             _key("labelString", one[2]),
             f"executionOrder {order}",
+            *(f"{key} {_links(value, base + 100)}" for key, value in keys.items()),
         ]
         link = f"linkNode [{ids[drawn.holder(one)]} 0 0]"
         content.append(_braces("transition", *head, start, end, f"chart {chart}", link))

@@ -247,3 +247,25 @@ def test_the_slope_of_bits_is_0(tmp_path):
     exact, differences = slopes(model, {"u1": WHOLE[:4]}, "k", "y1")
     assert not exact.any()
     assert not differences.any()
+
+
+@pytest.mark.parametrize(("path", "sign"), [("Right", -1), ("Bidirectional", -1), ("Left", 1)])
+def test_a_floating_point_number_is_shifted_by_a_fraction_as_generated_code_does(path, sign, tmp_path):
+    u, bits = np.array([-6.625, 0.3, 5.0, 7.0, 1.5]), np.array([2.5, -1.25, 0.0, 3.0, -0.5])
+    drawn = alone("ArithShift", 2, BitShiftDirection=path, BitShiftNumberSource="Input port")
+    output = run(imported(drawn, tmp_path), {"u1": u, "u2": bits})["y1"]
+    # ldexp(u, (int32_T)floor(0.0 - s)), which rounds another way than -floor(s)
+    np.testing.assert_array_equal(output, np.ldexp(u, np.floor(sign * bits).astype(int)))
+
+
+@pytest.mark.parametrize("text", ["1.5", "n", "[1 0.5 2]"])
+def test_a_number_of_bits_in_the_dialog_must_be_an_integer(text, tmp_path):
+    drawn = alone("ArithShift", BitShiftNumber=text)
+    with pytest.raises(InputError, match=r"its BitShiftNumber must be an integer, got (1\.5|0\.5)"):
+        imported(drawn, tmp_path, parameters=[{"n": 1.5}])
+
+
+def test_an_integer_shifted_by_a_fraction_is_remarked(tmp_path):
+    drawn = shifted(["uint8", "double"], BitShiftNumberSource="Input port")
+    notes = import_simulink(drawn.write(tmp_path)).report.notes
+    assert any("rounds its number of bits down" in str(note) for note in notes)

@@ -649,11 +649,7 @@ def test_an_integrator_in_an_enabled_subsystem_stands_still(tmp_path):
 
 def test_unsupported_settings_are_reported(tmp_path):
     for kind, options, reason in (
-        (
-            "Lookup_n-D",
-            {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"},
-            "InterpMethod 'Akima spline'",
-        ),
+        ("Lookup_n-D", {"NumberOfTableDimensions": "1", "InterpMethod": "Lagrange"}, "InterpMethod 'Lagrange'"),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
         ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: undefined"),
         ("SignalGenerator", {"WaveForm": "sawtooth"}, "its wave form 'sawtooth'"),

@@ -6,7 +6,7 @@ import pytest
 from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.importing import import_simulink, simulink
 from kennfeld.importers.simulink.variables.data_dictionary import read_dictionary
-from kennfeld.matlab.enumerations import enumeration_of
+from kennfeld.matlab.enumerations import Enumeration, enumeration_of
 from tests.draws import mostly_slow
 from tests.importers.simulink.simulink_code import function
 from tests.importers.simulink.simulink_data import sldd
@@ -252,7 +252,7 @@ def test_indices_and_ports_that_do_not_match_are_reported(tmp_path):
     [
         (
             "Gear.Fifth",
-            r"the enumeration Gear has no member Fifth; its members are Reverse, .* add the member to Gear\.m\.",
+            r"the enumeration Gear has no member Fifth; its members are Neutral, .* add the member to Gear\.m\.",
         ),
         ("Lost.A", "Lost.A: undefined"),
     ],
@@ -270,15 +270,63 @@ def test_a_class_of_another_kind_is_reported(tmp_path):
 
 
 def test_class_files_in_the_forms_that_are_written():
-    assert enumeration_of(GEAR) == ("Gear", {name: float(value) for name, value in MEMBERS.items()})
+    gear = enumeration_of(GEAR)
+    assert (gear.name, gear.members, gear.counted) == ("Gear", MEMBERS, False)
+    assert next(iter(gear.members)) == "Neutral", "the default comes first"
     short = "classdef (Enumeration) On < int32\n  enumeration\n No(0) , Yes(1);\n  end\nend"
-    assert enumeration_of(short) == ("On", {"No": 0.0, "Yes": 1.0})
+    assert enumeration_of(short) == Enumeration("On", {"No": 0.0, "Yes": 1.0})
     several = "classdef A < uint8\nenumeration\nB(1)\nend\nenumeration\nC(2)\nend\nend"
-    assert enumeration_of(several) == ("A", {"B": 1.0, "C": 2.0})
+    assert enumeration_of(several) == Enumeration("A", {"B": 1.0, "C": 2.0})
     line = "classdef A < Simulink.IntEnumType\nenumeration, B(0x1F), C(2^3 - 1), end\nend"
-    assert enumeration_of(line) == ("A", {"B": 31.0, "C": 7.0})
+    assert enumeration_of(line) == Enumeration("A", {"B": 31.0, "C": 7.0})
     assert enumeration_of("classdef A < Simulink.IntEnumType\nenumeration\nB(x)\nend\nend") is None
+    assert enumeration_of("classdef A < Simulink.IntEnumType\nenumeration\nB(1), C\nend\nend") is None
     assert enumeration_of("x = 3;") is None
+
+
+def lamp(chart, folder, columns):
+    """The output y of a chart over u."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.chart("C", chart)
+    drawn.between(["u"], "C", ["y"])
+    result = import_simulink(drawn.write(folder))
+    return run(result.model, columns)["y"].tolist(), [str(finding) for finding in result.report.remarks]
+
+
+@pytest.mark.parametrize("initial", ["", "Blink", "Lamp.Blink"])
+def test_a_class_without_numbers_is_counted_from_0_with_a_remark(initial, tmp_path):
+    (tmp_path / "Lamp.m").write_text("classdef Lamp < Simulink.IntEnumType\nenumeration\nOff\nOn, Blink\nend\nend")
+    chart = Chart(
+        {"A": "A\nen: y = x;", "B": "B\nen: y = On;"},
+        [("", "A", ""), ("A", "B", "[u == Blink]")],
+        [("u", "INPUT_DATA"), ("y", "OUTPUT_DATA"), ("x", "LOCAL_DATA", initial)],
+        types={"x": "Enum: Lamp"},
+    )
+    outputs, remarks = lamp(chart, tmp_path, {"u": [0.0, 1.0, 2.0]})
+    assert outputs == [2.0 if initial else 0.0] * 2 + [1.0]
+    assert any("no numbers; they are counted from 0 (Off = 0, On = 1, Blink = 2)" in remark for remark in remarks)
+
+
+def test_a_variable_without_an_initial_value_begins_with_the_default_of_its_class(tmp_path):
+    (tmp_path / "Lamp.m").write_text("classdef Lamp < int32\nenumeration\nOn(3), Off(5)\nend\nend")
+    class_file(tmp_path)
+    chart = Chart(
+        {"A": "A\nen: y = 10 * g + x;"},
+        [("", "A", "")],
+        [("u", "INPUT_DATA"), ("y", "OUTPUT_DATA"), ("x", "LOCAL_DATA"), ("g", "LOCAL_DATA")],
+        types={"x": "Enum: Lamp", "g": "Enum: Gear"},
+    )
+    # the first member of Lamp; the one that Gear.getDefaultValue returns
+    assert lamp(chart, tmp_path, {"u": [0.0]})[0] == [3.0]
+
+
+def test_a_member_without_its_class_is_one_of_a_type_that_the_chart_uses(tmp_path):
+    (tmp_path / "Lamp.m").write_text("classdef Lamp < int32\nenumeration\nFirst(7)\nend\nend")
+    class_file(tmp_path)
+    for kind, number in (("Lamp", 7.0), ("Gear", 1.0)):
+        chart = Chart({"A": "A\nen: y = First;"}, [("", "A", "")], [("u", "INPUT_DATA"), ("y", "OUTPUT_DATA")],
+                      types={"y": f"Enum: {kind}"})  # fmt: skip
+        assert lamp(chart, tmp_path, {"u": [0.0]})[0] == [number]
 
 
 def test_a_dictionary_keeps_the_members_of_its_enumerations(tmp_path):

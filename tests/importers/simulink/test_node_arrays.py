@@ -135,11 +135,11 @@ def test_a_vector_becomes_a_matrix(tmp_path):
     np.testing.assert_allclose(output, (square @ square).reshape(N, -1, order="F"), rtol=1e-13)
 
 
-SQUARE = {n: RNG.normal(size=(N, n, n)) + 3 * np.eye(n) for n in (1, 2, 3, 4)}
+SQUARE = {n: RNG.normal(size=(N, n, n)) + 3 * np.eye(n) for n in (1, 2, 3, 4, 7)}
 
 
-@pytest.mark.parametrize("size", [1, 2, 3])
-def test_small_matrices_are_inverted(size, tmp_path):
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 7])
+def test_matrices_are_inverted(size, tmp_path):
     drawn = wide("Product", (f"[{size} {size}]",), Inputs="/", Multiplication="Matrix(*)")
     output = gathered(run(imported(drawn, tmp_path), columns(u1=SQUARE[size])))
     expected = np.linalg.inv(SQUARE[size])
@@ -152,8 +152,16 @@ def test_a_product_divides_by_a_matrix(tmp_path):
     output = gathered(run(imported(drawn, tmp_path), columns(u1=rows, u2=SQUARE[3])))
     expected = rows @ np.linalg.inv(SQUARE[3])
     np.testing.assert_allclose(output, expected.reshape(N, -1, order="F"), rtol=1e-10, atol=1e-12)
-    with pytest.raises(InputError, match="it inverts a matrix of size 4 x 4"):
-        imported(wide("Product", ("[4 4]",), Inputs="/", Multiplication="Matrix(*)"), tmp_path)
+    for size in ("[13 13]", "[2 3]"):
+        with pytest.raises(InputError, match=r"it inverts a matrix of size .* up to 12 x 12 are supported"):
+            imported(wide("Product", (size,), Inputs="/", Multiplication="Matrix(*)"), tmp_path)
+
+
+def test_an_inverse_exchanges_rows_for_a_pivot_that_is_0(tmp_path):
+    turned = np.roll(np.diag([2.0, -3.0, 5.0, 7.0]), 1, axis=0) + np.zeros((N, 4, 4))
+    drawn = wide("Product", ("[4 4]",), Inputs="/", Multiplication="Matrix(*)")
+    output = gathered(run(imported(drawn, tmp_path), columns(u1=turned)))
+    np.testing.assert_allclose(output, np.linalg.inv(turned).reshape(N, -1, order="F"), rtol=1e-13)
 
 
 def test_determinants_and_cross_products(tmp_path):

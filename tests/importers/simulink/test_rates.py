@@ -1,8 +1,11 @@
 """Rate transitions: a slower sample time holds a signal, a faster one sees it a hit of its own late."""
 
+import re
+
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.importing import import_simulink
 from tests.draws import mostly_slow
 from tests.importers.simulink.simulink_files import LAYOUTS, Model
@@ -140,3 +143,33 @@ def test_the_effect_of_undeclared_tasks_is_reported(tmp_path):
     remarks = import_simulink(drawn(Deterministic="off").write(tmp_path)).report.notes
     assert any(str(one).startswith("R passes on") and "Select deterministic" in str(one) for one in remarks)
     assert import_simulink(drawn().write(tmp_path)).report.notes == ()
+
+
+@pytest.mark.parametrize(("slow", "fast"), [(3, 2), (5, 2), (3, 1), (4, 2)])
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_double_buffer_is_filled_at_the_hits_of_the_slower_task(slow, fast, stated, tmp_path):
+    # sample times as in a model of one block: those of the ports, and of the transition itself
+    diagram = Model(step="0.1", solver="FixedStepDiscrete")
+    diagram.solver |= TASKS[0]
+    diagram.inport("u", SampleTime=f"{slow / 10}")
+    own = {"OutPortSampleTime": f"{fast / 10}"} if stated else {}
+    diagram.block("RateTransition", "R", ports=(1, 1), Deterministic="off", X0="5", **own)
+    diagram.outport("y", SampleTime=f"{fast / 10}")
+    diagram.chain("u", "R", "y")
+    np.testing.assert_allclose(run(imported(diagram, tmp_path), {"u": U})["y"], scheduled(slow, fast, U, 5.0))
+
+
+def test_an_output_sample_time_may_have_an_offset(tmp_path):
+    diagram = drawn(slow="0.1", fast="-1", OutPortSampleTime="[0.3 0.1]")
+    output = run(imported(diagram, tmp_path), {"u": U})["y"]
+    np.testing.assert_allclose(output[1:], 2 * np.repeat(U[1::3], 3)[: U.size - 1])
+
+
+@pytest.mark.parametrize(
+    ("slow", "fast", "why"),
+    [("0.3", "0.2", "R: it transfers from 0.3 s to 0.2 s deterministically, but 0.3 s is not a multiple"),
+     ("[0.4 0.1]", "0.2", "R: it transfers between sample times with offsets of 0.1 s and 0 s deterministically")],
+)  # fmt: skip
+def test_a_transfer_whose_delay_would_vary_is_refused_as_in_simulink(slow, fast, why, tmp_path):
+    with pytest.raises(InputError, match=re.escape(why)):
+        imported(drawn(slow, fast), tmp_path)

@@ -313,7 +313,7 @@ def test_an_unsupported_block_without_readers_is_reported(tmp_path):
     report = import_simulink(drawn.write(tmp_path)).report
     assert report.whole
     assert [(one.path, one.why) for one in report.unsupported] == [
-        ("Noise", "its signal is recorded or random and not part of the model")
+        ("Noise", "its signal is random and not part of the model")
     ]
 
 

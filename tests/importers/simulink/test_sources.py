@@ -89,20 +89,19 @@ def test_a_matrix_may_have_several_signals_and_come_from_a_variable(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "reason"),
     [
-        ({}, "its signal is recorded and not part of the model"),
         ({"VariableName": "[1 2; 3 4]"}, "its points must begin at 0 s, got 1 s"),
         ({"VariableName": "[0 2; 3 4; 2 1]"}, "its times must increase"),
         ({"VariableName": "[0 2; 3 4]", "OutputAfterFinalValue": "Cyclic repetition"}, "'Cyclic repetition'"),
         ({"VariableName": "[1 2 3]"}, "its signal is not a matrix"),
     ],
 )
-def test_signals_that_are_not_in_the_model_are_to_be_bound(parameters, reason, tmp_path):
+def test_signals_without_a_meaning_are_refused(parameters, reason, tmp_path):
     with pytest.raises(InputError, match=reason):
         source("FromWorkspace", tmp_path, **parameters)
 
 
-@pytest.mark.parametrize("kind", ["RandomNumber", "UniformRandomNumber", "FromFile", "FromSpreadsheet"])
-def test_random_and_recorded_signals_are_refused_and_can_be_bound(kind, tmp_path):
+@pytest.mark.parametrize("kind", ["RandomNumber", "UniformRandomNumber"])
+def test_random_signals_are_refused_and_can_be_bound(kind, tmp_path):
     drawn = alone(kind, 0)
     with pytest.raises(InputError, match=r"random and not part of the model\. Bind it to a measured channel"):
         imported(drawn, tmp_path)

@@ -139,7 +139,19 @@ def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
         ("Interpolation_n-D", 4, {"InterpMethod": "Cubic spline"}, "it uses splines, which require the breakpoints"),
         ("PreLookup", 1, {"BreakpointsData": "[1 3 2]"}, "its breakpoints must increase"),
         ("Lookup_n-D", 5, {"NumberOfTableDimensions": "5"}, "its table has 5 dimensions"),
-        ("Lookup_n-D", 1, {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"}, "'Akima spline' is not"),
+        (
+            "Lookup_n-D",
+            1,
+            {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"},
+            "ExtrapMethod 'Linear' is not supported.*Supported: clip, akima",
+        ),
+        (
+            "Lookup_n-D",
+            2,
+            {"InterpMethod": "Akima spline", "ExtrapMethod": "Clip"},
+            "an Akima spline over 2 dimensions",
+        ),
+        ("Interpolation_n-D", 4, {"InterpMethod": "Akima spline", "ExtrapMethod": "Clip"}, "it uses splines"),
     ],
 )
 def test_unsupported_lookups_are_refused_with_the_reason(kind, inputs, parameters, reason, tmp_path):
@@ -201,6 +213,39 @@ def test_a_spline_through_two_points_is_a_line_and_one_through_very_many_is_refu
     drawn = alone("Lookup_n-D", Table="1:2000", BreakpointsForDimension1="1:2000", **options)
     with pytest.raises(InputError, match="its table of 2000 values is too large for spline interpolation"):
         imported(drawn, tmp_path)
+
+
+# a jump between flat regions, where the weights of the slopes vanish, and a wave
+FLAT = np.array([1.0, 1.0, 1.0, 4.0, 4.0, 4.0, 4.0, -2.0, 3.0])
+X9 = np.array([0.0, 1.0, 1.5, 2.5, 3.0, 3.25, 5.0, 6.0, 6.5])
+
+
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
+@pytest.mark.parametrize("beyond", ["Clip", "Akima spline"])
+@pytest.mark.parametrize("count", [3, 5, 9])
+def test_an_akima_spline_is_that_of_scipy(count, beyond, layout, tmp_path):
+    drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="x",
+                  InterpMethod="Akima spline", ExtrapMethod=beyond)  # fmt: skip
+    x, y = X9[:count], FLAT[:count] if count == 9 else W[:count, 0]
+    model = imported(drawn, tmp_path, layout, parameters=[{"Eta": y, "x": x}])
+    u = np.concatenate([np.linspace(x[0] - 1, x[-1] + 1, 57), x])
+    reference = scipy.interpolate.Akima1DInterpolator(x, y, method="makima", extrapolate=True)
+    expected = reference(np.clip(u, x[0], x[-1]) if beyond == "Clip" else u)
+    np.testing.assert_allclose(run(model, {"u1": u})["y1"], expected, rtol=1e-11, atol=1e-11)
+
+
+def test_the_slopes_of_an_akima_spline_are_those_of_finite_differences(tmp_path):
+    drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 2.5 3 5]",
+                  InterpMethod="Akima spline", ExtrapMethod="Akima spline")  # fmt: skip
+    model = imported(drawn, tmp_path, parameters=[{"Eta": W[:, 1]}])
+    exact, differences = slopes(model, {"u1": U}, "Eta", "y1")
+    np.testing.assert_allclose(exact, differences, atol=1e-7)
+
+
+def test_an_akima_spline_through_two_points_is_a_line(tmp_path):
+    drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="[1 3]", BreakpointsForDimension1="[0 2]",
+                  InterpMethod="Akima spline", ExtrapMethod="Akima spline")  # fmt: skip
+    np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], 1 + U, atol=1e-12)
 
 
 def test_a_slider_is_a_gain(tmp_path):

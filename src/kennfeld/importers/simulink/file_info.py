@@ -12,7 +12,7 @@ from kennfeld.importers.simulink.importer import IMPORTER
 from kennfeld.importers.simulink.outline import ModelOutline, summarize_model
 from kennfeld.importers.simulink.variables.data_dictionary import Dictionary, read_dictionary
 from kennfeld.importers.simulink.variables.stored_variables import StoredVariable
-from kennfeld.matlab.enumerations import enumeration_of
+from kennfeld.matlab.enumerations import Enumeration, enumeration_of
 from kennfeld.models.import_report import describe_import, limits_text, port_tables, range_text
 
 
@@ -121,7 +121,8 @@ def _value_text(value: object) -> str:
 def describe_enumeration(file: DescribedFile) -> FileInfo:
     """Describe the class file of an enumeration of MATLAB: its members."""
     path = file.path
-    name, members = enumeration_of(path.read_text(encoding="utf-8", errors="replace")) or ("", {})
+    enumeration = enumeration_of(path.read_text(encoding="utf-8", errors="replace")) or Enumeration("", {})
+    name, members = enumeration.name, enumeration.members
     rows = [(f"{name}.{member}", number_text(number)) for member, number in members.items()]
     note = "A model finds the class if this file is next to it, in folders or in parameters."
     if name != path.stem:

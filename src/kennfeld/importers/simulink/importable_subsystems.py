@@ -157,5 +157,5 @@ def _enclosing_paths(path: str) -> Iterator[tuple[str, ...]]:
 
 def _is_plain(block: ModelBlock) -> bool:
     """Return True if a block is a subsystem defined by its drawing."""
-    drawn = (block.value("SFBlockType") or "NONE") == "NONE" and block.chart is None
+    drawn = block.is_set_to("SFBlockType", "NONE", default="NONE") and block.chart is None
     return drawn and (block.mask is None or block.mask.type not in BLOCK_TYPES)

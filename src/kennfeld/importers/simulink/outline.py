@@ -136,14 +136,14 @@ def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> Mod
 
 def _ports(system: System, kind: str) -> tuple[Port, ...]:
     """Return the ports of a system by number, without those for function calls."""
-    signals = [block for block in system.of(kind) if block.value("OutputFunctionCall") != "on"]
+    signals = [block for block in system.of(kind) if not block.is_set_to("OutputFunctionCall", "on")]
     ports = ((block.name, block.value("Unit") or "") for block in sorted(signals, key=port_number))
     return tuple(Port(name, "" if unit == "inherit" else unit) for name, unit in ports)
 
 
 def _subsystem(block: ModelBlock, system: System) -> Subsystem:
     words = [block.value("SFBlockType") or "", "masked" if block.mask is not None else ""]
-    words += ["model" if block.model else "", "atomic" if block.value("TreatAsAtomicUnit") == "on" else ""]
+    words += ["model" if block.model else "", "atomic" if block.is_set_to("TreatAsAtomicUnit", "on") else ""]
     words += [_CONTROLS[inner.type] for inner in system.blocks if inner.type in _CONTROLS]
     kind = ", ".join(word for word in words if word not in ("", "NONE"))
     return Subsystem(block.path, kind, _names(system, "Inport"), _names(system, "Outport"), len(system.blocks))

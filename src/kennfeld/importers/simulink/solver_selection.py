@@ -10,6 +10,7 @@ from kennfeld.importers.simulink.expressions.parameter_expressions import Parame
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering.registry import has_continuous_states
 from kennfeld.importers.simulink.lowering.scheduling import ModelClock, explicit_sample_time
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.model_tree import StoredSolver
 from kennfeld.importers.simulink.signals import CONSTANT
 from kennfeld.importers.simulink.variables.mask_scope import Scope
@@ -54,7 +55,8 @@ class SolverSelection:
         step = self._fixed_step(periods, continuous) if fixed else self._common_step(periods)
         if step is not None and not fixed:
             self._substitute(f"variable step -> {step:g} s, the longest step that hits all sample times")
-        self.clock = ModelClock(step, continuous, _TASKS.get(settings.tasks) if fixed else False)
+        tasks = _TASKS.get(match_word(settings.tasks, _TASKS) or "") if fixed else False
+        self.clock = ModelClock(step, continuous, tasks)
 
     def _replace_solver(self, fixed: bool) -> None:
         name = self.settings.name
@@ -101,7 +103,7 @@ class SolverSelection:
 def _is_continuous(flat: FlatBlock) -> bool:
     """Return True if a block has continuous states; PID controllers specify it in a field."""
     known = has_continuous_states(flat) or flat.type in _CONTROLLERS
-    return known and flat.block.value("TimeDomain") != "Discrete-time"
+    return known and not flat.block.is_set_to("TimeDomain", "Discrete-time")
 
 
 def _periods(flat_blocks: Sequence[FlatBlock], expressions: ParameterExpressions) -> list[float]:

@@ -22,10 +22,10 @@ from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTI
 from kennfeld.models.imperative.library.numeric_rules import evaluate_constant_call
 from kennfeld.models.imperative.library.reduction_functions import (
     checked_matrix_product,
-    matrix_divide,
     matrix_power,
     transpose,
 )
+from kennfeld.models.imperative.linear_systems import matrix_divide
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, format_sizes
 from kennfeld.models.imperative.path_facts import logical_and, logical_or, truth_of
 from kennfeld.models.imperative.path_state import SymbolicInterpreter

@@ -13,6 +13,7 @@ from kennfeld.importers.simulink.blocks import (  # noqa: F401
     pid_controllers,
     ports_and_subsystems,
     prelookup_tables,
+    recorded_sources,
     signal_attributes,
     signal_routing,
     sources,

@@ -8,12 +8,22 @@ from collections.abc import Iterator
 
 from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, OutputType, UnsupportedError, block
 from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of, is_floating
-from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, broadcast, period_of, select
+from kennfeld.importers.simulink.signals import (
+    CONSTANT,
+    Signal,
+    SignalOrBus,
+    apply,
+    as_vector,
+    broadcast,
+    period_of,
+    select,
+)
 from kennfeld.models.imperative import integer_types
 from kennfeld.models.imperative.integer_types import IntegerType
 
 _MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to here
 _MAX_SIGNAL_BITS = 32  # if both operands are signals
+_MAX_POINT_SHIFT = 2000  # places, beyond which any double is 0 or infinite
 _MIN_SIGN_BIT = 2**7  # sign bit of the shortest integer type
 _TYPE_REMEDY = "Specify an integer output type such as uint16 on the block that feeds this input, or bind this block."
 
@@ -203,9 +213,9 @@ def _bit(block: BlockContext) -> tuple[Signal, int, float]:
 @block("Shift Arithmetic", linked=True)
 def old_shift(block: BlockContext) -> SignalOrBus:
     """Shift as `shift` does, in files before R2009b: a positive number shifts right, a negative one left."""
-    by, point = block.parameter("nBitShiftRight"), block.numeric_field("nBinPtShiftRight")
+    by, point = _dialog_shift(block, "nBitShiftRight"), _point_shift(block, "nBinPtShiftRight")
     if is_floating(block.source()):
-        return _scale(block, by, point)
+        return _scale(block, point - by)
     _refuse_point_shift(point)
     word = _require_integer_type(integer_type_of(block.source()))
     return _shift_bits(block, stored_integer(block, 0), by, "Bidirectional", word)
@@ -215,22 +225,43 @@ def old_shift(block: BlockContext) -> SignalOrBus:
        BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
 def shift(block: BlockContext) -> SignalOrBus:
     """Shift the input: floor(u / 2^n) to the right; to the left the bits of u 2^n that fit the word."""
-    direction, point = (
-        block.option("BitShiftDirection", "Left", "Right", "Bidirectional"),
-        block.numeric_field("BinPtShiftNumber"),
-    )
-    source = block.option("BitShiftNumberSource", "Dialog", "Input port")
-    by = block.parameter("BitShiftNumber") if source == "Dialog" else stored_integer(block, 1)
+    direction = block.option("BitShiftDirection", "Left", "Right", "Bidirectional")
+    point = _point_shift(block, "BinPtShiftNumber")
+    in_dialog = block.option("BitShiftNumberSource", "Dialog", "Input port") == "Dialog"
     if is_floating(block.source()):
-        return _scale(block, -by if direction == "Left" else by, point)
+        by = _dialog_shift(block, "BitShiftNumber") if in_dialog else _shift_input(block)
+        # rounded down last, as generated code does: ldexp(u, (int32_T)floor(0.0 - s))
+        return _scale(block, point + apply("floor", by if direction == "Left" else -by))
+    by = _dialog_shift(block, "BitShiftNumber") if in_dialog else stored_integer(block, 1)
+    if not in_dialog and integer_type_of(block.source(1)) is None:
+        block.warn("rounds its number of bits down, which must be an integer; a fraction may shift by another number")
     _refuse_point_shift(point)
     word = _require_integer_type(integer_type_of(block.source()))
     return _shift_bits(block, stored_integer(block, 0), by, direction, word)
 
 
-def _scale(block: BlockContext, right: Signal, point: float) -> Signal:
-    """Shift a floating-point number: u 2^-n for n bits to the right, u 2^n if its binary point moves to the right."""
-    return block.input() * 2.0 ** (point - right)
+def _dialog_shift(block: BlockContext, name: str) -> Signal:
+    """Return a number of bits as constants: no parameter, as one between integers has no meaning."""
+    numbers = block.numeric_array(name)
+    for number in numbers.ravel():
+        if not float(number).is_integer():
+            raise UnsupportedError(f"its {name} must be an integer, got {number:g}")
+    return block.signal(as_vector(block.compiler.expressions.freeze(numbers)), CONSTANT)
+
+
+def _shift_input(block: BlockContext) -> Signal:
+    """Return the number of bits at the second input: as stored if it has an integer type, else as computed."""
+    return stored_integer(block, 1) if integer_type_of(block.source(1)) is not None else block.input(1)
+
+
+def _point_shift(block: BlockContext, name: str) -> float:
+    """Return by how many places the binary point moves to the right."""
+    return float(block.integer_field(name, -_MAX_POINT_SHIFT, _MAX_POINT_SHIFT))
+
+
+def _scale(block: BlockContext, left: Signal) -> Signal:
+    """Shift a floating-point number: u 2^n for n bits to the left, or if its binary point moves n to the right."""
+    return block.input() * 2.0**left
 
 
 def _refuse_point_shift(point: float) -> None:

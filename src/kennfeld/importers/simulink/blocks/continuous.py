@@ -77,7 +77,7 @@ def _steps(block: BlockContext) -> int:
 
 def _handles_zero(block: BlockContext) -> bool:
     """Return True if the delay may be shorter than a step, so that the signal has feedthrough."""
-    return block.is_on("ZeroDelay") and block.field_text("VariableDelayType") == "Variable time delay"
+    return block.is_on("ZeroDelay") and block.is_set_to("VariableDelayType", "Variable time delay")
 
 
 @block("VariableTransportDelay", needs=lambda block: (0, 1) if _handles_zero(block) else (1,),
@@ -169,7 +169,7 @@ def limit_output(block: BlockContext, y: Signal) -> Signal:
 
 def integrator_start(block: BlockContext) -> Signal:
     """Read the initial value of an integrator: a parameter, or its last input."""
-    external = block.field_text("InitialConditionSource") == "external"
+    external = block.is_set_to("InitialConditionSource", "external")
     return block.input(block.input_count - 1) if external else block.parameter("InitialCondition")
 
 

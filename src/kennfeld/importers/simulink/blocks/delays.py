@@ -44,7 +44,7 @@ def _ports(block: BlockContext) -> dict[str, int]:
         "length": block.option("DelayLengthSource", "Dialog", "Input port") == "Input port",
         "enable": block.is_on("ShowEnablePort"),
         "reset": has_external_reset(block),
-        "init": block.field_text("InitialConditionSource") != "Dialog",
+        "init": not block.is_set_to("InitialConditionSource", "Dialog"),
     }
     return {name: at for at, name in enumerate((name for name, there in present.items() if there), 1)}
 

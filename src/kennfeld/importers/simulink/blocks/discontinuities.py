@@ -10,7 +10,7 @@ from kennfeld.importers.simulink.signals import CONTINUOUS, Signal, SignalOrBus,
        SampleTime="-1")  # fmt: skip
 def saturate(block: BlockContext) -> SignalOrBus:
     """Limit the input."""
-    if "Input port" in (block.field_text("UpperLimitSource"), block.field_text("LowerLimitSource")):
+    if any(block.is_set_to(source, "Input port") for source in ("UpperLimitSource", "LowerLimitSource")):
         remedy = "Use a Saturation Dynamic block instead."
         raise UnsupportedError("its limits are inputs, which is not supported", remedy)
     return clip(block.input(), block.parameter("LowerLimit"), block.parameter("UpperLimit"))
@@ -74,7 +74,7 @@ def backlash(block: BlockContext) -> SignalOrBus:
 
 def _sample_of_limiter(block: ModelBlock) -> str:
     """Return the field with the sample time; a rate limiter runs in every step unless it inherits it."""
-    return "SampleTime" if block.value("SampleTimeMode") == "inherited" else "ContinuousTime"
+    return "SampleTime" if block.is_set_to("SampleTimeMode", "inherited") else "ContinuousTime"
 
 
 @block("RateLimiter", sample=_sample_of_limiter, RisingSlewLimit="1", FallingSlewLimit="-1", InitialCondition="0",

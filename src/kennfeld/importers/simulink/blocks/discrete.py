@@ -28,6 +28,7 @@ from kennfeld.importers.simulink.lowering import (
     block,
     no_feedthrough,
 )
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import CONSTANT, Signal, SignalOrBus, SignalRule, apply, map_members, select
 
 _FIR_STRUCTURES = ("", " symmetric", " antisymmetric", " transposed")
@@ -78,7 +79,7 @@ def fir_filter(block: BlockContext) -> SignalOrBus:
 def _coefficients(block: BlockContext) -> tuple[Signal, Signal]:
     for name in ("Numerator", "Denominator", "InitialStates"):
         block.option(f"{name}Source", "Dialog")
-    _check_starts(block, block.field_text("FilterStructure") == "Direct form II")
+    _check_starts(block, block.is_set_to("FilterStructure", "Direct form II"))
     return _row(block, "Numerator"), _row(block, "Denominator")
 
 
@@ -167,12 +168,11 @@ def _method(block: BlockContext) -> tuple[str, bool]:
     """Return the method of a discrete integrator, and True if it accumulates without the sample time."""
     # "ForwardEuler" in older files, "Integration: Forward Euler" or "Accumulation: ..." in newer ones
     written = block.field_text("IntegratorMethod").replace(" ", "")
-    kind, _, method = written.partition(":")
-    if not method:
-        kind, method = "Integration", kind
-    if method not in _METHODS or kind not in ("Integration", "Accumulation"):
+    kind, _, method = written.rpartition(":")
+    name, form = match_word(method, _METHODS), match_word(kind or "Integration", ("Integration", "Accumulation"))
+    if name is None or form is None:
         raise UnsupportedError(f"IntegratorMethod {written!r} is not supported")
-    return _METHODS[method], kind == "Accumulation"
+    return _METHODS[name], form == "Accumulation"
 
 
 @block("DiscreteIntegrator", output=ARITHMETIC,
@@ -223,7 +223,7 @@ def _accumulate(
     # trapezoidal: y = x + K T1 u / 2, x' = y + K T2 u / 2, with T1 before the sample and T2 after it
     x = block.discrete_state(init, then, ported=True)
     # the output, not the state before the input is added, starts at the initial value
-    as_output = block.field_text("InitialConditionSetting") in ("Output", "State and output")
+    as_output = block.is_set_to("InitialConditionSetting", "Output", "State and output")
     anew = None
     if method != "forward" and as_output:  # in the first step and on reset
         first = ~block.discrete_state(block.constant(0.0), lambda _: block.constant(1.0))

@@ -2,6 +2,7 @@
 
 from kennfeld.importers.simulink.flattening.flat_model import is_triggered
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, SignalRule, apply, select, select_by_index
 
 _COMPARISONS = {"==": "eq", "~=": "ne", "!=": "ne", "<": "lt", "<=": "le", ">": "gt", ">=": "ge"}
@@ -26,7 +27,7 @@ def _compare(operator: str, a: Signal, b: Signal | float) -> Signal:
 def relational_operator(block: BlockContext) -> SignalOrBus:
     """Compare two inputs, or classify a single one (NaN, infinite, finite)."""
     operator, u = block.field_text("Operator"), block.input(0)
-    match operator:
+    match match_word(operator, ("isNaN", "isInf", "isFinite")):
         case "isNaN":
             # NaN alone differs from itself
             return apply("ne", u, u)

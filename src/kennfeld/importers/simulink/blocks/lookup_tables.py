@@ -1,12 +1,5 @@
-"""Lookup Tables library: curves, maps and cubes with shared breakpoints, and natural cubic splines.
+"""Lookup Tables library: curves, maps and cubes with shared breakpoints, and splines through them."""
 
-A spline is linear in the table values, so its derivatives with respect to them are exact. In a cell of width h with s +
-p = 1: y = s yl + p yu + ((s^3 - s) Ml + (p^3 - p) Mu) h^2 / 6. The second derivatives M are a matrix of the breakpoints
-times the values, and 0 at the ends. In several dimensions, a spline along the first dimension for each line is followed
-by a spline through the results.
-"""
-
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -14,9 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError
-from kennfeld.base.formatting import size_text
+from kennfeld.base.formatting import join_names, size_text
 from kennfeld.domain.parameters import Axis, Parameter
-from kennfeld.graph.builder import GraphBuilder
+from kennfeld.importers.simulink.blocks.spline_interpolation import (
+    interpolate_by_akima,
+    interpolate_by_spline,
+    nodes_needed,
+)
 from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     ParameterField,
@@ -24,6 +21,7 @@ from kennfeld.importers.simulink.lowering.parameter_fields import (
     parameter_field,
     variable_field,
 )
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import (
     Signal,
     SignalOrBus,
@@ -35,122 +33,30 @@ from kennfeld.importers.simulink.signals import (
     staircase,
 )
 from kennfeld.importers.simulink.variables.mask_scope import Variable
-from kennfeld.models.imperative.node_arrays import Numbers, reduce_nodes
+from kennfeld.models.imperative.node_arrays import Numbers
 
 _MAX_SPLINE_NODES = 50_000
 _SPLINE = ("Cubic spline", "Cubic Spline")
+_AKIMA = ("Akima spline", "Akima Spline")
 _METHODS = {
     "Linear": "linear", "Linear point-slope": "linear", "Linear Lagrange": "linear",
     "Interpolation-Extrapolation": "linear", "Interpolation-Use End Values": "linear",
     "Nearest": "nearest", "Use Input Nearest": "nearest",
     "Flat": "flat", "None - Flat": "flat", "Use Input Below": "flat", "Below": "flat",
     "Use Input Above": "above",
-    **dict.fromkeys(_SPLINE, "spline"),
+    **dict.fromkeys(_SPLINE, "spline"), **dict.fromkeys(_AKIMA, "akima"),
 }  # fmt: skip
 _EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", "Linear": "linear"}
-
-
-def nodes_needed(shape: Sequence[int]) -> int:
-    """Estimate how many nodes a spline through a table of this shape takes."""
-    # b c, c and 1 splines along the dimensions of a table of a x b x c
-    lines = np.cumprod([1, *reversed(shape[1:])])[::-1]
-    return sum(int(count) * size * (2 * size + 4) for count, size in zip(lines, shape, strict=True))
-
-
-def spline(
-    builder: GraphBuilder,
-    value: Callable[..., int],
-    points: Sequence[Numbers],
-    coordinates: Sequence[int],
-    beyond: str,
-) -> int:
-    """Build a spline interpolation.
-
-    Args:
-        builder: graph under construction.
-        value: node of the table value at the indices of a grid point.
-        points: breakpoints of each dimension.
-        coordinates: node of the coordinate along each dimension.
-        beyond: extrapolation: "clip", "linear", or "cubic", which extends the outermost cell.
-
-    Returns:
-        Node of the interpolated value.
-    """
-    if not points:
-        return value()
-    last, x = points[-1], coordinates[-1]
-    nodes = [
-        spline(builder, lambda *rest, at=at: value(*rest, at), points[:-1], coordinates[:-1], beyond)
-        for at in range(len(last))
-    ]
-    return _along(builder, nodes, last, x, beyond)
-
-
-def _along(builder: GraphBuilder, values: list[int], points: Numbers, x: int, beyond: str) -> int:
-    """Build a spline along one dimension."""
-    low, high, first, second, at, width = _cell(builder, values, _bends(builder, values, points), points, x)
-    call, const = builder.call, builder.const
-    p = call("div", call("sub", x, at), width)
-    if beyond == "clip":
-        p = call("min", call("max", p, const(0.0)), const(1.0))
-    s = call("sub", const(1.0), p)
-    square = call("mul", call("mul", width, width), const(1 / 6))
-    curved = call("add", call("mul", _cubic(builder, s), first), call("mul", _cubic(builder, p), second))
-    rise = call("sub", high, low)
-    y = call("add", call("add", low, call("mul", p, rise)), call("mul", curved, square))
-    if beyond != "linear":
-        return y
-    # slopes dy/dp at the ends of the table, where the second derivative of the outer end is 0:
-    # p = 1: yu - yl + Ml h^2 / 6, p = 0: yu - yl - Mu h^2 / 6
-    up = call("add", rise, call("mul", first, square))
-    down = call("sub", rise, call("mul", second, square))
-    above = call("add", high, call("mul", up, call("sub", p, const(1.0))))
-    below = call("add", low, call("mul", down, p))
-    y = call("select", call("gt", p, const(1.0)), above, y)
-    return call("select", call("lt", p, const(0.0)), below, y)
-
-
-def _cubic(builder: GraphBuilder, p: int) -> int:
-    return builder.call("mul", p, builder.call("sub", builder.call("mul", p, p), builder.const(1.0)))
-
-
-def _cell(builder: GraphBuilder, values: list[int], bends: list[int], points: Numbers, x: int) -> tuple[int, ...]:
-    """Select the cell of x: values and second derivatives at its ends, its start and its width."""
-    begins = [builder.const(float(point)) for point in points]
-    widths = [builder.const(float(width)) for width in np.diff(points)]
-    rows = list(zip(values, values[1:], bends, bends[1:], begins, widths, strict=False))
-    # the last cell whose begin x has reached; below the first breakpoint, the first cell
-    selected = rows[0]
-    for begin, row in zip(begins[1:], rows[1:], strict=False):
-        within = builder.call("ge", x, begin)
-        selected = tuple(builder.call("select", within, new, old) for new, old in zip(row, selected, strict=True))
-    return selected
-
-
-def _bends(builder: GraphBuilder, values: list[int], points: Numbers) -> list[int]:
-    """Return the second derivatives at the breakpoints."""
-    nodes = []
-    for row in _matrix(points):
-        terms = [
-            builder.call("mul", builder.const(float(share)), v) for share, v in zip(row, values, strict=True) if share
-        ]
-        nodes.append(reduce_nodes(builder, "add", terms))
-    return nodes
-
-
-def _matrix(points: Numbers) -> Numbers:
-    """Return the matrix that maps values to second derivatives."""
-    count, widths = len(points), np.diff(points)
-    left, right = np.eye(count), np.zeros((count, count))
-    for i, (before, after) in enumerate(pairwise(widths), 1):
-        # h- M- + 2 (h- + h+) M + h+ M+ = 6 ((y+ - y) / h+ - (y - y-) / h-) inside, M = 0 at the ends (natural spline)
-        left[i, i - 1 : i + 2] = before, 2 * (before + after), after
-        right[i, i - 1 : i + 2] = 6 / before, -6 / before - 6 / after, 6 / after
-    return np.asarray(np.linalg.solve(left, right), dtype=np.float64)
+_SPLINE_EXTRAPOLATIONS = {**_EXTRAPOLATIONS, **dict.fromkeys(_SPLINE, "cubic")}
+# the line that goes on from an Akima spline is not documented: the tangent, or that through the last two points
+_AKIMA_EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", **dict.fromkeys(_AKIMA, "akima")}
 
 
 class LookupMethod(NamedTuple):
-    """Interpolation (linear, nearest, flat, above, spline) and extrapolation (clip, linear; cubic for a spline)."""
+    """Interpolation (linear, nearest, flat, above, spline, akima) and extrapolation.
+
+    The latter is clip or linear, also cubic for a spline, and clip or akima for one of Akima.
+    """
 
     between: str
     beyond: str
@@ -200,18 +106,19 @@ def _object(block: BlockContext) -> SignalOrBus:
 def method_of(block: BlockContext) -> LookupMethod:
     """Read the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
     between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
-    kind = _METHODS.get(between)
+    kind = _METHODS.get(match_word(between, _METHODS) or "")
     if kind is None:
-        remedy = "Supported: linear, nearest, flat and cubic spline."
+        remedy = "Supported: linear, nearest, flat, cubic spline and Akima spline."
         raise UnsupportedError(f"InterpMethod {between!r} is not supported", remedy)
     # the outermost breakpoints are the nearest ones beyond the ends
     if kind in ("nearest", "flat"):
         return LookupMethod(kind, "clip")
-    known = _EXTRAPOLATIONS | (dict.fromkeys(_SPLINE, "cubic") if kind == "spline" else {})
-    if beyond not in known:
-        names = "clip, linear and cubic" if kind == "spline" else "clip and linear"
+    known = {"spline": _SPLINE_EXTRAPOLATIONS, "akima": _AKIMA_EXTRAPOLATIONS}.get(kind, _EXTRAPOLATIONS)
+    end = match_word(beyond, known)
+    if end is None:
+        names = join_names(list(dict.fromkeys(known.values())), 4)
         raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", f"Supported: {names}.")
-    return LookupMethod(kind, known[beyond])
+    return LookupMethod(kind, known[end])
 
 
 def _coordinates(block: BlockContext, count: int) -> list[Signal]:
@@ -276,12 +183,13 @@ def _look_up(
     inputs = block.flat.input_names
     # an axis without a name is described by the signal that it is looked up with
     axes = [axis if axis.name else axis.changed(input=inputs.get(at, "")) for at, axis in enumerate(axes)]
+    is_spline = method.between in ("spline", "akima")
     # a spline looks its table up at breakpoints only
-    kept = method.beyond if method.between != "spline" else "clip"
+    kept = "clip" if is_spline else method.beyond
     parameter = block.compiler.declared.table(field.name, values, axes, field.variable, locked, kept)
     spread = broadcast(*coordinates)
-    if method.between == "spline":
-        return _look_up_spline(block, parameter, spread, method.beyond)
+    if is_spline:
+        return _look_up_spline(block, parameter, spread, method)
     if method.between != "linear":
         # at a breakpoint, linear interpolation gives the value there
         spread = [_snap(block, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
@@ -290,7 +198,7 @@ def _look_up(
     return block.signal(nodes, period_of(spread), spread[0].shape)
 
 
-def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
+def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Signal], method: LookupMethod) -> Signal:
     """Look up a spline through the values of a table, element by element."""
     points = [axis.breakpoints for axis in table.axes]
     shape = [len(axis) for axis in points]
@@ -305,7 +213,14 @@ def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Sig
         return builder.lookup(table.name, *point)
 
     places = zip(*(signal.flat for signal in coordinates), strict=True)
-    nodes = [spline(builder, value, points, place, beyond) for place in places]
+    if method.between == "akima":
+        if len(shape) > 1:
+            message = f"it is an Akima spline over {len(shape)} dimensions; only curves are supported"
+            raise UnsupportedError(message, "Use a cubic spline or linear interpolation.")
+        values = [value(at) for at in range(shape[0])]
+        nodes = [interpolate_by_akima(builder, values, points[0], place[0], method.beyond) for place in places]
+    else:
+        nodes = [interpolate_by_spline(builder, value, points, place, method.beyond) for place in places]
     return block.signal(nodes, period_of(coordinates), coordinates[0].shape)
 
 
@@ -351,10 +266,8 @@ def lookup_2d(block: BlockContext) -> SignalOrBus:
 
 
 def _old_method(block: BlockContext) -> LookupMethod:
-    written = block.field_text("LookUpMeth")
-    if written not in _METHODS or _METHODS[written] == "spline":
-        raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
-    return LookupMethod(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
+    word = block.option("LookUpMeth", *(word for word, kind in _METHODS.items() if kind != "spline"))
+    return LookupMethod(_METHODS[word], "linear" if word == "Interpolation-Extrapolation" else "clip")
 
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",

@@ -22,23 +22,30 @@ from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, witho
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product, reduce_nodes
 
 _TURNS = {"radian": None, "degree": 360.0, "revolution": 1.0}
+_FUNCTIONS = (
+    "exp", "log", "log10", "sqrt", "10^u", "square", "magnitude^2", "conj", "reciprocal", "pow", "hypot", "mod", "rem",
+    "transpose", "hermitian", "rSqrt", "1/sqrt",
+)  # fmt: skip
+_TRIGONOMETRIC = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "atan2", "sincos", *INVERSE_HYPERBOLIC,
+)  # fmt: skip
 _INDEX = re.compile(r"\bu\s*\[\s*([^\]]*)\]")
 
 
 @block("Gain", output=ARITHMETIC, Gain="1", Multiplication="Element-wise(K.*u)", SampleTime="-1")
 def gain(block: BlockContext) -> SignalOrBus:
     """Multiply the input by K, element by element or as matrices."""
-    kind = block.field_text("Multiplication")
     u = block.input()
-    if kind.startswith("Element-wise"):
+    if block.begins_with("Multiplication", "Element-wise"):
         return block.parameter("Gain") * u
+    kind = block.field_text("Multiplication").casefold()
     k = block.matrix("Gain")
     # a scalar of unknown width takes that of the matrix in the next pass
-    if u.size == 1 < k.shape[1] and "u*K" not in kind:
+    if u.size == 1 < k.shape[1] and "u*k" not in kind:
         block.suggest_dimensions((k.shape[1],))
     column = u.matrix
-    left, right = (column, k) if "u*K" in kind else (k, column)
-    if "u*K" in kind and u.nodes.ndim == 1:
+    left, right = (column, k) if "u*k" in kind else (k, column)
+    if "u*k" in kind and u.nodes.ndim == 1:
         # a vector from the left is a row if the matrix has as many rows, else a column
         left = u.nodes.reshape(1, -1) if k.shape[0] == u.size else column
     nodes = _product(block, left, right, width_notes(u))
@@ -80,7 +87,7 @@ def _reduce_elements(block: BlockContext, op: str) -> Signal:
     """Reduce the elements of the only input, over all or one dimension."""
     u = block.input()
     block.warn_of_unknown_width(u)
-    if u.nodes.ndim == 2 and block.field_text("CollapseMode") != "All dimensions":
+    if u.nodes.ndim == 2 and not block.is_set_to("CollapseMode", "All dimensions"):
         axis = block.integer_field("CollapseDim", 1, 2) - 1
         lines = u.nodes if axis == 1 else u.nodes.T
         nodes = np.array([reduce_nodes(block.builder, op, line) for line in lines], dtype=np.int64)
@@ -94,7 +101,7 @@ def _reduce_elements(block: BlockContext, op: str) -> Signal:
 def product(block: BlockContext) -> SignalOrBus:
     """Multiply and divide the inputs, or multiply the elements of a single input."""
     signs = _signs(block, "*", "/")
-    if block.field_text("Multiplication").startswith("Matrix"):
+    if block.begins_with("Multiplication", "Matrix"):
         return _matrices(block, signs)
     if len(signs) == 1:
         whole = _reduce_elements(block, "mul")
@@ -157,7 +164,7 @@ def minmax(block: BlockContext) -> SignalOrBus:
 @block("Math", output=ARITHMETIC, Operator="exp", SampleTime="-1")
 def math(block: BlockContext) -> SignalOrBus:
     """Apply an elementary function to one or two inputs."""
-    operator, u = block.field_text("Operator"), block.input()
+    operator, u = block.option("Operator", *_FUNCTIONS), block.input()
     match operator:
         case "exp" | "log" | "log10" | "sqrt":
             return apply(operator, u)
@@ -183,7 +190,7 @@ def math(block: BlockContext) -> SignalOrBus:
             return block.signal(u.nodes.T if u.nodes.ndim == 2 else u.nodes.reshape(1, -1), u.period)
         case "rSqrt" | "1/sqrt":
             return 1.0 / apply("sqrt", u)
-    raise UnsupportedError(f"Operator {operator!r} is not supported")
+    raise AssertionError(operator)
 
 
 def _round_remainder(block: BlockContext, rest: Signal, u: Signal, v: Signal) -> Signal:
@@ -215,7 +222,7 @@ def rounding(block: BlockContext) -> SignalOrBus:
 @block("Trigonometry", output=ARITHMETIC, Operator="sin", AngleUnit="radian", SampleTime="-1")
 def trigonometry(block: BlockContext) -> Outputs:
     """Apply a trigonometric or hyperbolic function."""
-    operator, u = block.field_text("Operator"), block.input()
+    operator, u = block.option("Operator", *_TRIGONOMETRIC), block.input()
     turn = _TURNS[block.option("AngleUnit", *_TURNS)]
     if operator in ("sin", "cos", "tan", "sincos") and turn is not None:
         u = u * (2 * np.pi / turn)
@@ -233,9 +240,7 @@ def _trigonometric(block: BlockContext, operator: str, u: Signal) -> Outputs:
             return apply("atan2", u, block.input(1))
         case "sincos":
             return apply("sin", u), apply("cos", u)
-        case "asinh" | "acosh" | "atanh":
-            return block.signal(INVERSE_HYPERBOLIC[operator](block.builder, u.nodes), u.period)
-    raise UnsupportedError(f"Operator {operator!r} is not supported")
+    return block.signal(INVERSE_HYPERBOLIC[operator](block.builder, u.nodes), u.period)
 
 
 @block("Polyval", Coefs="[1,2]", SampleTime="-1")

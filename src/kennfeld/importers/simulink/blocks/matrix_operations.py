@@ -6,12 +6,13 @@ import numpy as np
 
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
-from kennfeld.importers.simulink.lowering.parameter_fields import dimension_settings, selected_indices
+from kennfeld.importers.simulink.lowering.parameter_fields import dimension_settings, index_options, selected_indices
+from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, period_of
-from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
+from kennfeld.models.imperative.linear_systems import MAX_EQUATIONS, inverse_matrix, matrix_determinant
+from kennfeld.models.imperative.node_arrays import Nodes
 
 _MAX_COMPARISONS = 100_000
-_MAX_INVERSE_ROWS = 3
 
 
 @block("Assignment", NumberOfDimensions="1", IndexMode="One-based", Indices="", IndexParamArray="", OutputSizes="",
@@ -19,14 +20,14 @@ _MAX_INVERSE_ROWS = 3
 def assignment(block: BlockContext) -> SignalOrBus:
     """Replace elements of the first input by those of the second; indices may be further inputs."""
     how = block.field_text("OutputInitialize")
-    if not how.startswith("Initialize using input port"):
+    if not begins_with_word(how, "Initialize using input port"):
         raise UnsupportedError(f"OutputInitialize {how!r} is not supported: unassigned elements would be undefined")
     into, values = block.input(0), block.input(1)
     dimensions = block.integer_field("NumberOfDimensions", 1, 2)
     nodes = np.array(into.flat, dtype=np.int64) if dimensions == 1 else into.nodes
     if nodes.ndim != dimensions:
         raise UnsupportedError(f"it assigns along {dimensions} dimensions, but its input has {nodes.ndim}")
-    options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or ["Index vector (dialog)"] * dimensions
+    options = index_options(block) or ["Index vector (dialog)"] * dimensions
     index_fields = dimension_settings(block, "Indices", "IndexParamArray")
     port, axes = 2, list[list[int] | Signal]()
     for axis, option in enumerate(options[:dimensions]):
@@ -55,7 +56,7 @@ def _variable_indices(
     block: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int
 ) -> Signal:
     """Return the indices from a signal, from 0; a starting index covers as many elements as there are values."""
-    first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
+    first = 0.0 if block.begins_with("IndexMode", "Zero") else 1.0
     places = apply("floor", index) - first
     if option.startswith("Starting"):
         places = places + block.constant(*map(float, range(_extent(values, axis, nodes.ndim))))
@@ -148,7 +149,7 @@ def cross_product(block: BlockContext) -> SignalOrBus:
 def determinant(block: BlockContext) -> SignalOrBus:
     """Compute the determinant of a matrix."""
     x = block.input()
-    return block.signal([determinant_of(block, _square(x.matrix))], x.period)
+    return block.signal([matrix_determinant(block.builder, _square(x.matrix))], x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
@@ -160,33 +161,12 @@ def inverse(block: BlockContext) -> SignalOrBus:
 
 def _square(matrix: Nodes) -> Nodes:
     rows, columns = matrix.shape
-    if rows != columns or rows > _MAX_INVERSE_ROWS:
-        limit = f"only square matrices up to {_MAX_INVERSE_ROWS} x {_MAX_INVERSE_ROWS} are supported"
+    if rows != columns or rows > MAX_EQUATIONS:
+        limit = f"only square matrices up to {MAX_EQUATIONS} x {MAX_EQUATIONS} are supported"
         raise UnsupportedError(f"it inverts a matrix of size {rows} x {columns}; {limit}")
     return matrix
 
 
-def determinant_of(block: BlockContext, matrix: Nodes) -> int:
-    """Expand the determinant of a small matrix along its first row."""
-    if matrix.shape == (1, 1):
-        return int(matrix[0, 0])
-    call, first_row = block.builder.call, map(int, matrix[0])
-    products = (call("mul", node, _cofactor(block, matrix, 0, at)) for at, node in enumerate(first_row))
-    return reduce_nodes(block.builder, "add", products)
-
-
-def _cofactor(block: BlockContext, matrix: Nodes, row: int, column: int) -> int:
-    minor = determinant_of(block, np.delete(np.delete(matrix, row, axis=0), column, axis=1))
-    return minor if (row + column) % 2 == 0 else block.builder.call("neg", minor)
-
-
 def inverse_of(block: BlockContext, matrix: Nodes) -> Nodes:
-    """Invert a matrix, Int[rows, rows], of up to three rows by cofactors; infinite or NaN if singular."""
-    whole = determinant_of(block, _square(matrix))
-    if matrix.shape == (1, 1):
-        return np.array([[block.builder.call("div", block.builder.const(1.0), whole)]], dtype=np.int64)
-    nodes = np.empty_like(matrix)
-    for row, column in np.ndindex(*matrix.shape):
-        # transposed: the inverse is the adjugate over the determinant
-        nodes[column, row] = block.builder.call("div", _cofactor(block, matrix, row, column), whole)
-    return nodes
+    """Invert a matrix, Int[rows, rows]; infinite or NaN if it is singular."""
+    return inverse_matrix(block.builder, _square(matrix))

@@ -36,7 +36,7 @@ _PLAIN = {
 
 def _sample(block: ModelBlock) -> str:
     """Return the field with the sample time; a continuous controller ignores the one stored for the discrete form."""
-    return "SampleTime" if block.value("TimeDomain") == "Discrete-time" else ""
+    return "SampleTime" if block.is_set_to("TimeDomain", "Discrete-time") else ""
 
 
 def _ports(block: BlockContext, errors: int) -> dict[str, int]:
@@ -84,7 +84,7 @@ def pid(block: BlockContext) -> SignalOrBus:
 @block("PID 2dof", needs=_needs(2), sample=_sample, b="1", c="1", **_DEFAULTS)  # type: ignore[arg-type]
 def pid_with_set_point(block: BlockContext) -> SignalOrBus:
     """Lower a PID controller with two degrees of freedom: b r - y for P, r - y for I, c r - y for D."""
-    if block.field_text("ControllerParametersSource") == "external":
+    if block.is_set_to("ControllerParametersSource", "external"):
         raise UnsupportedError("its gains are inputs, which is not supported")
     r, y = block.input(0), block.input(1)
     weighted = [block.parameter(name) * r - y for name in ("b", "c")]
@@ -165,7 +165,9 @@ class _PidController:
     def _at_once(self, increment: Callable[[Signal], Signal]) -> Signal:
         """Return the part of the integral added in this step, which must not depend on the output of this step."""
         block = self.block
-        if block.is_on("TrackingMode") or (block.is_on("LimitOutput") and block.field_text("AntiWindupMode") != "none"):
+        if block.is_on("TrackingMode") or (
+            block.is_on("LimitOutput") and not block.is_set_to("AntiWindupMode", "none")
+        ):
             message = f"its integral ({block.field_text('IntegratorMethod')}) and its feedback form an algebraic loop"
             raise UnsupportedError(message, "Use Forward Euler for the integrator.")
         return increment(block.sample_step())
@@ -176,9 +178,9 @@ class _PidController:
         inner = self._times("I", self.error)
         if "TR" in self.ports:
             inner = inner + self._times("Kt", block.input(self.ports["TR"]) - self.results[1])
-        if not block.is_on("LimitOutput") or block.field_text("AntiWindupMode") == "none":
+        if not block.is_on("LimitOutput") or block.is_set_to("AntiWindupMode", "none"):
             return inner
-        if block.field_text("AntiWindupMode") == "back-calculation":
+        if block.is_set_to("AntiWindupMode", "back-calculation"):
             return inner + self._times("Kb", self.results[1] - self.results[0])
         return self._clamp(inner)
 

@@ -22,6 +22,7 @@ from kennfeld.importers.simulink.lowering.bus_structure import MAX_ELEMENTS
 from kennfeld.importers.simulink.lowering.parameter_fields import case_values
 from kennfeld.importers.simulink.lowering.pass_state import undefined_reason
 from kennfeld.importers.simulink.reader.block_ports import port_number
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, join_path, split_path
 from kennfeld.importers.simulink.signals import (
     CONTINUOUS,
@@ -209,14 +210,15 @@ def _enabled_again(block: BlockContext, active: Signal, triggered: Signal | None
 def _condition(block: BlockContext, port: str, u: Signal) -> Signal:
     if port == "enable":
         return _any(block, u > 0.0)
-    kind = block.flat.control_ports[port].value("TriggerType") or "rising"
+    written = block.flat.control_ports[port].value("TriggerType") or "rising"
+    kind = match_word(written, ("rising", "falling", "either", "function-call"))
     if port == "ifaction" or kind == "function-call":
         if u.size > 1:
             remedy = "Use a separate subsystem for each caller."
             raise UnsupportedError(f"its {port} port receives {u.size} function calls, which is not supported", remedy)
         return apply("ne", u, 0.0)
-    if kind not in ("rising", "falling", "either"):
-        raise UnsupportedError(f"TriggerType {kind!r} is not supported")
+    if kind is None:
+        raise UnsupportedError(f"TriggerType {written[:60]!r} is not supported")
     return _any(block, block.zero_crossing(block.hold_in_minor_steps(u), kind))
 
 
@@ -240,7 +242,7 @@ def _hold_output(block: BlockContext, signal: Signal) -> Signal:
     init = block.signal(fit_to_shape(stated.nodes, signal.shape))
     # between triggers, outputs are held whatever the setting
     resettable = control is not None and "trigger" not in control.control_ports
-    if block.field_text("OutputWhenDisabled") == "reset" and resettable:
+    if block.is_set_to("OutputWhenDisabled", "reset") and resettable:
         return select(runs, signal, init)
     return block.unconditional_feedback(init, lambda before: select(runs, signal, before))
 
@@ -336,9 +338,9 @@ def function_call_split(block: BlockContext) -> tuple[SignalOrBus, ...]:
 def for_iterator(block: BlockContext) -> SignalOrBus:
     """Return the iteration number."""
     _check_inside(bool(block.flat.passes))
-    if block.field_text("IterationSource") == "external":
+    if block.is_set_to("IterationSource", "external"):
         _count(block, _constant_count(block))
-    return block.constant(block.flat.passes[-1] - (block.field_text("IndexMode") == "Zero-based"))
+    return block.constant(block.flat.passes[-1] - block.is_set_to("IndexMode", "Zero-based"))
 
 
 def _constant_count(block: BlockContext) -> float:
@@ -417,7 +419,7 @@ def iteration_output(block: BlockContext) -> SignalOrBus:
 def for_each(block: BlockContext) -> SignalOrBus:
     """Return the element number."""
     _check_inside(block.flat.element > 0)
-    return block.constant(block.flat.element - (block.field_text("IndexMode") == "Zero-based"))
+    return block.constant(block.flat.element - block.is_set_to("IndexMode", "Zero-based"))
 
 
 @block("ForEachPartition")

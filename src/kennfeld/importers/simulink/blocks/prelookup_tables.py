@@ -62,7 +62,7 @@ def _breakpoints(block: BlockContext) -> list[Signal]:
 
 
 def _points(block: BlockContext) -> Numbers:
-    if block.field_text("BreakpointsSpecification") == "Even spacing":
+    if block.is_set_to("BreakpointsSpecification", "Even spacing"):
         count = block.integer_field("BreakpointsNumPoints", 2, 100_000)
         first, spacing = block.numeric_field("BreakpointsFirstPoint"), block.numeric_field("BreakpointsSpacing")
         return np.asarray(first + spacing * np.arange(count), dtype=np.float64)
@@ -83,7 +83,7 @@ def interpolation(block: BlockContext) -> SignalOrBus:
     count = block.integer_field("NumberOfTableDimensions", 1, 4)
     chosen = block.integer_field("NumSelectionDims", 0, count - 1)
     method = method_of(block)
-    if method.between == "spline":
+    if method.between in ("spline", "akima"):
         raise UnsupportedError("it uses splines, which require the breakpoints", "Use an n-D Lookup Table block.")
     before = [context for at in range(count) if (context := _prelookup_of(block, at)) is not None]
     plain = not chosen and method.between == "linear" and not block.is_on("RequireIndexFractionAsBus")
@@ -120,7 +120,7 @@ def _prelookup_of(block: BlockContext, at: int) -> BlockContext | None:
         return None
     before = block.of(sources[0].flat)
     paired = before.flat.type == "PreLookup" and (sources[0].port, sources[1].port) == (0, 1)
-    plain = paired and before.field_text("BreakpointsDataSource") == "Dialog" and not before.is_on("UseLastBreakpoint")
+    plain = paired and before.is_set_to("BreakpointsDataSource", "Dialog") and not before.is_on("UseLastBreakpoint")
     return before if plain and block.compiler.timing.specified_sample_time(before.flat) is None else None
 
 
@@ -129,7 +129,7 @@ def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], meth
     own = parameter_field(block, "Table").variable.axes
     axes = list(own) if len(own) == len(before) else [_axis_of(block) for block in before]
     # a table extrapolates along all of its dimensions or none; where a Prelookup clips, its input is clipped instead
-    ends = [method.beyond if block.field_text("ExtrapMethod") == "Linear" else "clip" for block in before]
+    ends = [method.beyond if block.is_set_to("ExtrapMethod", "Linear") else "clip" for block in before]
     places = [
         clip(context.input(), *(block.constant(float(axis.breakpoints[i])) for i in (0, -1)))
         if end == "clip" and "linear" in ends
@@ -140,5 +140,5 @@ def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], meth
 
 
 def _axis_of(before: BlockContext) -> Axis:
-    even = before.field_text("BreakpointsSpecification") == "Even spacing"
+    even = before.is_set_to("BreakpointsSpecification", "Even spacing")
     return Axis(_points(before)) if even else breakpoint_axis(before, "BreakpointsData")

@@ -96,6 +96,7 @@ _CHECKS = (
     "Checks_SMax", "Checks_SMin", "Checks_SRange",
 )  # fmt: skip
 
+_NOT_DETERMINISTIC = "Clear its option Ensure deterministic data transfer, or use sample times that are multiples."
 _TIME_TOLERANCE = 1e-6  # relative to the sample time, for rounding
 _OPTIONS = ("Specify", "Inherit", "Multiple of input port sample time")
 
@@ -237,7 +238,7 @@ def refuse_interpreted(block: BlockContext) -> SignalOrBus:
 
 def _sample_of_output(block: ModelBlock) -> str:
     """Return the field with the output sample time, if the block has one."""
-    return "OutPortSampleTime" if (block.value("OutPortSampleTimeOpt") or "Specify") == "Specify" else ""
+    return "OutPortSampleTime" if block.is_set_to("OutPortSampleTimeOpt", "Specify", default="Specify") else ""
 
 
 @block("RateTransition", output=LIKE_INPUT,
@@ -258,23 +259,56 @@ def _change_rate(block: BlockContext, wired: SignalOrBus) -> SignalOrBus:
         return Bus({name: _change_rate(block, member) for name, member in wired.members.items()})
     if wired.period == CONSTANT:
         return wired
-    wanted = _output_sample_time(block, wired)
-    # a slower output is a sample of the input, held
-    if wanted is not None and wanted > wired.period * (1 + _TIME_TOLERANCE):
-        return block.compiler.timing.hold(block.flat, wired, SampleTime(wanted))
-    wanted = min(_downstream_sample_times(block), default=wired.period) if wanted is None else wanted
-    if wanted >= wired.period * (1 - _TIME_TOLERANCE):
+    rate = _output_sample_time(block, wired)
+    # a slower output is a sample of the input, held: the faster task has run before, whether its value is copied
+    # (ZOH), guarded by a semaphore (Buf) or neither
+    if rate is not None and rate.period > wired.period * (1 + _TIME_TOLERANCE):
+        return block.compiler.timing.hold(block.flat, wired, rate)
+    rate = SampleTime(min(_downstream_sample_times(block), default=wired.period)) if rate is None else rate
+    if rate.period >= wired.period * (1 - _TIME_TOLERANCE):
         return wired
     if block.is_on("Integrity") and block.is_on("Deterministic"):
-        return replace(_delay_transition(block, wired), period=wanted)
+        _check_deterministic(block, wired.period, rate)
+        return replace(_delay_transition(block, wired), period=rate.period)
     signal = _read_from_slower_task(block, wired)
-    if wanted == CONTINUOUS:
-        return replace(signal, period=wanted)
-    return block.compiler.timing.hold(block.flat, signal, SampleTime(wanted))
+    if rate.period == CONTINUOUS:
+        return replace(signal, period=CONTINUOUS)
+    return block.compiler.timing.hold(block.flat, signal, rate)
+
+
+def _check_deterministic(block: BlockContext, slow: float, fast: SampleTime) -> None:
+    """Raise `UnsupportedError` if the delay of a transfer would vary, for which Simulink refuses it, too."""
+    ratio = slow / fast.period if fast.period > 0 else 1.0
+    if abs(ratio - round(ratio)) > _TIME_TOLERANCE * ratio:
+        why = f"it transfers from {slow:g} s to {fast.period:g} s deterministically, but {slow:g} s is not a multiple"
+        raise UnsupportedError(why, _NOT_DETERMINISTIC)
+    offset = _offset_before(block, slow)
+    if offset != fast.offset and fast.period > 0:
+        why = f"it transfers between sample times with offsets of {offset:g} s and {fast.offset:g} s deterministically"
+        raise UnsupportedError(why, _NOT_DETERMINISTIC)
+
+
+def _offset_before(block: BlockContext, period: float) -> float:
+    """Return the offset in s of the sample time that the input has, specified by a block upstream."""
+    seen, waiting = set[FlatBlock](), [source.flat for source in block.flat.inputs if source is not None]
+    while waiting:
+        flat = waiting.pop()
+        if flat in seen:
+            continue
+        seen.add(flat)
+        rate = block.compiler.timing.specified_sample_time(flat)
+        if rate is not None and rate.period == period:
+            return rate.offset
+        waiting += [source.flat for source in flat.inputs if source is not None]
+    return 0.0
 
 
 def _read_from_slower_task(block: BlockContext, u: Signal) -> Signal:
-    """Return a slower signal as read by a faster task, which runs first."""
+    """Return a slower signal as read by a faster task, which runs first.
+
+    In each step, the faster task reads the buffer that the slower one filled last, and only then is the other buffer
+    filled and made the active one: y[k] = b[k], b[k + 1] = slow hit ? u[k] : b[k].
+    """
     tasks = block.compiler.clock.multitasking
     if tasks is None:
         block.warn(
@@ -282,16 +316,18 @@ def _read_from_slower_task(block: BlockContext, u: Signal) -> Signal:
             "the file does not specify the tasking mode, and in multitasking mode it would be that of the previous "
             "step. Select deterministic transfer, or set the model's SolverMode or EnableMultiTasking"
         )
-    return block.discrete_state(_initial(block), lambda _: u) if tasks else u
+    # written at the hits of the slower task, which need not be hits of the block's own, faster sample time; between
+    # them u is held, so that writing it in every step is the same
+    return block.discrete_state(_initial(block), lambda _: u, sampled=False) if tasks else u
 
 
-def _output_sample_time(block: BlockContext, u: Signal) -> float | None:
+def _output_sample_time(block: BlockContext, u: Signal) -> SampleTime | None:
     """Return the specified output sample time, or None if it is inherited."""
     if block.option("OutPortSampleTimeOpt", *_OPTIONS) != "Multiple of input port sample time":
-        return block.compiler.timing.specified_period(block.flat)
+        return block.compiler.timing.specified_sample_time(block.flat)
     if u.period == CONTINUOUS:
         raise UnsupportedError("its sample time is a multiple of that of its input, which does not specify one")
-    return u.period * block.numeric_field("OutPortSampleTimeMultiple")
+    return SampleTime(u.period * block.numeric_field("OutPortSampleTimeMultiple"))
 
 
 def _downstream_sample_times(block: BlockContext) -> Iterator[float]:

@@ -24,6 +24,7 @@ from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     case_values,
     dimension_settings,
+    index_options,
     selected_indices,
     selection_length,
 )
@@ -52,7 +53,7 @@ _MAX_COMPARISONS = 100_000
        ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
 def conversion(block: BlockContext) -> SignalOrBus:
     """Pass on the input, as values are physical; converted to boolean, 1 unless it is 0."""
-    if block.field_text("ConvertRealWorld").startswith("Stored"):
+    if block.begins_with("ConvertRealWorld", "Stored"):
         return _by_bits(block, _wanted_type(block))
     if isinstance(block.output_type, PlainType) and block.output_type.name in ("boolean", "logical", "bool"):
         return apply("ne", block.input(), 0.0)
@@ -303,7 +304,7 @@ def selector(block: BlockContext) -> SignalOrBus:
     """Select elements of a vector or matrix by index."""
     x = block.input()
     dimensions = block.integer_field("NumberOfDimensions", 1, 2)
-    options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or _old_options(block, dimensions)
+    options = index_options(block) or _old_options(block, dimensions)
     index_fields = dimension_settings(block, "Indices", "IndexParamArray") or [block.field_text("Elements", "")]
     width = block.integer_field("InputPortWidth", -1, _MAX_SELECTED)
     # without a width of the port, an index tells at least how many elements there are
@@ -336,7 +337,7 @@ def _last_index(block: BlockContext, option: str, text: str) -> int:
 
 
 def _old_options(block: BlockContext, dimensions: int) -> list[str]:
-    if block.field_text("ElementSrc", "Internal") != "Internal" or block.field_text("IndexIsStartValue", "off") == "on":
+    if not block.is_set_to("ElementSrc", "Internal", default="Internal") or block.is_on("IndexIsStartValue"):
         raise UnsupportedError("its indices come from an input in a way that is not supported")
     return ["Index vector (dialog)"] * dimensions
 
@@ -355,7 +356,7 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
     """Select elements at variable indices by comparing the index with each candidate."""
     if places.size * nodes.size > _MAX_COMPARISONS:
         raise UnsupportedError(f"{places.size} variable indices into {nodes.size} elements are too many")
-    first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
+    first = 0.0 if block.begins_with("IndexMode", "Zero") else 1.0
     slices = [block.signal(np.atleast_1d(np.take(nodes, at, axis=axis))) for at in range(nodes.shape[axis])]
     picked = []
     for place in places.flat:
@@ -403,7 +404,7 @@ def multiport_switch(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError("it has no data port")
     if order == "Specify indices":
         numbers = case_values(block, "DataPortIndices")
-        if len(data) != len(numbers) + (block.field_text("DataPortForDefault") == "Additional data port"):
+        if len(data) != len(numbers) + block.is_set_to("DataPortForDefault", "Additional data port"):
             raise UnsupportedError(f"it has {len(data)} data ports but {len(numbers)} indices")
     else:
         first = 0 if order.startswith("Zero") or block.is_on("zeroidx") else 1

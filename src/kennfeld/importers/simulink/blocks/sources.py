@@ -1,12 +1,8 @@
-"""Sources library: signals of time and parameters, and recorded signals stored in the model."""
-
-from itertools import pairwise
-from typing import NamedTuple
+"""Sources library: signals of time and parameters."""
 
 import numpy as np
 
 from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, parameter_or_bus
-from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, constant_curve
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering import (
@@ -17,24 +13,20 @@ from kennfeld.importers.simulink.lowering import (
     UnsupportedError,
     block,
 )
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
-    CONTINUOUS,
     Bus,
     Signal,
     SignalOrBus,
     apply,
     select,
     select_by_index,
-    staircase,
 )
 from kennfeld.importers.simulink.variables.data_types import BusType
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
-from kennfeld.models.imperative.node_arrays import Numbers
 
 _BIND = "Bind it to a measured channel."
-
-_MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 
 
 @block("Constant", output=OutputType(floating=True, states=True), Value="1", SampleTime="inf", VectorParams1D="on")
@@ -43,7 +35,7 @@ def constant(block: BlockContext) -> SignalOrBus:
     value = parameter_or_bus(block, "Value")
     if isinstance(block.output_type, BusType):
         return fit_to_bus(block, block.output_type, value, fill=True)
-    if isinstance(value, Bus) or block.field_text("VectorParams1D", "on") == "on":
+    if isinstance(value, Bus) or block.is_set_to("VectorParams1D", "on", default="on"):
         return value
     return block.signal(block.matrix("Value"), CONSTANT)
 
@@ -85,7 +77,7 @@ def sine(block: BlockContext) -> SignalOrBus:
     if block.option("SineType", "Time based", "Sample based") == "Sample based":
         angle = _angle_of_hit(block)
     else:
-        t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+        t = block.time if block.is_set_to("TimeSource", "Use simulation time") else block.input()
         angle = block.parameter("Frequency") * t + block.parameter("Phase")
     return block.parameter("Amplitude") * apply("sin", angle) + block.parameter("Bias")
 
@@ -112,10 +104,11 @@ def chirp(block: BlockContext) -> SignalOrBus:
        TimeSource="Use simulation time")  # fmt: skip
 def generator(block: BlockContext) -> SignalOrBus:
     """Lower a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
-    form = block.field_text("WaveForm")
-    if form not in ("sine", "square"):
-        raise UnsupportedError(f"its wave form {form[:40]!r} is not supported, only sine and square", _BIND)
-    t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+    written = block.field_text("WaveForm")
+    form = match_word(written, ("sine", "square"))
+    if form is None:
+        raise UnsupportedError(f"its wave form {written[:40]!r} is not supported, only sine and square", _BIND)
+    t = block.time if block.is_set_to("TimeSource", "Use simulation time") else block.input()
     amplitude, frequency = block.parameter("Amplitude"), block.parameter("Frequency")
     in_hertz = block.option("Units", "Hertz", "rad/sec") == "Hertz"
     if form == "sine":
@@ -144,11 +137,11 @@ def pulses(block: BlockContext) -> SignalOrBus:
     return block.hold_in_minor_steps(select(high, block.parameter("Amplitude"), 0.0))
 
 
-@block("FromFile", "FromSpreadsheet", "Signal Editor", "RandomNumber", "UniformRandomNumber", "Random Number",
-       "Sigbuilder block", "Band-Limited White Noise.", "Band-Limited White Noise", refused=True)  # fmt: skip
-def refuse_recording(block: BlockContext) -> SignalOrBus:
-    """Refuse a signal that is not part of the model."""
-    raise UnsupportedError("its signal is recorded or random and not part of the model", _BIND)
+@block("RandomNumber", "UniformRandomNumber", "Random Number", "Band-Limited White Noise.", "Band-Limited White Noise",
+       refused=True)  # fmt: skip
+def refuse_noise(block: BlockContext) -> SignalOrBus:
+    """Refuse a random signal, of which no recording could be explained."""
+    raise UnsupportedError("its signal is random and not part of the model", _BIND)
 
 
 @block("Repeating Sequence Stair", sample="", OutValues="[3 1 4 2 1].'", tsamp="-1")
@@ -173,104 +166,8 @@ def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[floa
             raise EvaluationError(f"its {name} must be scalar, got {numbers.size} values")
         return float(numbers.item())
 
-    if (block.value("PulseType") or defaults["PulseType"]) != "Time based":
+    if not block.is_set_to("PulseType", "Time based", default=defaults["PulseType"]):
         return [number("SampleTime", "1")]
     period = number("Period")
     # a step that divides all three hits every edge
     return [period, period * number("PulseWidth") / 100, number("PhaseDelay")]
-
-
-class _RecordedSeries(NamedTuple):
-    times: Numbers
-    values: Numbers
-
-
-@block("Repeating table", "Repeating Sequence", linked=True, rep_seq_t="[0 2]", rep_seq_y="[0 2]")
-def repeating_sequence(block: BlockContext) -> SignalOrBus:
-    """Interpolate a periodic sequence of points linearly."""
-    times, values = block.numeric_array("rep_seq_t").ravel(), block.numeric_array("rep_seq_y").ravel()
-    _check_points(times, values[:, None])
-    if not times[-1] > times[0]:
-        raise UnsupportedError("its points all have the same time")
-    first, span = float(times[0]), float(times[-1] - times[0])
-    within = (_current_time(block) - first) % span + first
-    return _line(block, "rep_seq_y", within, _RecordedSeries(times, values), "clip")
-
-
-@block("FromWorkspace", VariableName="simulink_input", Interpolate="on", OutputAfterFinalValue="Extrapolation",
-       SampleTime="0")  # fmt: skip
-def from_workspace(block: BlockContext) -> SignalOrBus:
-    """Interpolate the columns of a matrix over its first one, the time."""
-    points = _points(block)
-    times, values = points[:, 0], points[:, 1:]
-    _check_points(times, values)
-    if times[0] > 0:
-        raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
-    last = block.field_text("OutputAfterFinalValue")
-    series = [_RecordedSeries(times, column) for column in values.T]
-    columns = [_column(block, f"column {at}", points, last) for at, points in enumerate(series, 2)]
-    return block.signal([signal.flat[0] for signal in columns], CONTINUOUS)
-
-
-def _points(block: BlockContext) -> Numbers:
-    """Return the matrix of a field; other variables hold recordings."""
-    try:
-        points = block.numeric_array("VariableName")
-    except UnsupportedError as error:
-        raise UnsupportedError(f"its signal is recorded and not part of the model: {error.message}", _BIND) from None
-    if points.shape[0] < 2 or points.shape[1] < 2:
-        raise UnsupportedError("its signal is not a matrix of times and values", _BIND)
-    return points
-
-
-def _check_points(times: Numbers, values: Numbers) -> None:
-    if len(times) != len(values) or len(times) < 2:
-        raise UnsupportedError(f"it has {len(values)} values for {len(times)} times")
-    if not (np.all(np.diff(times) >= 0) and np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
-        raise UnsupportedError("its times must increase, and its values must be finite", _BIND)
-
-
-def _current_time(block: BlockContext) -> Signal:
-    """Return the time, raised by a rounding tolerance."""
-    return block.time + block.time_tolerance(1e-9)
-
-
-def _column(block: BlockContext, label: str, points: _RecordedSeries, last: str) -> Signal:
-    now = _current_time(block)
-    if block.is_on("Interpolate"):
-        y = _line(block, label, block.time, points, "linear" if last == "Extrapolation" else "clip")
-    else:
-        y = _hold_points(block, now, points)
-    match last:
-        case "Extrapolation" | "Holding final value":
-            return y
-        case "Setting to zero":
-            return select(now > float(points.times[-1]) + block.time_tolerance(), 0.0, y)
-    raise UnsupportedError(f"OutputAfterFinalValue {last!r} is not supported", _BIND)
-
-
-def _hold_points(block: BlockContext, now: Signal, points: _RecordedSeries) -> Signal:
-    if len(points.times) > _MAX_STEPS:
-        raise UnsupportedError(f"it has {len(points.times)} steps; at most {_MAX_STEPS} are supported", _BIND)
-    steps = zip(points.times[1:].tolist(), points.values[1:].tolist(), strict=True)
-    return staircase(now, block.constant(float(points.values[0])), steps)
-
-
-def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
-    """Interpolate between points; two points at the same time are a jump."""
-    times = points.times
-    # a curve per piece between jumps: a curve of its own cannot have two equal breakpoints
-    ends = [0, *(np.flatnonzero(np.diff(times) == 0) + 1), len(times)]
-    if len(ends) > _MAX_STEPS:
-        raise UnsupportedError(f"it has {len(ends) - 2} discontinuities; at most {_MAX_STEPS} are supported", _BIND)
-    near, pieces = x + block.time_tolerance(1e-9), list[Signal]()
-    for number, (first, end) in enumerate(pairwise(ends), 1):
-        name = label if len(ends) == 2 else f"{label}, part {number}"
-        part = _RecordedSeries(times[first:end], points.values[first:end])
-        method = LookupMethod("linear", beyond if end == len(times) else "clip")
-        piece = block.constant(float(part.values[0]))
-        if len(part.times) > 1:
-            piece = constant_curve(block, name, x, part.times, part.values, method)
-        # the last piece that has begun
-        pieces.append(select(near >= float(times[first]), piece, pieces[-1]) if pieces else piece)
-    return pieces[-1]

@@ -13,6 +13,7 @@ from kennfeld.importers.simulink.calibration_parameters import DeclaredParameter
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.iterated_subsystems import iterator_block
 from kennfeld.importers.simulink.reader.block_ports import port_number
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.model_tree import Endpoint, ModelBlock, SignalLine, System
 from kennfeld.importers.simulink.variables.mask_scope import Scope, Variable
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -32,14 +33,14 @@ def active_choice(block: ModelBlock, labels: Sequence[str], scope: Scope) -> int
         raise EvaluationError("it is a Model block with variants (before R2017b); use a variant subsystem instead")
     if (block.value("VariantChoicesSpecifier") or "").strip():
         raise EvaluationError("it is a Variant Assembly Subsystem, whose choices are files; this is not supported")
-    written = block.value("VariantControlMode")
     named = (block.value("LabelModeActiveChoice") or "").strip()
     # names a choice by its label, whatever the controls say
     over = (block.value("OverrideUsingVariant") or "").strip()
     # older files have no mode: a label that is chosen says which one it is
-    mode = written or ("label" if named else "expression")
-    if mode not in _MODES:
-        raise EvaluationError(f"VariantControlMode {mode[:60]!r} is not supported")
+    written = block.value("VariantControlMode") or ("label" if named else "expression")
+    mode = match_word(written, _MODES)
+    if mode is None:
+        raise EvaluationError(f"VariantControlMode {written[:60]!r} is not supported")
     if mode == "label" or (mode == "expression" and over):
         return _choice_labelled(labels, named if mode == "label" else over)
     return _true_choice(block, labels, scope)
@@ -51,7 +52,7 @@ def _true_choice(block: ModelBlock, labels: Sequence[str], scope: Scope) -> int 
     if len(active) > 1:
         raise EvaluationError(f"several of its variants are active: {', '.join(labels[at] for at in active)}")
     active = active or [at for at, label in enumerate(labels) if label.strip() == "(default)"][:1]
-    if not active and (block.value("AllowZeroVariantControls") or "off") != "on":
+    if not active and not block.is_set_to("AllowZeroVariantControls", "on"):
         raise EvaluationError(f"none of its variants is active: {', '.join(labels) or 'it has none'}")
     return active[0] if active else None
 
@@ -88,7 +89,7 @@ def _choice_labelled(labels: Sequence[str], label: str) -> int:
 
 def is_variant(block: ModelBlock) -> bool:
     """Return True if a block is a variant subsystem, source or sink."""
-    holds = block.type in ("SubSystem", "ModelReference") and (block.value("Variant") or "off") == "on"
+    holds = block.type in ("SubSystem", "ModelReference") and block.is_set_to("Variant", "on")
     return holds or block.type in _BLOCKS
 
 
@@ -183,7 +184,7 @@ def without_commented_blocks(system: System) -> System:
 
 
 def _how(block: ModelBlock) -> str:
-    return (block.parameters.get("Commented") or "off").strip()
+    return match_word(block.parameters.get("Commented") or "off", ("on", "through")) or "off"
 
 
 def _lines(system: System, commented: Mapping[str, str]) -> Iterator[SignalLine]:

@@ -41,7 +41,7 @@ class SignalTracer:
             for level, goto in ends:
                 # of several Gotos with one tag in a system, the first one counts
                 self._local.setdefault((level, tag), (level, goto))
-                if (goto.value("TagVisibility") or "local") in _NONLOCAL_VISIBILITY:
+                if goto.is_set_to("TagVisibility", *_NONLOCAL_VISIBILITY):
                     self._wide.setdefault(tag, []).append((level, goto))
 
     def label(self, level: SystemInstance, end: Endpoint) -> str:
@@ -90,7 +90,7 @@ class SignalTracer:
         A bus may therefore contain a signal computed from another signal of the same bus.
         """
         flat = level.flat_blocks.get(source.block)
-        if flat is None or flat.type != "BusSelector" or (flat.block.value("OutputAsBus") or "off") == "on":
+        if flat is None or flat.type != "BusSelector" or flat.block.is_set_to("OutputAsBus", "on"):
             return None
         paths = (flat.block.value("OutputSignals") or "").split(",")
         if not source.number <= len(paths):
@@ -169,7 +169,7 @@ class SignalTracer:
         if (level, tag) in self._local:
             return self._local[level, tag]
         for where, goto in self._wide.get(tag, ()):
-            is_global = goto.value("TagVisibility") == "global" and model_instance(where) is model_instance(level)
+            is_global = goto.is_set_to("TagVisibility", "global") and model_instance(where) is model_instance(level)
             if is_global or self._is_in_scope(level, where, tag):
                 return where, goto
         return None

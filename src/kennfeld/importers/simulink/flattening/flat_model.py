@@ -143,11 +143,11 @@ def enclosing_conditions(flat: FlatBlock) -> Iterator[FlatBlock]:
 def resets_on_enable(control: FlatBlock) -> bool:
     """Return True if enabling a conditional subsystem resets its states."""
     for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
-        if port in control.control_ports and (control.control_ports[port].value(key) or "held") == "reset":
+        if port in control.control_ports and control.control_ports[port].is_set_to(key, "reset"):
             return True
     # a trigger alone never disables its subsystem, so that nothing enables it again
     trigger = control.control_ports.get("trigger")
-    resets = trigger is not None and trigger.value("StatesWhenEnabling") == "reset"
+    resets = trigger is not None and trigger.is_set_to("StatesWhenEnabling", "reset")
     return resets and "enable" in control.control_ports
 
 

@@ -26,6 +26,7 @@ from kennfeld.importers.simulink.flattening.iterated_subsystems import (
     plan_iterations,
 )
 from kennfeld.importers.simulink.reader.block_ports import element_of, elements, port_number
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.library_links import is_of_simulink
 from kennfeld.importers.simulink.reader.model_tree import (
     Endpoint,
@@ -192,7 +193,7 @@ class _Flattener:
         plan = level.repeated
         number = port_number(block)
         on = plan.block.listed("InputPartition") if plan is not None else ()
-        if plan is None or not plan.each or (number <= len(on) and on[number - 1] == "off"):
+        if plan is None or not plan.each or (number <= len(on) and match_word(on[number - 1], ("off",))):
             return
         assert level.parent is not None
         assert level.holder is not None
@@ -204,7 +205,7 @@ class _Flattener:
 def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
     if block.chart is not None and block.chart.kind == "Chart":
         return "Chart"
-    if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
+    if block.script and block.is_set_to("SFBlockType", "MATLAB Function"):
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
         link = block.reference

@@ -36,7 +36,7 @@ class IterationPlan:
     @property
     def asks_first(self) -> bool:
         """True if even the first iteration has a condition."""
-        return self.decides and (self.block.value("WhileBlockType") or "while") == "while"
+        return self.decides and self.block.is_set_to("WhileBlockType", "while", default="while")
 
 
 class SystemInstance:

@@ -14,6 +14,7 @@ from kennfeld.importers.simulink.calibration_parameters import DeclaredParameter
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.importers.simulink.flattening.hierarchy import FlatteningState, IterationPlan, SystemInstance
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.model_tree import Endpoint, ModelBlock, System, join_path
 from kennfeld.importers.simulink.variables.mask_scope import MaskVariable, Scope, Variable
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -45,17 +46,17 @@ def plan_iterations(
         EvaluationError: if the iteration count is unknown or too large.
     """
     path = join_path(*names)
-    reset = (block.value("ResetStates") or "held") == "reset"
+    reset = block.is_set_to("ResetStates", "reset")
     if block.type == "ForEach":
         return IterationPlan(block, _elements(block, holder, path, scope, counts))
     field = f"{join_path(*names, block.name)}:"
     if block.type == "WhileIterator":
-        if (block.value("WhileBlockType") or "while") not in ("while", "do-while"):
+        if not block.is_set_to("WhileBlockType", "while", "do-while", default="while"):
             raise EvaluationError(f"WhileBlockType {block.value('WhileBlockType')!r} is not supported")
         return IterationPlan(block, _number(field + "MaxIters", block.value("MaxIters") or "5", scope), reset)
-    if (block.value("ExternalIncrement") or "off") == "on":
+    if block.is_set_to("ExternalIncrement", "on"):
         raise EvaluationError(f"{block.name} sets its iteration variable externally, which is not supported")
-    if (block.value("IterationSource") or "internal") == "external":
+    if block.is_set_to("IterationSource", "external"):
         # the first attempt has one iteration; lowering it finds the count at the input
         return IterationPlan(block, _check_count(counts.get(path, 1), path), reset)
     return IterationPlan(block, _number(field + "IterationLimit", block.value("IterationLimit") or "5", scope), reset)
@@ -86,9 +87,9 @@ def _check_count(count: int, field: str) -> int:
 def _elements(block: ModelBlock, holder: ModelBlock, path: str, scope: Scope, counts: Mapping[str, int]) -> int:
     """Return the number of elements: as specified, of mask parameters, or of the inputs in an earlier attempt."""
     for unusual in _UNUSUAL:
-        if (block.value(unusual) or "off") == "on":
+        if block.is_set_to(unusual, "on"):
             raise EvaluationError(f"{unusual} of {block.name} is on, which is not supported")
-    if (block.value("StateHandling") or _SEPARATE) != _SEPARATE:
+    if not block.is_set_to("StateHandling", _SEPARATE, default=_SEPARATE):
         raise EvaluationError(f"the iterations of {block.name} share their states, which is not supported")
     parts = _parts(block, holder, scope)
     stated = (block.value("SpecifiedNumIters") or "-1").strip()
@@ -116,7 +117,7 @@ def partitioned_parameters(block: ModelBlock, holder: ModelBlock) -> tuple[str, 
     """Return the names of the partitioned mask parameters."""
     on = block.listed("SubsysMaskParameterPartition")
     names = [parameter.name for parameter in holder.mask.parameters] if holder.mask is not None else []
-    return tuple(name for name, switched in zip(names, on, strict=False) if switched == "on")
+    return tuple(name for name, switched in zip(names, on, strict=False) if match_word(switched, ("on",)))
 
 
 def _parts(block: ModelBlock, holder: ModelBlock, inside: Scope) -> int | None:

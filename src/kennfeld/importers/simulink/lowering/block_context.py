@@ -13,6 +13,7 @@ from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import undefined_reason
 from kennfeld.importers.simulink.lowering.registry import field_text
 from kennfeld.importers.simulink.lowering.type_effects import saturation_limits
+from kennfeld.importers.simulink.reader.dialog_words import begins_with_word, match_word
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
@@ -64,11 +65,20 @@ class BlockContext:
         return written.strip()
 
     def option(self, name: str, *known: str) -> str:
-        """Return a field that must be one of the known words; raise `UnsupportedError` otherwise."""
+        """Return which of the known words a field is; raise `UnsupportedError` otherwise."""
         written = self.field_text(name)
-        if written not in known:
+        word = match_word(written, known)
+        if word is None:
             raise UnsupportedError(f"{name} {written[:60]!r} is not supported")
-        return written
+        return word
+
+    def is_set_to(self, name: str, *words: str, default: str | None = None) -> bool:
+        """Return True if a field is one of some words; `default` stands for a field without a value."""
+        return match_word(self.field_text(name, default), words) is not None
+
+    def begins_with(self, name: str, word: str, default: str | None = None) -> bool:
+        """Return True if a field begins with a word."""
+        return begins_with_word(self.field_text(name, default), word)
 
     def field_name(self, *names: str) -> str:
         """Return the first of several names of one field that the file contains, else the last name."""
@@ -86,7 +96,7 @@ class BlockContext:
 
     def is_on(self, name: str) -> bool:
         """Return True if a field is on."""
-        return self.field_text(name, "off") == "on"
+        return self.is_set_to(name, "on", default="off")
 
     def parameter(self, name: str, default: str | None = None) -> Signal:
         """Return a field as a signal whose variables stay parameters; rows and columns become vectors."""
@@ -182,7 +192,7 @@ class BlockContext:
 
     def _check_frame(self, signal: Signal) -> None:
         """Raise `UnsupportedError` if the rows of an input are successive samples."""
-        if signal.shape[0] > 1 and self.field_text("InputProcessing", "").startswith("Columns"):
+        if signal.shape[0] > 1 and self.begins_with("InputProcessing", "Columns", default=""):
             remedy = "Set its input processing to elements as channels, or bind it."
             raise UnsupportedError(f"its input is a frame of {signal.shape[0]} samples, which is not supported", remedy)
 
@@ -266,7 +276,9 @@ class BlockContext:
         """Return 1 if an input, held during minor steps, is not 0."""
         return apply("ne", self.hold_in_minor_steps(self.input(index)), 0.0)
 
-    def discrete_state(self, init: Signal, then: SignalRule, latency: int = 1, ported: bool = False) -> Signal:
+    def discrete_state(
+        self, init: Signal, then: SignalRule, latency: int = 1, ported: bool = False, sampled: bool = True
+    ) -> Signal:
         """Return a discrete state at the start of the step.
 
         Args:
@@ -274,9 +286,11 @@ class BlockContext:
             then: maps the state to its next value; called once all blocks are lowered.
             latency: number of steps until the next value is read.
             ported: True for the state at the block's state port.
+            sampled: False if the state is written in every step, not at the hits of the block's own sample time only.
         """
         self.memories += 1
-        return self.compiler.memories.create(self.flat, STATE_PORT if ported else self.memories, init, then, latency)
+        number = STATE_PORT if ported else self.memories
+        return self.compiler.memories.create(self.flat, number, init, then, latency, sampled)
 
     def feedback(self, init: Signal, rule: SignalRule) -> Signal:
         """Return y = rule(y'), in which y' is the value of y in the previous sample, at first `init`."""

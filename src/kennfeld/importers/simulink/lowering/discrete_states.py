@@ -46,8 +46,10 @@ class DiscreteStates:
         self._writes: dict[Key, Callable[[], Nodes]] = {}
         self._written: dict[Key, Nodes] = {}
 
-    def create(self, flat: FlatBlock, number: int, init: Signal, then: SignalRule, latency: int) -> Signal:
-        """Return a state that is read now and written at the end of the step."""
+    def create(
+        self, flat: FlatBlock, number: int, init: Signal, then: SignalRule, latency: int, sampled: bool
+    ) -> Signal:
+        """Return a state that is read now and written at the end of the step, if `sampled` at the block's hits only."""
         # all iterations of a block share the shape of their state
         key = (flat.first, number)
         shape = self.shapes.state_shape(key, init)
@@ -58,7 +60,7 @@ class DiscreteStates:
         read = Signal(self._read((flat, number), first, latency), self.timing.period(flat), builder=self.builder)
         seen = self.reset_with_subsystem(flat, read, first)
         # called at the end of the step, or when the next iteration reads it
-        self._writes[flat, number] = lambda: self._next_value(flat, key, seen, then)
+        self._writes[flat, number] = lambda: self._next_value(flat, key, seen, then, sampled)
         return seen
 
     def delay_unconditionally(self, flat: FlatBlock, number: int, init: Signal, x: Callable[[], Signal]) -> Signal:
@@ -112,7 +114,7 @@ class DiscreteStates:
         for state, init, node in zip(states, first.ravel(), new.ravel(), strict=True):
             self.builder.close(state, int(init), int(node))
 
-    def _next_value(self, flat: FlatBlock, key: Key, seen: Signal, then: SignalRule) -> Nodes:
+    def _next_value(self, flat: FlatBlock, key: Key, seen: Signal, then: SignalRule, sampled: bool) -> Nodes:
         """Return the next value of a state as its block computes it."""
         new = seen
         with self.failures.note_errors(flat):
@@ -123,7 +125,8 @@ class DiscreteStates:
         self.guesses.period(flat, CONTINUOUS if inherited == CONSTANT else inherited)
         new = self._fit(flat, key, new, seen)
         # x' = runs and hit ? new : x
-        written = self.gates.write_condition(flat, self.timing.period(flat))
+        gates = self.gates
+        written = gates.write_condition(flat, self.timing.period(flat)) if sampled else gates.run_condition(flat)
         if written is None:
             return new.nodes
         return elementwise(self.builder, "select", np.array([written], dtype=np.int64), new.nodes, seen.nodes)

@@ -6,6 +6,7 @@ from typing import Final, TypeVar
 
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.registry import output_type_of
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.variables.data_types import FixedPointType, PlainType, output_type
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 
@@ -16,6 +17,7 @@ _MAX_TRACED_BLOCKS = 200
 _LITERAL = re.compile(r"[-+.\deE\[\]\s,;]*")  # numbers that no variable gives a type
 _FLOATING: Final = ("double", "single", "half")
 _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
+_ROUNDINGS: Final = ("Ceiling", "Convergent", "Floor", "Nearest", "Round", "Simplest", "Zero")
 
 
 def integer_type_of(source: SignalSource | None) -> IntegerType | None:
@@ -80,6 +82,7 @@ def is_floating(source: SignalSource | None) -> bool:
 
 def _specified_type(flat: FlatBlock) -> str:
     """Return the output type that a block specifies, "" if it is inherited."""
+    # the key of newer files first; the mode of older ones names the type unless it refers to an expression
     words = ((flat.block.value(key) or "").strip() for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"))
     return next((word for word in words if word and word != "auto" and not word.startswith("Inherit")), "")
 
@@ -88,7 +91,7 @@ def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
     """Return the common type; if rounding or overflow differ, round down and wrap."""
     if len(types) == 1:
         return types.pop()
-    # a Switch of int8 signals is int8, however each of them was rounded
+    # paths that differ in how they convert still store the same bits
     plain = {(integer_type.bits, integer_type.signed) if integer_type is not None else None for integer_type in types}
     only = plain.pop() if len(plain) == 1 else None
     return IntegerType(*only) if only is not None else None
@@ -105,8 +108,7 @@ def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
     """Return the integer type that a block specifies for its output."""
     kind = output_type(flat.block, flat.scope)
     if isinstance(kind, FixedPointType):
-        rounding = flat.block.value("RndMeth") or "Floor"
-        return IntegerType(kind.bits, kind.signed, rounding, is_saturating(flat)) if kind.is_integer else None
+        return IntegerType(kind.bits, kind.signed, _rounding(flat), is_saturating(flat)) if kind.is_integer else None
     cast = _CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
     return integer_type_named(cast[1]) if cast is not None and kind is None else None
 
@@ -118,4 +120,9 @@ def _stated_fixed_point(flat: FlatBlock) -> FixedPointType | None:
 
 def is_saturating(flat: FlatBlock) -> bool:
     """Return True if values beyond the type of a block are saturated, not wrapped."""
-    return (flat.block.value("SaturateOnIntegerOverflow") or "off") == "on"
+    return flat.block.is_set_to("SaturateOnIntegerOverflow", "on")
+
+
+def _rounding(flat: FlatBlock) -> str:
+    written = flat.block.value("RndMeth") or "Floor"
+    return match_word(written, _ROUNDINGS) or written

@@ -10,6 +10,7 @@ from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.model_tree import split_arguments
 from kennfeld.importers.simulink.variables.mask_scope import (
     MaskCodeVariable,
@@ -25,6 +26,10 @@ from kennfeld.program import tree as m
 from kennfeld.program.traversal import field_path
 
 _MAX_NUMBERS = 10_000
+_INDEX_OPTIONS = (
+    "Select all", "Assign all", "Index vector (dialog)", "Index vector (port)", "Starting index (dialog)",
+    "Starting index (port)", "Starting and ending indices (port)",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +152,12 @@ def dimension_settings(block: BlockContext, *names: str) -> list[str]:
     return quoted or [part.strip() for part in split_arguments(written) if part.strip()]
 
 
+def index_options(block: BlockContext) -> list[str]:
+    """Read the index option of each dimension, [] if the file has none, as in releases before R2009."""
+    written = dimension_settings(block, "IndexOptions", "IndexOptionArray")
+    return [match_word(option, _INDEX_OPTIONS) or option for option in written]
+
+
 def selected_indices(
     block: BlockContext, option: str, text: str, size: int, axis: int, count: int | None = None, note: str = ""
 ) -> list[int]:
@@ -158,7 +169,7 @@ def selected_indices(
         return list(range(size))
     if option not in ("Index vector (dialog)", "Starting index (dialog)"):
         raise UnsupportedError(f"the index option {option!r} is not supported")
-    first = 0 if block.field_text("IndexMode").startswith("Zero") else 1
+    first = 0 if block.begins_with("IndexMode", "Zero") else 1
     places = [int(n) - first for n in block.evaluate(text).ravel()]
     if option == "Starting index (dialog)" and places:
         length = selection_length(block, axis) if count is None else count

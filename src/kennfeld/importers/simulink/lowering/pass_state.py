@@ -123,7 +123,11 @@ class ModelInputs(dict[str, FlatBlock | None]):
 
     def name(self, flat: FlatBlock) -> str:
         """Name the channel of a port."""
-        name = port_label(flat.block) if flat.type == "Inport" else (flat.block.value("GotoTag") or "A").strip()
+        own = port_label(flat.block) if flat.type == "Inport" else (flat.block.value("GotoTag") or "A").strip()
+        return self.channel(flat, own)
+
+    def channel(self, flat: FlatBlock, name: str) -> str:
+        """Register a channel of a block under a name, or under one beside it if that is taken."""
         # the names of the clock are channels of their own, those of parameters are taken
         if name in self.guesses.taken or name in CLOCK:
             name = f"{name}_in"

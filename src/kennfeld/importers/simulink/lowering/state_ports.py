@@ -70,7 +70,8 @@ def is_known_at_step_start(source: SignalSource) -> bool:
     """Return True if a source is a state port whose state is known at the start of the step."""
     if source.port != STATE_PORT or source.flat.type not in ("Integrator", "DiscreteIntegrator"):
         return False
-    return source.flat.type == "Integrator" or "Forward" in (field_text(source.flat, "IntegratorMethod") or "")
+    method = field_text(source.flat, "IntegratorMethod") or ""
+    return source.flat.type == "Integrator" or "forward" in method.casefold()
 
 
 class StatePorts:

@@ -20,8 +20,8 @@ def element_of(block: ModelBlock) -> str | None:
     """Read the path "a.b" of a bus element at a port, None if the block is a plain port."""
     if block.type not in ("Inport", "Outport"):
         return None
-    shared = block.value("IsBusElementPort") or block.value("isBusElementPort") or "off"
-    return (block.value("Element") or "").strip() if shared == "on" else None
+    shared = any(block.is_set_to(name, "on") for name in ("IsBusElementPort", "isBusElementPort"))
+    return (block.value("Element") or "").strip() if shared else None
 
 
 def elements(system: System, kind: str, port: int) -> list[ModelBlock]:

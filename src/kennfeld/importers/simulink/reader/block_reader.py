@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.reader.model_tree import (
     Ports,
     SignalLine,
     StoredChart,
+    StoredWorkspace,
     System,
     join_path,
     normalize_path,
@@ -46,6 +47,7 @@ _MODEL_KEYS = ("ModelNameDialog", "ModelFile", "ModelName")
 # other words for the same ports, by layout
 _SPECIAL = {"stateport": "state", "action": "ifaction"}
 _MAX_PORTS = 10_000  # of a block
+_RECORDING = "SigBuilderData"
 
 
 def read_mask(block: SectionNode) -> Mask | None:
@@ -124,13 +126,14 @@ class BlockReader:
     """Builds systems from sections.
 
     `load` returns the section of a system stored in a part of its own; `charts` are charts by block path, `defaults`
-    block defaults by type.
+    block defaults by type. `data` returns the binary data that a field refers to.
     """
 
     diagnostics: ReadDiagnostics
     load: Callable[[str], SectionNode | None]
     charts: Mapping[str, StoredChart]
     defaults: Mapping[str, Mapping[str, str]]
+    data: Callable[[str], StoredWorkspace | None]
     # parts of the file already read: each belongs to one block; sharing could multiply content without bound
     _used: set[str] = field(default_factory=set)
 
@@ -188,7 +191,13 @@ class BlockReader:
             model=next((keys[key] for key in _MODEL_KEYS if keys.get(key)), "") if kind == "ModelReference" else "",
             signals=_signals(section),
             lists=_lists(section),
+            recording=self._recording(section),
         )
+
+    def _recording(self, section: SectionNode) -> StoredWorkspace | None:
+        """Return the signals of a Signal Builder, stored by reference in one of its inner blocks."""
+        reference = section.elsewhere.get(_RECORDING) or section.keys.get(_RECORDING)
+        return self.data(reference) if reference else None
 
     def _checked_ports(self, section: SectionNode, path: str) -> Ports | None:
         counted = _ports(section)

@@ -168,8 +168,21 @@ def _transition(section: SectionNode, number: str, parent: str, numbers: Mapping
             return ""
         return node.keys.get("SSID") or numbers.get(node.keys.get("id", ""), "")
 
+    # the last piece of a transition through a subchart has no order of its own: 4294967295, which counts as none
     order = _whole(section.keys.get("executionOrder", ""))
-    return StoredTransition(number, section.keys.get("labelString", ""), end("src"), end("dst"), order, parent)
+    label, whole = section.keys.get("labelString", ""), _whole_transition(section, numbers)
+    return StoredTransition(number, label, end("src"), end("dst"), order, parent, whole)
+
+
+def _whole_transition(section: SectionNode, numbers: Mapping[str, str]) -> str:
+    """Return the identifier of the transition that a section is a piece of, "" if it is a whole one.
+
+    A piece has the type SUB and `subLink [whole before next]`; the whole one has the type SUPER, and both of its ends.
+    """
+    links = section.keys.get("subLink", "").strip("[] ").split()
+    if section.keys.get("type") != "SUB" or not links:
+        return ""
+    return numbers.get(links[0], links[0])
 
 
 def _data(section: SectionNode, parent: str) -> StoredData:

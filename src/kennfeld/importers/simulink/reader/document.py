@@ -148,12 +148,28 @@ def _encoded(model: SectionNode, sections: list[SectionNode], diagnostics: ReadD
     tag = setting(model, "WSMdlFileData")
     if not tag:
         return StoredWorkspace()
-    records = [part for section in sections if section.kind == "MatData" for part in section.all("DataRecord")]
-    record = next((part for part in records if part.keys.get("Tag") == tag), None)
+    record = _encoded_record(sections, tag)
     if record is None:
         diagnostics.warn(f"the model workspace is in {tag[:60]}, which the file does not contain")
         return StoredWorkspace()
-    return StoredWorkspace("mxarray", _workspace_bytes(record.keys.get("Data", "")))
+    return record
+
+
+def _encoded_record(sections: list[SectionNode], tag: str) -> StoredWorkspace | None:
+    """Decode the binary record of a tag in a classic file, None if there is none."""
+    records = [part for section in sections if section.kind == "MatData" for part in section.all("DataRecord")]
+    record = next((part for part in records if part.keys.get("Tag") == tag), None)
+    return StoredWorkspace("mxarray", _workspace_bytes(record.keys.get("Data", ""))) if record is not None else None
+
+
+def _packed_record(package: ModelPackage, reference: str) -> StoredWorkspace | None:
+    """Unpack the binary data of a reference such as `bdmxdata:DataTag0`, None if there is none."""
+    tag = reference.rpartition(":")[2]
+    if raw := package.raw(f"simulink/bdmxdata/{tag}.mxarray"):
+        return StoredWorkspace("mxarray", raw)
+    # before R2015b, one MAT-file holds all of them, as variables
+    raw = package.raw("simulink/bdmxdata.mat")
+    return StoredWorkspace("mat", raw, tag) if raw else None
 
 
 def _workspace_bytes(text: str) -> bytes:
@@ -209,7 +225,7 @@ def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocum
         return None
     stateflow = next((section for section in top if section.kind == "Stateflow"), None)
     charts = read_charts(stateflow, _no_part) if stateflow is not None else {}
-    builder = BlockReader(diagnostics, _no_part, charts, read_block_defaults(model))
+    builder = BlockReader(diagnostics, _no_part, charts, read_block_defaults(model), partial(_encoded_record, top))
     solver = read_solver(active_configuration(model), model)
     version = model.get("Version")
     name = model.get("Name") or path.stem
@@ -252,7 +268,8 @@ def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnosti
     defaults = read_block_defaults(package.section("simulink/bddefaults.xml"), model)
     stateflow = package.section("simulink/stateflow/machine.xml") or package.section("simulink/stateflow.xml")
     charts = read_charts(stateflow, partial(_part, package, "stateflow")) if stateflow is not None else {}
-    builder = BlockReader(diagnostics, partial(_part, package, "systems"), charts, defaults)
+    data = partial(_packed_record, package)
+    builder = BlockReader(diagnostics, partial(_part, package, "systems"), charts, defaults, data)
     configuration = _configuration(package)
     # a part of its own in newer packages, within the diagram in older ones
     solver = read_solver(configuration if configuration is not None else active_configuration(model), model)

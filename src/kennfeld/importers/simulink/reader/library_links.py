@@ -17,7 +17,7 @@ _MAX_DEPTH = 100  # nested subsystems, links resolved
 _MAX_CHAIN = 30  # links to links
 _MAX_BLOCKS = 200_000  # in a model with all links resolved
 _OWN = "$bdroot"  # the name of a file for itself
-_OF_SIMULINK = ("simulink", "simulink3", "simulink_extras", "built-in")
+_OF_SIMULINK = ("simulink", "simulink3", "simulink_extras", "built-in", "SignalEditorBlockLib")
 
 
 def is_of_simulink(source: str) -> bool:

@@ -12,6 +12,7 @@ from typing import Literal
 
 from kennfeld.base.errors import Finding
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.section_tree import normalize_name
 
 
@@ -58,7 +59,11 @@ class StoredJunction:
 
 @dataclass(frozen=True, slots=True)
 class StoredTransition:
-    """A transition between states or junctions; `source` is empty for a default transition."""
+    """A transition between states or junctions; `source` is empty for a default transition.
+
+    One that crosses the edge of a subchart is stored as a whole and once more in pieces, one for each drawing that
+    shows a part of it; `whole` is the identifier of the transition that a piece belongs to, "" for any other.
+    """
 
     id: str
     label: str
@@ -66,6 +71,7 @@ class StoredTransition:
     target: str
     order: int = 0
     parent: str = ""
+    whole: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,10 +236,10 @@ class MaskParameter:
         if not self.evaluated:
             return self.expression
         if self.type == "checkbox":
-            return {"on": "1", "off": "0"}.get(self.expression.strip(), self.expression)
+            return {"on": "1", "off": "0"}.get(match_word(self.expression, ("on", "off")) or "", self.expression)
         # an evaluated choice is the number of its text, from 1
-        chosen = self.type in ("popup", "radiobutton") and self.expression in self.options
-        return str(self.options.index(self.expression) + 1) if chosen else self.expression
+        choice = match_word(self.expression, self.options) if self.type in ("popup", "radiobutton") else None
+        return str(self.options.index(choice) + 1) if choice is not None else self.expression
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +272,8 @@ class ModelBlock:
     without the model name. `parameters` are the fields specified for this block, `defaults` those for all blocks of the
     type. `ports` is None if the file leaves them to the type. `script` is the code of a MATLAB
     Function, `chart` that of any Stateflow block; `model` is the file name of a referenced model. `signals` are names
-    of output ports; `lists` are the fields that are lists of texts.
+    of output ports; `lists` are the fields that are lists of texts. `recording` holds the signals of a Signal Builder,
+    in the form of a workspace.
     """
 
     type: str
@@ -284,6 +291,7 @@ class ModelBlock:
     model: str = ""
     signals: Mapping[int, str] = field(default_factory=dict)
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    recording: "StoredWorkspace | None" = None
 
     def listed(self, name: str) -> tuple[str, ...]:
         """Read a field that is a list of texts, () if not specified.
@@ -303,6 +311,14 @@ class ModelBlock:
     def value(self, name: str) -> str | None:
         """Read a field as text: of the block, else of its type in the file; or None."""
         return self.parameters.get(name, self.defaults.get(name))
+
+    def is_set_to(self, name: str, *words: str, default: str = "") -> bool:
+        """Return True if a field is one of some words of a dialog; `default` stands for a field without a value.
+
+        >>> ModelBlock("SubSystem", "V", "1", "V", {"Variant": "On"}).is_set_to("Variant", "on")
+        True
+        """
+        return match_word(self.value(name) or default, words) is not None
 
 
 @dataclass(frozen=True)

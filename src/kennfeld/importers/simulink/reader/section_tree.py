@@ -50,7 +50,7 @@ class SectionNode:
     """One section: an XML element, or braces and their content.
 
     `keys` are attributes, `<P Name="key">value</P>`, or lines `key value`, without a leading `$`; keys whose value is
-    stored in another part of the file are left out.
+    stored in another part of the file are left out, and have its name in `elsewhere`.
     """
 
     kind: str
@@ -58,6 +58,7 @@ class SectionNode:
     keys: dict[str, str] = field(default_factory=dict)
     parts: list["SectionNode"] = field(default_factory=list)
     text: str = ""
+    elsewhere: dict[str, str] = field(default_factory=dict)
 
     def all(self, *kinds: str) -> Iterator["SectionNode"]:
         """Yield the direct child sections of one of the kinds."""
@@ -147,7 +148,7 @@ class _XmlSectionBuilder:
         self.root: SectionNode | None = None
         self.open: list[SectionNode] = []
         self.key: str | None = None
-        self.stored = True  # False if the value of the key is in another part
+        self.reference: str | None = None  # the part that contains the value of the key, if it is another one
         self.pieces: list[str] = []
         self.count = 0
         self.parser = expat.ParserCreate()
@@ -162,7 +163,7 @@ class _XmlSectionBuilder:
         self.count += 1
         self.pieces.clear()
         if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
-            self.key, self.stored = attributes["Name"], "Ref" not in attributes
+            self.key, self.reference = attributes["Name"], attributes.get("Ref")
             return
         # without the prefix of a namespace
         section = SectionNode(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
@@ -178,8 +179,10 @@ class _XmlSectionBuilder:
 
     def _end(self, name: str) -> None:
         if self.key is not None and name == "P":
-            if self.stored:
+            if self.reference is None:
                 self.open[-1].keys[self.key] = "".join(self.pieces)
+            else:
+                self.open[-1].elsewhere[self.key] = self.reference
             self.key = None
             self.pieces.clear()
             return

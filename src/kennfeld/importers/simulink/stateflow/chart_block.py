@@ -12,12 +12,13 @@ from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, enclosi
 from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.importers.simulink.reader.block_ports import port_number
-from kennfeld.importers.simulink.reader.model_tree import StoredChart
+from kennfeld.importers.simulink.reader.model_tree import StoredChart, StoredData
 from kennfeld.importers.simulink.signals import CONSTANT, Signal, SignalOrBus, apply, as_vector, scalar
 from kennfeld.importers.simulink.stateflow.chart_execution import ChartExecution
 from kennfeld.importers.simulink.stateflow.chart_model import ChartEvent, ChartModel, ChartVariable
 from kennfeld.importers.simulink.stateflow.guarded_variables import Guard, GuardLogic, SizeChangedError
 from kennfeld.importers.simulink.stateflow.temporal_logic import ChartTimers
+from kennfeld.importers.simulink.variables.enumerations import enumerated_type, members_of, unqualified_member
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 from kennfeld.models.imperative.symbolic_values import constants
@@ -158,8 +159,12 @@ class _Chart:
         """Return the initial value of a variable, in its size."""
         written = data.written
         text = written.name if written.from_workspace else written.initial.strip()
+        number = self._start_of_enumeration(written, text)
         try:
-            value = self.block.compiler.expressions.array(text, self.scope) if text else constants(self.builder, 0.0)
+            if number is not None:
+                value = constants(self.builder, number)
+            else:
+                value = self.block.compiler.expressions.array(text, self.scope)
         except EvaluationError as error:
             raise UnsupportedError(f"the initial value of data {written.name} ({text[:60]}): {error}") from None
         shape = self._shape(data)
@@ -171,6 +176,18 @@ class _Chart:
             raise UnsupportedError(f"the initial value of data {written.name} does not match its size")
         # MATLAB writes the elements column by column
         return value if value.shape == shape else value.reshape(shape, order="F")
+
+    def _start_of_enumeration(self, written: StoredData, text: str) -> float | None:
+        """Return the initial value of a variable that states none, or a member without its class; None for others.
+
+        A variable of an enumerated type begins with the default member, any other one with 0.
+        """
+        members = members_of(self.scope.variables.get(enumerated_type(written.type)))
+        if not text:
+            return next(iter(members.values()), 0.0)
+        if not text.isidentifier() or self.scope.find(text) is not None:
+            return None
+        return members.get(text, unqualified_member(self.scope.variables, text, self.diagram.types))
 
     def _shape(self, data: ChartVariable) -> tuple[int, ...] | None:
         text = data.written.size.strip()
@@ -325,7 +342,7 @@ class FunctionCallSubsystems:
         names = chart_port_names(self.block.flat, "Outport")
         for atom in self.block.compiler.flat.blocks:
             trigger = atom.control_ports.get("trigger") if atom.type == "ConditionalSubsystem" else None
-            if trigger is not None and trigger.value("TriggerType") == "function-call":
+            if trigger is not None and trigger.is_set_to("TriggerType", "function-call"):
                 for source in atom.inputs:
                     if source is not None and source.flat is self.block.flat and 0 <= source.port < len(names):
                         yield atom, names[source.port]

@@ -182,12 +182,13 @@ class ChartExpressions(ChartPart):
         key = self.resolve_key(tree, context)
         if key is not None:
             return integers(self.variables.get(key, guard), self._declared_type(key))
+        # parameters and workspace variables are left to the evaluator of fields; MATLAB requires the names of classes
         if not isinstance(tree, m.Name) or self.diagram.chart.language != "C" or self.scope.find(tree.name) is not None:
             return None
         # the time, unless something else has this name
         if tree.name == "t":
             return self._array(self.machine.time)
-        member = unqualified_member(self.scope.variables, tree.name)
+        member = unqualified_member(self.scope.variables, tree.name, self.diagram.types)
         return None if member is None else self._array(self.builder.const(member))
 
     def _may_fail(self, tree: m.Expression, context: ActionContext) -> bool:

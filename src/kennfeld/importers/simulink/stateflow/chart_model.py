@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.stateflow.label_parser import (
     parse_transition_label,
     strip_comments,
 )
+from kennfeld.importers.simulink.variables.enumerations import enumerated_type
 from kennfeld.program import tree as m
 
 _MAX_DEPTH = 40  # nested states
@@ -244,7 +245,16 @@ class ChartModel:
         return JunctionNode(number, holder, kind == "HISTORY_JUNCTION")
 
     def _add_transitions(self) -> None:
+        known = {drawn.id for drawn in self.chart.transitions}
         for drawn in self.chart.transitions:
+            # the whole transition has the label, the order and both ends; a piece would be a second way out of its
+            # source, and the edge of a subchart is no place where a chart can rest
+            if drawn.whole in known:
+                continue
+            if drawn.whole:
+                text = " ".join(drawn.label.split())[:60] or "without label"
+                message = f"transition {text} is a piece of one through a subchart, which the file lacks as a whole"
+                raise UnsupportedError(message, "Save the model again, or use a complete copy of the file.")
             holder = self.holder(drawn.parent)
             target = self._junctions.get(drawn.target) or self.states.get(drawn.target)
             if target is None or holder is None:
@@ -283,6 +293,11 @@ class ChartModel:
         after = self.language.statements(label.action, place)
         events = self.language.events(label.event, place)
         return TransitionEdge(place, target, holder, drawn.order, events, condition, before, after)
+
+    @property
+    def types(self) -> Iterator[str]:
+        """The data types of the variables, enumerations by the names of their classes."""
+        return (enumerated_type(variable.written.type) for variable in self.data.values())
 
     @property
     def junctions(self) -> Iterable[JunctionNode]:

@@ -15,7 +15,7 @@ import numpy as np
 from kennfeld.base.errors import Finding, InputError, Location, Severity
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.file_state import note_opened
-from kennfeld.importers.simulink.variables.enumerations import enumeration_variable
+from kennfeld.importers.simulink.variables.enumerations import class_variable
 from kennfeld.importers.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -29,7 +29,7 @@ from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
-from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
+from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, SimulinkParameter, to_calibration_parameter
 from kennfeld.matlab.simulink_types import BUS, BUS_ELEMENT, TYPE_CLASSES
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, object_array, text
 from kennfeld.matlab.values import Value as MatlabValue
@@ -44,10 +44,11 @@ _SCRIPT_NAME = re.compile(r"[\w. -]{1,128}\Z")  # of a file or a folder
 
 
 class FunctionFiles:
-    """Functions by file name; `files` are individually named ones."""
+    """Functions by file name, and files of data that blocks name; `files` are individually named ones."""
 
     def __init__(self, folders: Iterable[Path], files: Iterable[Path] = ()) -> None:
-        self._files = {path.stem: path for path in files if path.suffix == ".m"}
+        self._given = {path.name: path for path in files}
+        self._files = {path.stem: path for path in self._given.values() if path.suffix == ".m"}
         self._folders = tuple(folders)
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
 
@@ -57,6 +58,17 @@ class FunctionFiles:
             path = self._path(name)
             self._read[name] = _functions(path) if path is not None else {}
         return self._read[name]
+
+    def data(self, name: str) -> bytes | None:
+        """Read a file that a block names, None if there is none; a file that the user names precedes those in folders.
+
+        Folders within the name are followed below those of the model, and ignored if they lead elsewhere.
+        """
+        plain = name.replace("\\", "/").rpartition("/")[2]
+        if plain in self._given:
+            return read_file(self._given[plain])
+        contents = (_load_file(folder, wanted) for folder in self._folders for wanted in (name, plain))
+        return next((content for content in contents if content is not None), None)
 
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):
@@ -138,10 +150,7 @@ def to_variable(value: Any, source: str) -> Variable | None:
     """Convert a value to a variable with the limits, unit and description of its object."""
     meant = to_calibration_parameter(value)
     if meant is not None:
-        parameter_value: ParameterValue = (
-            _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
-        )
-        variable = Variable(parameter_value, unit=meant.unit, description=meant.description, source=source)
+        variable = Variable(_parameter_value(meant), unit=meant.unit, description=meant.description, source=source)
         return variable.limited(meant.min, meant.max)
     if isinstance(value, MatlabStruct) and isinstance(inner := value.fields.get("Value"), MatlabStruct) and value.kind:
         # the parameter of a bus: its value is a struct
@@ -150,6 +159,12 @@ def to_variable(value: Any, source: str) -> Variable | None:
     kind = value.kind if isinstance(value, MatlabStruct) else ""
     type_class = kind if kind in TYPE_CLASSES else ""
     return Variable(plain, source=source, fixed=kind == ENUMERATION, kind=type_class) if plain is not None else None
+
+
+def _parameter_value(meant: SimulinkParameter) -> ParameterValue:
+    if isinstance(meant, LookupTable):
+        return _table(meant)
+    return _struct(meant.value) if isinstance(meant.value, MatlabStruct) else np.asarray(meant.value, dtype=np.float64)
 
 
 def _table(meant: LookupTable) -> dict[str, ParameterValue]:
@@ -187,7 +202,7 @@ def run_parameter_script(variables: VariableTable, path: Path) -> None:
     if not is_class(text):
         run_text(variables, text, path.name, path.parent)
     elif (enumeration := enumeration_of(text)) is not None:
-        variables[enumeration[0]] = enumeration_variable(enumeration[1], path.name)
+        variables[enumeration.name] = class_variable(enumeration, path.name)
     else:
         message = "is a class, but not an enumeration of integers"
         raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")

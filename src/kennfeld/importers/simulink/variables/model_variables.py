@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.variables.data_dictionary import (
     find_beside,
     read_dictionary,
 )
+from kennfeld.importers.simulink.variables.datasets import is_timeseries, timeseries_points
 from kennfeld.importers.simulink.variables.enumerations import enumeration_files, enumeration_variable, members_of
 from kennfeld.importers.simulink.variables.m_files import read_file, run_parameter_script, run_text
 from kennfeld.importers.simulink.variables.mask_scope import (
@@ -39,6 +40,7 @@ from kennfeld.importers.simulink.variables.stored_variables import (
 )
 from kennfeld.importers.simulink.variables.stored_variables import Value as Stored
 from kennfeld.matlab.simulink_types import BUS_ELEMENT, TYPE_CLASSES
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 
 ParameterSource: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
@@ -134,7 +136,13 @@ def _hidden(document: ModelDocument, name: str) -> Finding:
 def _add_adjacent_files(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
     """Add enumerations and data dictionaries next to a model; folders in the names of dictionaries are ignored."""
     folders = (document.path.parent, *search.folders)
-    variables.update(search.enumerations(document.path.parent))
+    enumerations = search.enumerations(document.path.parent)
+    variables.update(enumerations)
+    variables.findings += [
+        Finding(Location(variable.source, path=name), variable.description, severity="remark")
+        for name, variable in enumerations.items()
+        if variable.description
+    ]
     for name in document.dictionaries:
         if file_name(name) in search.given_names:
             continue
@@ -244,6 +252,10 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     if entry.kind in TYPE_CLASSES:
         properties = _value(entry, known)
         return Variable(properties if properties is not None else {}, source=source, kind=entry.kind)
+    if is_timeseries(entry):
+        times, values = _timeseries(entry)
+        # as a structure with time, which a From Workspace block takes as well
+        return Variable({"time": times, "signals": {"values": values}}, source=source)
     value = _value(entry, known)
     if value is None and entry.kind.rpartition(".")[2] == "Signal":  # it may declare a data store
         parts = {"InitialValue": "", **entry.properties}
@@ -253,6 +265,13 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     fixed = _is_enumerated(entry) or _is_enumerated(entry.value)
     variable = Variable(value, unit=entry.unit, description=entry.description, source=source, fixed=fixed)
     return variable.limited(entry.minimum, entry.maximum)
+
+
+def _timeseries(entry: StoredVariable) -> tuple[Numbers, Numbers]:
+    try:
+        return timeseries_points(entry)
+    except EvaluationError as error:
+        raise UnusableValueError(str(error)) from None
 
 
 def _is_enumerated(stored: Stored) -> bool:
