@@ -18,6 +18,7 @@ from kennfeld.importers.fmu.library_format import find_library_problem
 from kennfeld.importers.fmu.logger_code import can_format, write_logger
 
 LOADING = "loading its library"  # which runs code as well
+READING = "reading its variables"
 _MODEL_EXCHANGE = 0
 _MOST_MESSAGES, _MOST_CHARACTERS = 20, 300
 _numbers = count()

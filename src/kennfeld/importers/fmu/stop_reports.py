@@ -8,17 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from kennfeld.importers.fmu.instance_calls import DISCARD, ERROR, FATAL, PENDING
 from kennfeld.importers.fmu.library import FmuLibrary
 from kennfeld.importers.fmu.trajectory_code import (
-    DISCARD,
     EARLY,
-    ERROR,
-    FATAL,
     LOST,
     NO_INSTANCE,
     NOT_A_NUMBER,
     ORDER,
-    PENDING,
     TERMINATED,
     UNEVEN,
 )
