@@ -102,6 +102,17 @@ def test_an_instance_that_is_not_as_new_after_a_reset_is_replaced(tmp_path, vers
         np.testing.assert_allclose(y, closed_form(data, gain), rtol=1e-12)
 
 
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
+@pytest.mark.parametrize("options", [(), ("-DLAZY_RESET",)])
+def test_the_process_is_as_the_standards_demand(tmp_path, caplog, version, options):
+    model, data = fmu(build(tmp_path, version, "-DDEMANDING", *options)), recording()
+    with ThreadPoolExecutor(2) as pool:
+        pairs = [(gain, pool.submit(kf.simulate, model, data, {"gain": gain})) for gain in (1.0, 2.0, 3.0)]
+        for gain, run in pairs:
+            np.testing.assert_allclose(run.result()["y"].values, closed_form(data, gain), rtol=1e-12)
+    assert not caplog.records
+
+
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_steps_of_equal_length_are_passed_on_as_equal(tmp_path, version):
     data = recording()

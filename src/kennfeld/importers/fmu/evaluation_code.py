@@ -21,7 +21,7 @@ from kennfeld.importers.fmu.instance_calls import DISCARD, WARNING, InstanceCall
 from kennfeld.importers.fmu.number_access import NumberGroup, get_numbers, real_count, set_numbers
 from kennfeld.importers.fmu.spin_lock import write_acquire, write_release
 
-NONE, TUNED, RESET, NEW = 0, 1, 2, 3  # what a change of parameters requires; NEW: an instance without any
+NONE, TUNED, RESET, NEW, FAILED = range(5)  # what parameters require; the instance is new, or has failed
 SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
 LOCK, TIMED, USED = range(3)  # places in the memory `control`; USED counts further instances
 MOST_INSTANCES = 257  # the first one, and two for each of 128 parameters
@@ -199,7 +199,8 @@ def _renew(layout: CallLayout) -> FunctionWriter:
     """Write `renew(number)`: the instance is as new; it is reset if that works, otherwise replaced."""
     f = FunctionWriter("renew", [("i64", "number")], "noinline")
     calls = _InstanceCalls(f, layout, f.slot("i32"), "%number")
-    calls.renew(*_creation(calls))
+    running = f.new(f"icmp ne i32 {f.load(calls.memory('stale'), '%number', 'i32')}, {FAILED}")
+    calls.renew(running, *_creation(calls))
     return f
 
 
@@ -314,8 +315,8 @@ def _finish_point(calls: _InstanceCalls, results: int) -> None:
     with f.when(unusable), f.loop(0, results) as i:
         f.store(_NAN, "%y", i)
     damaged = f.new(f"icmp sgt i32 {status}, {DISCARD}")
-    with f.when(f.new(f"or i1 {damaged}, {changed}")):
-        f.store(str(RESET), calls.memory("stale"), calls.number, "i32")
+    for condition, level in ((changed, RESET), (damaged, FAILED)):
+        _mark(f, calls.memory("stale"), calls.number, condition, level)
 
 
 def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
@@ -495,14 +496,8 @@ def recorded_functions(layout: CallLayout) -> Sequence[str]:
 def equation_functions(layout: CallLayout) -> Sequence[str]:
     """List the functions of the library that the code calls, by name."""
     second, number = layout.version == "2.0", layout.version[0]
-    names = [
-        "Reset",
-        "FreeInstance",
-        "EnterInitializationMode",
-        "ExitInitializationMode",
-        "EnterEventMode",
-        "EnterContinuousTimeMode",
-    ]
+    names = ["Terminate", "Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode"]
+    names += ["EnterEventMode", "EnterContinuousTimeMode"]
     names += ["SetTime", "SetContinuousStates", "GetContinuousStates"]
     names += ["GetDirectionalDerivative"] if layout.directional else []
     names += ["Instantiate" if second else "InstantiateModelExchange"]

@@ -80,6 +80,8 @@ def unpack(path: Path) -> Path:
     with convert_errors(path, "cannot be unpacked"), zipfile.ZipFile(path) as archive:
         _check_members(archive, path)
         archive.extractall(folder)
+        # an FMU gets the path of its resources, which it may open although it has none
+        (folder / "resources").mkdir(exist_ok=True)
     return folder
 
 

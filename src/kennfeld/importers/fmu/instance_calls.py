@@ -76,18 +76,23 @@ class InstanceCalls:
         references = f"ptr {self.memory(group.name)}", f"i64 {group.references}"
         self(f"{verb}{group.type.access}", *references, f"ptr {values}", *lengths)
 
-    def renew(self, create: str, arguments: Sequence[str]) -> None:
+    def renew(self, running: str, create: str, arguments: Sequence[str]) -> None:
         """Make the instance as new: reset it if that works, otherwise replace it.
 
         Args:
+            running: an i1 that is true if the instance was initialized, without an error since.
             create: name of the function that creates an instance.
             arguments: its arguments.
         """
         f = self.f
-        f.store("0", self.worst, kind="i32")
         reused = f.new(f"icmp ne i64 {f.load(self.memory(REUSED), kind='i64')}, 0")
         instance = f.load(self.place, kind="ptr")
         with f.when(f.new(f"icmp ne ptr {instance}, null")):
+            # the standards allow a reset and the end of an instance at any time, but tools are tested with those that
+            # come after the end of a simulation; others free the memory of a solver twice, or not at all
+            with f.when(running):
+                self("Terminate")
+            f.store("0", self.worst, kind="i32")
             with f.when(reused):
                 self("Reset")
             fine = f.new(f"icmp slt i32 {f.load(self.worst, kind='i32')}, {DISCARD}")

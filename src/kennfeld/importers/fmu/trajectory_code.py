@@ -99,7 +99,7 @@ def write_step(layout: TrajectoryLayout) -> list[FunctionWriter]:
 def trajectory_functions(layout: TrajectoryLayout) -> Sequence[str]:
     """List the functions of the library that the code calls, by name."""
     second = layout.version == "2.0"
-    names = ["Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
+    names = ["Terminate", "Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
     names += ["Instantiate", "SetupExperiment", "GetBooleanStatus", "GetRealStatus"] if second else []
     names += [] if second else ["InstantiateCoSimulation"]
     names += [f"Set{group.type.access}" for group in (*layout.parameters, *layout.inputs)]
@@ -241,11 +241,12 @@ def _begin(layout: TrajectoryLayout) -> FunctionWriter:
     calls = _SlotCalls(f, layout, "%slot", worst)
     f.store("0", worst, kind="i32")
     write_place(f, _record(f, "%slot"), time)
+    # before the state of the last trajectory is lost: how an instance ended decides what may be called
+    f.call("renew", [("ptr", "%slot")])
     for word, value in ((_STATE, str(_RUNNING)), (_COUNT, "0")):
         f.store(value, "%slot", word, "i64")
     for word, value in ((_TIME, time), (_BEGAN, time), (_STEP, ZERO)):
         f.store(value, "%slot", word)
-    f.call("renew", [("ptr", "%slot")])
     with f.when(f.new(f"icmp eq ptr {f.load('%slot', INSTANCE, 'ptr')}, null")):
         calls.stop(NO_INSTANCE, time)
     with calls.running():
@@ -269,14 +270,16 @@ def _renew(layout: TrajectoryLayout) -> FunctionWriter:
     """Write `renew(slot)`: the instance of a slot is as new; it is reset if that works, otherwise replaced."""
     f = FunctionWriter("renew", [("ptr", "slot")], "noinline")
     calls = _SlotCalls(f, layout, "%slot", f.slot("i32"))
+    running = f.new(f"icmp ne i64 {f.load('%slot', _STATE, 'i64')}, {_FAILED}")
     name, token, resources, log = calls.creation_arguments()
     if calls.second:
         # 1 is fmi2CoSimulation; not visible, no log
-        calls.renew("fmi2Instantiate", [name, "i32 1", token, resources, log, calls.false, calls.false])
+        calls.renew(running, "fmi2Instantiate", [name, "i32 1", token, resources, log, calls.false, calls.false])
     else:
         # not visible, no log, no event mode, no early return, no intermediate variables
         flags = [*[calls.false] * 4, "ptr null", "i64 0"]
-        calls.renew("fmi3InstantiateCoSimulation", [name, token, resources, *flags, "ptr null", log, "ptr null"])
+        arguments = [name, token, resources, *flags, "ptr null", log, "ptr null"]
+        calls.renew(running, "fmi3InstantiateCoSimulation", arguments)
     return f
 
 
