@@ -1,6 +1,7 @@
 """Nodes of calls of FMUs for model exchange: states of the model, and the equations that give their derivatives."""
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -38,11 +39,11 @@ class EquationCalls:
         self.description = description
         self.order = _input_order(description)
         self.jumps = layout.jumps
-        self.equations = ExternalFunction(name, taken, layout.results, f"{_MODULE}:load_equations", arguments)
+        function = partial(ExternalFunction, native=True)
+        self.equations = function(name, taken, layout.results, f"{_MODULE}:load_equations", arguments)
         started = layout.start_arguments
-        self.start = ExternalFunction(f"{name} start", started, layout.states, f"{_MODULE}:load_start", arguments[:2])
-        loader = f"{_MODULE}:load_events"
-        self.events = ExternalFunction(f"{name} events", taken, layout.states, loader, arguments[:2])
+        self.start = function(f"{name} start", started, layout.states, f"{_MODULE}:load_start", arguments[:2])
+        self.events = function(f"{name} events", taken, layout.states, f"{_MODULE}:load_events", arguments[:2])
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
         """Add the nodes of one step, and return those of the outputs.

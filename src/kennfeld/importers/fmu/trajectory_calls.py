@@ -8,6 +8,7 @@ are therefore held.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from kennfeld.base.errors import InputError, Location
@@ -32,12 +33,9 @@ class TrajectoryCalls:
         self.starts = [v.start[k] if v.start else 0.0 for v in inputs_of(description) for k in range(v.size)]
         self.outputs = _order(outputs_of(description), description.number_outputs)
         taken = 2 + layout.arguments
-        self.start = ExternalFunction(
-            f"{path.stem} start", taken + layout.set_at_start, 1, f"{_MODULE}:load_start", arguments
-        )
-        self.step = ExternalFunction(
-            path.stem, taken, layout.results, f"{_MODULE}:load_step", arguments, sequential=True
-        )
+        function = partial(ExternalFunction, native=True)
+        self.start = function(f"{path.stem} start", taken + layout.set_at_start, 1, f"{_MODULE}:load_start", arguments)
+        self.step = function(path.stem, taken, layout.results, f"{_MODULE}:load_step", arguments, sequential=True)
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int | Deferred]) -> Sequence[int]:
         """Add the nodes of one step, and return those of the outputs.
