@@ -18,6 +18,7 @@ from kennfeld.base.machine_code.call_record import CallRecord
 from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.base.machine_code.external import provide
 from kennfeld.base.threads import computed_once
+from kennfeld.importers.fmu.chosen_outputs import SEPARATOR, digest_with_outputs
 from kennfeld.importers.fmu.description import FmuDescription, FmuVariable
 from kennfeld.importers.fmu.evaluation_code import (
     DIFFERENCES,
@@ -82,38 +83,40 @@ class _Argument(NamedTuple):
         return nominal or abs(self.start) or 1.0
 
 
-def load_equations(path: str, digest: str, timed: int = 1) -> FmuFunction:
+def load_equations(path: str, digest: str, outputs: str = "", timed: int = 1) -> FmuFunction:
     """Load (t, states, inputs, parameters) -> (derivatives, outputs) of an FMU; its code runs from now on.
 
     Args:
         path: the `.fmu` file.
         digest: digest of its contents.
+        outputs: names of variables to return in addition to the outputs, a line each.
         timed: 0 if it is always evaluated at time 0.
 
     Raises:
         InputError: the file has changed, or its code cannot be used.
     """
-    instance = load_instance(path, digest)
+    instance = load_instance(path, digest, outputs)
     if not timed:
         instance.check_independence_of_time()
     return instance.equations
 
 
-def load_start(path: str, digest: str) -> FmuFunction:
+def load_start(path: str, digest: str, outputs: str = "") -> FmuFunction:
     """Load (t, inputs, parameters, start values) -> states at the start of an FMU; its code runs from now on."""
-    return load_instance(path, digest).start
+    return load_instance(path, digest, outputs).start
 
 
-def load_events(path: str, digest: str) -> FmuFunction:
+def load_events(path: str, digest: str, outputs: str = "") -> FmuFunction:
     """Load (t, states, inputs, parameters) -> states after events of an FMU; its code runs from now on."""
-    return load_instance(path, digest).events
+    return load_instance(path, digest, outputs).events
 
 
 @computed_once
-def load_instance(path: str, digest: str) -> "FmuInstance":
-    """Load an FMU into this process."""
+def load_instance(path: str, digest: str, outputs: str = "") -> "FmuInstance":
+    """Load an FMU into this process; see `load_equations`."""
     source = Path(path)
-    return FmuInstance(source, read_unchanged(source, digest), digest)
+    description = read_unchanged(source, digest).with_outputs(outputs.split(SEPARATOR))
+    return FmuInstance(source, description, digest_with_outputs(digest, outputs))
 
 
 class FmuInstance:
@@ -365,7 +368,7 @@ def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
         start_references=len(starts),
         unknowns=len(description.derivatives) + sum(output.is_real for output in outputs),
         single=interface is not None and interface.single,
-        directional=interface is not None and interface.directional,
+        directional=interface is not None and interface.directional and not description.has_further_outputs,
         events=events,
         jumps=events and bool(description.states),
     )

@@ -16,6 +16,7 @@ from kennfeld.base.machine_code.call_record import CallRecord
 from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.base.machine_code.external import provide
 from kennfeld.base.threads import computed_once
+from kennfeld.importers.fmu.chosen_outputs import SEPARATOR, digest_with_outputs
 from kennfeld.importers.fmu.description import FmuDescription, FmuVariable
 from kennfeld.importers.fmu.fmu_archive import read_unchanged
 from kennfeld.importers.fmu.instance_calls import REUSED
@@ -53,25 +54,26 @@ class TrajectoryFunction:
         return self.fmu.layout.slots
 
 
-def load_start(path: str, digest: str) -> TrajectoryFunction:
+def load_start(path: str, digest: str, outputs: str = "") -> TrajectoryFunction:
     """Load (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
 
     Raises:
         InputError: the file has changed, or its code cannot be used.
     """
-    return load_trajectories(path, digest).start
+    return load_trajectories(path, digest, outputs).start
 
 
-def load_step(path: str, digest: str) -> TrajectoryFunction:
+def load_step(path: str, digest: str, outputs: str = "") -> TrajectoryFunction:
     """Load (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
-    return load_trajectories(path, digest).step
+    return load_trajectories(path, digest, outputs).step
 
 
 @computed_once
-def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
-    """Load an FMU for trajectories in this process."""
+def load_trajectories(path: str, digest: str, outputs: str = "") -> "FmuTrajectories":
+    """Load an FMU for trajectories in this process; `outputs` are names of variables in addition, a line each."""
     source = Path(path)
-    return FmuTrajectories(source, read_unchanged(source, digest), digest)
+    description = read_unchanged(source, digest).with_outputs(outputs.split(SEPARATOR))
+    return FmuTrajectories(source, description, digest_with_outputs(digest, outputs))
 
 
 class FmuTrajectories:

@@ -23,11 +23,23 @@ _MODULE = "kennfeld.importers.fmu.trajectories"
 
 
 class TrajectoryCalls:
-    """Writes the nodes of calls of an FMU; `values` are its parameters and the start values of its states."""
+    """Writes the nodes of calls of an FMU.
 
-    def __init__(self, description: FmuDescription, values: Sequence[ParameterValue], path: Path, digest: str) -> None:
+    Args:
+        description: the FMU.
+        values: its parameters and the start values of its states.
+        path: its file.
+        arguments: whole path, digest, and names of further outputs.
+    """
+
+    def __init__(
+        self,
+        description: FmuDescription,
+        values: Sequence[ParameterValue],
+        path: Path,
+        arguments: tuple[str, str, str],
+    ) -> None:
         layout = trajectory_layout(description, "")
-        arguments = (str(path.resolve()), digest)
         self.path, self.values, self.single = path, tuple(values), layout.slots == 1
         self.inputs = _order(description.number_inputs, inputs_of(description))
         self.starts = [v.start[k] if v.start else 0.0 for v in inputs_of(description) for k in range(v.size)]
