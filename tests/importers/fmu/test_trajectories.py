@@ -279,6 +279,17 @@ def test_the_interface_is_named_with_a_hyphen_or_an_underscore(tank, interface):
     assert kf.fmu(tank, interface=interface).graph.names == kf.fmu(tank).graph.names
 
 
+def test_an_fmu_that_ticks_its_clocks_itself_runs_and_a_remark_names_them(tmp_path):
+    path, other = build(tmp_path, 3), tmp_path / "clocked.fmu"
+    clock = b'<Clock name="tick" valueReference="40" causality="output" intervalVariability="triggered"/>'
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name).replace(b"<ModelVariables>", b"<ModelVariables>" + clock))
+    model = fmu(other)
+    assert "clocks are not read; the FMU itself handles their ticks: tick" in " ".join(map(str, model.remarks))
+    np.testing.assert_allclose(kf.simulate(model, recording(), {})["y"].values, closed_form(recording()), rtol=1e-12)
+
+
 def test_an_unknown_interface_is_named_with_those_that_there_are(tank):
     with pytest.raises(ArgumentError, match="interface='both' must be model-exchange or co-simulation"):
         kf.fmu(tank, interface="both")

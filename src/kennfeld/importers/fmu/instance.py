@@ -111,9 +111,13 @@ def load_events(path: str, digest: str, outputs: str = "") -> FmuFunction:
     return load_instance(path, digest, outputs).events
 
 
-@computed_once
 def load_instance(path: str, digest: str, outputs: str = "") -> "FmuInstance":
     """Load an FMU into this process; see `load_equations`."""
+    return _load(path, digest, outputs)
+
+
+@computed_once
+def _load(path: str, digest: str, outputs: str) -> "FmuInstance":
     source = Path(path)
     description = read_unchanged(source, digest).with_outputs(outputs.split(SEPARATOR))
     return FmuInstance(source, description, digest_with_outputs(digest, outputs))

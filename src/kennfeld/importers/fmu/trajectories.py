@@ -68,9 +68,13 @@ def load_step(path: str, digest: str, outputs: str = "") -> TrajectoryFunction:
     return load_trajectories(path, digest, outputs).step
 
 
-@computed_once
 def load_trajectories(path: str, digest: str, outputs: str = "") -> "FmuTrajectories":
     """Load an FMU for trajectories in this process; `outputs` are names of variables in addition, a line each."""
+    return _load(path, digest, outputs)
+
+
+@computed_once
+def _load(path: str, digest: str, outputs: str) -> "FmuTrajectories":
     source = Path(path)
     description = read_unchanged(source, digest).with_outputs(outputs.split(SEPARATOR))
     return FmuTrajectories(source, description, digest_with_outputs(digest, outputs))
