@@ -132,6 +132,11 @@ def code_gate(gate: Callable[[ExternalFunction], None]) -> Iterator[None]:
         _gates.remove(gate)
 
 
+def has_gates() -> bool:
+    """Return True within a block that `code_gate` guards."""
+    return bool(_gates)
+
+
 def load_functions(nodes: Iterable[Node]) -> None:
     """Load the external functions that nodes call, so that their machine code can run."""
     for node in nodes:

@@ -30,6 +30,28 @@ def test_a_crash_is_a_message_that_names_the_function_and_the_session_goes_on(tm
     assert len(lines) == len(result.trace) > 1
 
 
+def test_a_crash_in_a_project_is_a_message_too(tmp_path):
+    build(tmp_path, 2, "-DIN_GET=if (m->used_tau > 9.0) raise(SIGSEGV)")
+    text = """[model]
+file = "lag.fmu"
+[[dataset]]
+files = ["bench.csv"]
+[[criterion]]
+node = "y"
+target = 305.0
+[calibration]
+free = ["k"]
+[parameters.tau]
+initial = 9.5
+"""
+    (tmp_path / "bench.csv").write_text("time,u\n0,1\n0.1,1\n0.2,1\n")
+    (tmp_path / "kennfeld.toml").write_text(text)
+    project = kf.Project.read(tmp_path / "kennfeld.toml")
+    for call in (project.simulate, project.calibrate, project.check):
+        with pytest.raises(InputError, match=r"lag\.fmu: its code crashed in fmi2Get"):
+            call()
+
+
 def test_messages_of_an_fmu_reach_the_session(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         y = kf.simulate(fmu(build_tank(tmp_path, 2)), recording(), {"fault": 3.0, "at": 1.0})["y"].values

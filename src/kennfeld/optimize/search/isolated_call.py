@@ -30,7 +30,7 @@ from kennfeld.base.machine_code.call_record import read_calls, recorded_files
 from kennfeld.base.machine_code.crash_report import crash_finding
 from kennfeld.base.portable_pickle import pickle_content
 from kennfeld.base.watch_folder import FOLDER, remove_noted, watch_folder
-from kennfeld.graph.external_function import ExternalFunction
+from kennfeld.graph.external_function import ExternalFunction, has_gates
 from kennfeld.models import Model
 from kennfeld.optimize.fit.result import Progress, TraceLine
 from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent
@@ -50,8 +50,7 @@ class _Call(NamedTuple):
 
     module: str
     name: str
-    arguments: tuple[Any, ...]
-    named: Mapping[str, Any]
+    arguments: Mapping[str, Any]
     folder: str
     reports: bool
 
@@ -65,7 +64,7 @@ class _End(NamedTuple):
 
 
 def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outcome]:
-    """Run a function, whose first argument is a model, in another process if the model runs machine code of others.
+    """Run a function with an argument `model` or `problem` in another process if it runs machine code of others.
 
     Its argument `progress`, if it has one, is called here. What cannot be pickled, such as functions of the session,
     cannot be sent to another process: such a call runs here, without protection.
@@ -73,25 +72,26 @@ def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outc
 
     @wraps(work)
     def call(*arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Outcome:
-        model = arguments[0] if arguments else named.get("model")
-        if not _needs_process(model):
+        taken = signature(work)
+        values = taken.bind(*arguments, **named).arguments
+        if not _needs_process(values.get("model") or values.get("problem")):
             return work(*arguments, **named)
-        progress: Any = named.get(_PROGRESS)
-        others = {name: value for name, value in named.items() if name != _PROGRESS}
-        request = _Call(work.__module__, work.__qualname__, arguments, others, str(Path.cwd()), progress is not None)
+        progress: Progress | None = values.pop(_PROGRESS, None)
+        request = _Call(work.__module__, work.__qualname__, values, str(Path.cwd()), progress is not None)
         try:
             content = pickle_content(request)
         except (pickle.PicklingError, TypeError, AttributeError):
             return work(*arguments, **named)
-        outcome: _Outcome = _processes.run(content, progress, _PROGRESS in signature(work).parameters)
+        outcome: _Outcome = _processes.run(content, progress, _PROGRESS in taken.parameters)
         return outcome
 
     return call
 
 
-def _needs_process(model: Any) -> bool:
-    # a watched process, and each that it starts, is isolated already
-    if not isinstance(model, Model) or watch_folder() is not None or getattr(sys, "frozen", False):
+def _needs_process(source: Any) -> bool:
+    model = getattr(source, "model", source)
+    # a watched process, and each that it starts, is isolated already; a gate is known here only
+    if not isinstance(model, Model) or watch_folder() is not None or has_gates() or getattr(sys, "frozen", False):
         return False
     functions: set[ExternalFunction] = {n.payload.function for n in model.graph.nodes if n.op == "external"}
     # a function of this session cannot be found again in another process
@@ -234,7 +234,7 @@ def main() -> None:
 
 def _make(call: _Call, connection: ParentConnection) -> _End:
     work: Callable[..., Any] = getattr(import_module(call.module), call.name)
-    named = dict(call.named)
+    named = dict(call.arguments)
     if _PROGRESS in signature(work).parameters:
         named[_PROGRESS] = lambda line: _report(connection, line if call.reports else None)
     with suppress(OSError):  # files of models have whole paths
@@ -243,7 +243,7 @@ def _make(call: _Call, connection: ParentConnection) -> _End:
     with warnings.catch_warnings(record=True) as issued:
         warnings.simplefilter("always")
         try:
-            outcome = work(*call.arguments, **named)
+            outcome = work(**named)
         except Exception as raised:
             error = raised
     return _End(outcome, error, tuple(each.message for each in issued))
