@@ -21,6 +21,7 @@ def computed_variables(description: FmuDescription) -> tuple[FmuVariable, ...]:
     """Return the numbers and booleans that an FMU computes, states first, then derivatives and others."""
     states = {v.name for v in description.states}
     derivatives = {d.variable.name for d in description.derivatives}
+    # parameters and inputs are set, not computed: as nodes they would only repeat what the caller gave
     computed = [v for v in description.numbers if v.causality in _COMPUTED]
     return tuple(sorted(computed, key=lambda v: (v.name not in states, v.name not in derivatives)))
 
@@ -45,6 +46,7 @@ def choose_outputs(description: FmuDescription, patterns: Sequence[str], path: P
             findings.error(Location(path.name), *_unknown(description, computed, pattern))
         chosen |= dict.fromkeys(matching)
     findings.finish()
+    # outputs come first in any case, so that an existing call does not change its meaning
     outputs = {v.name for v in description.number_outputs}
     return tuple(name for name in chosen if name not in outputs)
 

@@ -185,10 +185,12 @@ class FmuDescription:
     @property
     def has_further_outputs(self) -> bool:
         """True if variables are read that are not outputs, of which the standards know no directional derivatives."""
+        # a library may refuse the whole call for one unknown that it does not list
         return any(v.causality != "output" for v in self.computed_outputs)
 
     def with_outputs(self, names: Collection[str]) -> "FmuDescription":
         """Return the description with further variables among the outputs, whose dependencies are unknown."""
+        # unknown dependencies are those on everything, time included
         further = tuple(Dependency(v, None) for v in self.variables if v.name in names)
         return replace(self, outputs=(*self.outputs, *further)) if further else self
 

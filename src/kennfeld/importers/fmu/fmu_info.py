@@ -65,6 +65,7 @@ def describe_fmu(file: DescribedFile) -> FileInfo:
     obstacles = find_obstacles(description, path, used)
     remarks = [f"a command that evaluates it runs code of {path.name}"]
     remarks += [remark.message for remark in find_remarks(description, path, used)]
+    # how it would run does not matter if it cannot
     notes = [finding.message for finding in obstacles] or remarks
     notes += _choice_notes(stated)
     offered = " and ".join(INTERFACES[each] for each in interfaces) or "no interface"
@@ -153,6 +154,7 @@ def _choice_notes(description: "FmuDescription") -> list[str]:
     others = len(computed_variables(description)) - len(description.number_outputs)
     if not others:
         return []
+    # thousands of variables would hide the tables above
     cut = f"; {others - _MOST_OTHERS} more are listed by --json" if others > _MOST_OTHERS else ""
     return [f"`outputs` under [model], or of kf.fmu, makes other variables nodes{cut}"]
 

@@ -96,6 +96,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None, outputs: 
         InputError: the file is damaged, or the FMU cannot be used here.
     """
     description = read_archive(path)
+    # first, since an FMU without outputs is usable by the choice alone
     further = choose_outputs(description, outputs, path)
     stated, description = description, description.with_outputs(further)
     interface = function or usable_interface(description, path)
@@ -117,6 +118,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None, outputs: 
     # formula text cannot write brackets and parentheses; a model of its own keeps the names
     spell = call_name if name else str
     remarks = find_remarks(description, path, interface)
+    # what the user did not ask for is said
     if further and not stated.number_outputs and not outputs:
         remarks.append(Finding(Location(path.name), _states_remark(stated), severity="remark"))
     inputs = [FunctionInput(spell(x), v.unit, later=together) for v in description.number_inputs for x in v.elements]
@@ -159,6 +161,7 @@ def takes_time(description: FmuDescription, step: float | None) -> bool:
 def usable_interface(description: FmuDescription, path: Path) -> str:
     """Choose the interface by which an FMU is used: model exchange, unless only co-simulation is possible."""
     interfaces = (MODEL_EXCHANGE, CO_SIMULATION)
+    # an FMU may offer model exchange with discrete states, which its co-simulation hides
     usable = [each for each in interfaces if not find_obstacles(description, path, each)]
     offered = [each for each in interfaces if interface_of(description, each) is not None]
     return next(iter([*usable, *offered]), MODEL_EXCHANGE)

@@ -74,6 +74,7 @@ class StopReports:
         _LOGGER.warning("%s logged: %s", self._source.name, message)
 
     def _report(self, reason: int, time: float) -> None:
+        # one said reason is enough: a fit would repeat it at each of its trial steps
         with self._lock:
             self.reasons.add(reason)
             if reason in self._said:

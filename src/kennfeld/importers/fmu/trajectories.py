@@ -86,6 +86,7 @@ class FmuTrajectories:
     def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
         self.source, self.description = source, description
         self.layout = trajectory_layout(description, f"fmu_steps_{digest}")
+        # before anything of the library runs: loading it may crash as well
         functions = [*trajectory_functions(self.layout), LOADING, READING]
         self.record = CallRecord(source.name, functions, self.layout.slots)
         self._memory: dict[str, Any] = {}
@@ -151,6 +152,7 @@ class FmuTrajectories:
                 reasons = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
                 message = f"its code does not create an instance{reasons}"
                 raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
+        # outputs and started values apart, as each has its own scale
         pairs = zip(first, second, last, strict=True)
         self._memory[REUSED][0] = all(is_repeated(new, *again) for new, *again in pairs)
 

@@ -58,7 +58,9 @@ class TrajectoryCalls:
         time, place = builder.time(), self._place(builder)
         inputs = [_before(builder, arguments[at], start) for at, start in zip(self.inputs, self.starts, strict=True)]
         parameters = [builder.lookup(v.parameter, *map(builder.const, v.coordinates)) for v in self.values]
+        # the start has one result, the ticket: what depends on it is initialized after it, in the same instance
         (first,) = builder.external(self.start, builder.const(float(place)), time, *inputs, *parameters)
+        # a state, because all steps of a piece of data go to one trajectory, and each piece starts anew
         ticket = builder.state()
         builder.close(ticket, first, ticket)
         results = builder.external(self.step, ticket, time, *inputs)
@@ -66,6 +68,7 @@ class TrajectoryCalls:
 
     def _place(self, builder: GraphBuilder) -> int:
         """Return the number of a call, different for all calls of a graph."""
+        # equal calls are one node: their arguments tell calls apart
         starts = {n.args for n in builder.nodes if n.op == "external" and n.payload.function == self.start}
         places = [builder.value(args[0]) or 0.0 for args in starts]
         if self.single and places:

@@ -105,6 +105,7 @@ class _IsolatedProcess(WorkerProcess):
         self.folder = Path(tempfile.mkdtemp(prefix="kennfeld-"))
         self.owner, self.is_idle = os.getpid(), True
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        # the records of calls must outlive the process that writes them
         super().__init__(COMMAND, pickle_content(None), {FOLDER: str(self.folder)})
 
     def handle(self, message: Any) -> None:
@@ -216,9 +217,11 @@ def _log(record: logging.LogRecord) -> None:
 def main() -> None:
     """Make the calls that the process that started this one sends, until it closes the pipe."""
     connection = connect_to_parent()
+    # there is none: the calls follow, each with its own
     connection.read_work()
     logger = logging.getLogger("kennfeld")
     logger.addHandler(_PipeHandler(connection))
+    # printed here as well, a message would appear twice in the terminal
     logger.propagate = False
     connection.listen()
     while True:
@@ -240,6 +243,7 @@ def _make(call: _Call, connection: ParentConnection) -> _End:
     with suppress(OSError):  # files of models have whole paths
         os.chdir(call.folder)
     outcome, error = None, None
+    # all of them: the filters of the caller decide there what is shown
     with warnings.catch_warnings(record=True) as issued:
         warnings.simplefilter("always")
         try:
