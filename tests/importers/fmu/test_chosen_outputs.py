@@ -68,7 +68,7 @@ def test_names_may_be_patterns_whose_brackets_are_part_of_the_name(lag):
     [
         ("lifd", "unknown variable lifd. Did you mean lift"),
         ("qq*", "unknown variable qq*. `outputs` chooses among its variables: x, der(x), "),
-        ("tau", "tau is no computed number (parameter)"),
+        ("tau", "tau is not a computed number: its causality is parameter, its type "),
     ],
 )
 def test_other_names_are_errors_that_say_what_can_be_taken(lag, name, message):

@@ -78,9 +78,9 @@ def _unknown(description: FmuDescription, computed: Sequence[FmuVariable], patte
     """Return message and remedy for a pattern that fits nothing."""
     others = [v for v in description.variables if v.name == pattern]
     if others:
-        return (
-            f"the {others[0].type} {pattern} is no computed number ({others[0].causality})",
-            "Choose another variable.",
+        message = (
+            f"{pattern} is not a computed number: its causality is {others[0].causality}, its type {others[0].type}"
         )
+        return message, "Choose another variable."
     remedy = nearest(pattern, (v.name for v in computed)) or describe_choice(description)
     return f"unknown variable {pattern}", remedy or "The FMU computes no numbers."

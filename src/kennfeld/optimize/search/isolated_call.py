@@ -45,7 +45,7 @@ _Arguments = ParamSpec("_Arguments")
 _Outcome = TypeVar("_Outcome")
 
 
-class _Call(NamedTuple):
+class _Request(NamedTuple):
     """A call of a function of a module, in a folder; `reports` if the caller wants to know the progress."""
 
     module: str
@@ -77,7 +77,7 @@ def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outc
         if not _needs_process(values.get("model") or values.get("problem")):
             return work(*arguments, **named)
         progress: Progress | None = values.pop(_PROGRESS, None)
-        request = _Call(work.__module__, work.__qualname__, values, str(Path.cwd()), progress is not None)
+        request = _Request(work.__module__, work.__qualname__, values, str(Path.cwd()), progress is not None)
         try:
             content = pickle_content(request)
         except (pickle.PicklingError, TypeError, AttributeError):
@@ -235,7 +235,7 @@ def main() -> None:
             connection.send(_End(None, text, ()))
 
 
-def _make(call: _Call, connection: ParentConnection) -> _End:
+def _make(call: _Request, connection: ParentConnection) -> _End:
     work: Callable[..., Any] = getattr(import_module(call.module), call.name)
     named = dict(call.arguments)
     if _PROGRESS in signature(work).parameters:
