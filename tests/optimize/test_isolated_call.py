@@ -80,6 +80,25 @@ def test_a_watched_process_runs_it_itself(tmp_path, monkeypatch):
     assert number == os.getpid()
 
 
+class OnlyHere(dict):
+    """Columns of a class that another process does not know."""
+
+    def __reduce__(self):
+        return (fail_elsewhere, (os.getpid(), dict(self)))
+
+
+def fail_elsewhere(process, columns):
+    if process != os.getpid():
+        raise AttributeError("a class of the script of the caller")
+    return columns
+
+
+def test_a_call_that_another_process_cannot_read_is_made_here(tmp_path):
+    model = model_of("load_number", tmp_path / "n.so")
+    (number,) = set(kf.simulate(model, OnlyHere(DATA), {"k": 1.0})["y"].values)
+    assert number == os.getpid()
+
+
 def test_progress_is_reported_here_and_may_stop_the_fit(model):
     lines = []
 

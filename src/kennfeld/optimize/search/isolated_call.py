@@ -63,6 +63,10 @@ class _End(NamedTuple):
     warnings: tuple[Warning | str, ...]
 
 
+class _NotSentError(Exception):
+    """The other process cannot read the request, such as a class of the user's script, or send the outcome."""
+
+
 def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outcome]:
     """Run a function with an argument `model` or `problem` in another process if it runs machine code of others.
 
@@ -82,7 +86,10 @@ def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outc
             content = pickle_content(request)
         except (pickle.PicklingError, TypeError, AttributeError):
             return work(*arguments, **named)
-        outcome: _Outcome = _processes.run(content, progress, _PROGRESS in taken.parameters)
+        try:
+            outcome: _Outcome = _processes.run(content, progress, _PROGRESS in taken.parameters)
+        except _NotSentError:
+            return work(*arguments, **named)
         return outcome
 
     return call
@@ -120,7 +127,8 @@ class _IsolatedProcess(WorkerProcess):
             stoppable: True if the call ends at a sensible point after the first Ctrl-C.
         """
         self.is_idle = False
-        self.send_pickled(content)
+        # as bytes, so that the other process can report what it cannot read
+        self.send(content)
         error: BaseException | None = None  # of `progress`, raised once the call has ended
         while True:
             try:
@@ -225,14 +233,18 @@ def main() -> None:
     logger.propagate = False
     connection.listen()
     while True:
-        call = connection.messages.get()
+        content = connection.messages.get()
         connection.stopping.clear()
+        try:
+            call = pickle.loads(content)
+        except Exception as error:  # whatever the loading of a class of the caller raises
+            connection.send(_End(None, _NotSentError(str(error)), ()))
+            continue
         end = _make(call, connection)
         try:
             connection.send(end)
         except (pickle.PicklingError, TypeError, AttributeError) as error:
-            text = RuntimeError(f"{type(error).__name__}: {error}")
-            connection.send(_End(None, text, ()))
+            connection.send(_End(None, _NotSentError(str(error)), ()))
 
 
 def _make(call: _Request, connection: ParentConnection) -> _End:

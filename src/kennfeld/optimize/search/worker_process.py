@@ -56,9 +56,6 @@ class WorkerProcess:
     def send(self, content: Any) -> None:
         self._write(pickle_content(content))
 
-    def send_pickled(self, content: bytes) -> None:
-        self._write(content)
-
     def stop(self) -> None:
         """Stop the work at its next step."""
         self.send(STOP)
