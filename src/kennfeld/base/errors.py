@@ -251,6 +251,12 @@ def warn(findings: Iterable[Finding]) -> None:
         warnings.warn(str(finding), InputWarning, stacklevel=_frames_inside() + 1)
 
 
+def repeat_warnings(messages: Iterable[Warning | str]) -> None:
+    """Issue warnings of another process, at the line outside this package from which the call came."""
+    for message in messages:
+        warnings.warn(message, stacklevel=_frames_inside() + 1)
+
+
 def _frames_inside() -> int:
     """Return the number of stack frames up to the caller that are within this package."""
     package, count = str(Path(__file__).parents[1]), 0

@@ -64,6 +64,7 @@ class ExternalFunction(NamedTuple):
         sequential: True if it keeps memory of a trajectory, so that its calls must follow each other in time; the
             loader then returns a `SequentialFunction`.
         batched: True if what the loader returns is a `BatchFunction`, which is better called for many samples at once.
+        native: True if it is machine code of others, which may crash its process.
     """
 
     name: str
@@ -73,6 +74,7 @@ class ExternalFunction(NamedTuple):
     arguments: tuple[str | int, ...] = ()
     sequential: bool = False
     batched: bool = False
+    native: bool = False
 
     @property
     def file(self) -> Path | None:
@@ -128,6 +130,11 @@ def code_gate(gate: Callable[[ExternalFunction], None]) -> Iterator[None]:
         yield
     finally:
         _gates.remove(gate)
+
+
+def has_gates() -> bool:
+    """Return True within a block that `code_gate` guards."""
+    return bool(_gates)
 
 
 def load_functions(nodes: Iterable[Node]) -> None:

@@ -32,6 +32,7 @@ class ImportOptions:
         methods: methods that a step calls, in their order.
         startup: methods that run once before the first step.
         task: tasks of an application.
+        outputs: variables that become outputs in addition, or patterns of them.
     """
 
     step: float | None = None
@@ -43,6 +44,7 @@ class ImportOptions:
     methods: tuple[str, ...] = ()
     startup: tuple[str, ...] = ()
     task: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
 
     def chosen(self, keys: Collection[str]) -> bool:
         """Return whether a key is set of those that an importer takes, or the step."""

@@ -28,6 +28,7 @@ from kennfeld.optimize.problem.validation import (
     weight_warnings,
 )
 from kennfeld.optimize.quality.quality import NodeSimulator
+from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.multistart import run
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.coercion import Data, to_dataset
@@ -35,6 +36,7 @@ from kennfeld.preprocessing.model_step import recorded_samples
 from kennfeld.preprocessing.skipped_samples import SkippedSamples
 
 
+@isolated
 def calibrate(
     model: Model | str,
     data: Data | Sequence[Data],
@@ -108,6 +110,7 @@ def calibrate(
     return replace(result, warnings=(*weight_warnings(problem), *result.warnings))
 
 
+@isolated
 def simulate(model: Model | str, data: Data, parameters: Start, channels: Mapping[str, str] | None = None) -> Dataset:
     """Evaluate the named nodes of the model at the samples of the data.
 

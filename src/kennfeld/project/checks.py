@@ -36,6 +36,7 @@ from kennfeld.optimize.problem.problem import Problem, difference
 from kennfeld.optimize.problem.validation import unbounded
 from kennfeld.optimize.quality.lookup_coverage import Coverage
 from kennfeld.optimize.quality.quality import NodeSimulator
+from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.strategies.global_search import FEW
 from kennfeld.optimize.strategies.jumps import MAX_NAMES, find_jumps
 from kennfeld.optimize.sums.compiled import CompiledProblem
@@ -275,6 +276,7 @@ def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
     return [*find_jumps(problem, "[optimizer] ")]
 
 
+@isolated
 def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> list[Finding]:
     """Return the warnings about data, units, axes, free parameters, step and start.
 

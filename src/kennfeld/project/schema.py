@@ -64,7 +64,7 @@ _REGION_EXAMPLE = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """`[model]`; the keys after `timeout` are for Simulink models and ASCET projects."""
+    """`[model]`; the keys after `timeout` are for Simulink models, ASCET projects and FMUs."""
 
     file: str = key(
         "the function: a `.kf` file, a [Simulink model](formats.md#simulink), `.slx` or `.mdl`, a class or an "
@@ -126,6 +126,12 @@ class ModelEntry:
         'the task of an ASCET application that is the function, if it has several; or a list of tasks, or `"*"` for '
         "all that are periodic, each of which runs at its own period",
         (),
+    )
+    outputs: tuple[str, ...] = key(
+        "variables of an [FMU](functions.md#fmu) that become nodes in addition to its outputs, or patterns of their "
+        'names: `["body.v", "der(*)"]`',
+        (),
+        default_text="the states, if it has no outputs",
     )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
@@ -544,6 +550,7 @@ class ProjectFile(SectionsFile):
             entry.methods,
             entry.startup,
             entry.task,
+            entry.outputs,
         )
         values = {name: None if section.axes else section.initial for name, section in self.parameters.items()}
         # a name with a colon is a field of a block, `Path:Field`, which is a parameter because the project names it

@@ -20,6 +20,7 @@ from kennfeld.optimize.problem.partitions import Part, Partition, Partitions, St
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.quality.surrogate_calls import SurrogateCalls
+from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.skipped_samples import SkippedSamples
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
 
+@isolated
 def simulate_problem(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
     """Return the named nodes and target channels over every dataset; a target named like a node gets a suffix."""
     values = replace_parameters(problem, parameters)

@@ -5,6 +5,8 @@
  * tau is fixed: it takes effect at initialization only, and tau <= 0 is an error. Directional derivatives are right along
  * x and u, and 0 along parameters. With -DSTATE_EVENT x becomes 1 at x > 2, with -DENDING the simulation ends there, with
  * -DMEMORY y is higher once x was above 1.5, and with -DSTART the value of x at the start is set instead of k.
+ * With -DLIFT a local variable `lift`, whose start is 0.35, is added to y where x > 1.2; -DLOST_START makes a reset lose
+ * its start, so that it is 0 from there on.
  * -DIN_LOADING, -DIN_INSTANTIATE, -DIN_GET and -DIN_UNLOADING hold statements that run at these places first; IN_GET may
  * use m.
  */
@@ -21,9 +23,9 @@
 #ifndef COLUMNS
 #define COLUMNS 3
 #endif
-enum { TIME, X, DER_X, U, Y, TAU, K, TABLE, VALUES = 2 * COLUMNS };
+enum { TIME, X, DER_X, U, Y, TAU, K, TABLE, LIFT_REFERENCE = 40, VALUES = 2 * COLUMNS };
 typedef struct {
-    double time, x, u, tau, k, table[VALUES], used_tau;
+    double time, x, u, tau, k, table[VALUES], used_tau, lift;
     int initialized, high;
 } Lag;
 
@@ -34,6 +36,16 @@ static void start(Lag *m) {
     m->tau = 2.0;
     m->k = 1.0;
     for (int i = 0; i < VALUES; i++) m->table[i] = i;
+#ifdef LIFT
+    m->lift = 0.35;
+#endif
+}
+
+static void reset(Lag *m) {
+    start(m);
+#ifdef LOST_START
+    m->lift = 0.0;
+#endif
 }
 
 #ifndef IN_INSTANTIATE
@@ -57,13 +69,14 @@ static int overflow(int depth) {
 
 static int get(Lag *m, unsigned reference, double *value) {
     IN_GET;
-    double y = m->k * m->x + m->high;
+    double y = m->k * m->x + m->high + (m->x > 1.2 ? m->lift : 0.0);
     for (int i = 0; i < VALUES; i++) y += (10 * (i / COLUMNS + 1) + i % COLUMNS + 1) * m->table[i];
     if (m->used_tau <= 0.0) return 3;
     switch (reference) {
     case X: *value = m->x; return 0;
     case DER_X: *value = (m->u - m->x) / m->used_tau; return 0;
     case Y: *value = y; return 0;
+    case LIFT_REFERENCE: *value = m->lift; return 0;
     default: return 3;
     }
 }
@@ -183,7 +196,7 @@ int fmi3GetDirectionalDerivative(void *c, const unsigned *u, size_t nu, const un
 }
 #endif
 
-int F(Reset)(void *c) { start(LAG(c)); return 0; }
+int F(Reset)(void *c) { reset(LAG(c)); return 0; }
 int F(ExitInitializationMode)(void *c) { return finish_initialization(c); }
 int F(EnterEventMode)(void *c) { return 0; }
 int F(EnterContinuousTimeMode)(void *c) { return 0; }

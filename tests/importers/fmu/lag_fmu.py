@@ -18,7 +18,7 @@ _EXACT = 'initial="exact"'
 SOURCE = Path(__file__).with_name("lag_fmu.c")
 
 
-def description_2(head='providesDirectionalDerivative="true"', indicators=0, start="", table=TABLE):
+def description_2(head='providesDirectionalDerivative="true"', indicators=0, start="", table=TABLE, lift=False):
     def variable(reference, name, rest, real=""):
         return f'<ScalarVariable name="{name}" valueReference="{reference}" {rest}><Real {real}/></ScalarVariable>'
 
@@ -36,6 +36,7 @@ def description_2(head='providesDirectionalDerivative="true"', indicators=0, sta
         variable(5, "tau", fixed, 'start="2" min="0.01" max="10" unit="s"'),
         variable(6, "k", tunable, 'start="1"'),
         *values,
+        *([variable(40, "lift", f'causality="local" {_EXACT}', 'start="0.35"')] if lift else []),
     ]
     return f"""<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="2.0" modelName="lag" guid="{{lag}}" numberOfEventIndicators="{indicators}">
@@ -48,7 +49,7 @@ def description_2(head='providesDirectionalDerivative="true"', indicators=0, sta
 </fmiModelDescription>"""
 
 
-def description_3(head='providesDirectionalDerivatives="true"', indicators=0, start=""):
+def description_3(head='providesDirectionalDerivatives="true"', indicators=0, start="", lift=False):
     fixed, tunable = (f'causality="parameter" variability="{word}"' for word in ("fixed", "tunable"))
     return f"""<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="3.0" modelName="lag" instantiationToken="{{lag}}">
@@ -66,7 +67,7 @@ def description_3(head='providesDirectionalDerivatives="true"', indicators=0, st
 <UInt64 name="columns" valueReference="20" causality="structuralParameter" variability="fixed" start="3"/>
 <Float64 name="table" valueReference="7" {tunable} start="0 1 2 3 4 5"><Dimension start="2"/>
 <Dimension valueReference="20"/></Float64>
-</ModelVariables>
+{f'<Float64 name="lift" valueReference="40" causality="local" {_EXACT} start="0.35"/>' * lift}</ModelVariables>
 <ModelStructure><Output valueReference="4" dependencies="1"/>
 <ContinuousStateDerivative valueReference="2" dependencies="1 3"/>
 {'<EventIndicator valueReference="1"/>' * indicators}</ModelStructure>

@@ -96,3 +96,5 @@ int F(EnterContinuousTimeMode)(void *c) { return 0; }
 int F(SetTime)(void *c, double t) { M->time = t; return 0; }
 int F(SetContinuousStates)(void *c, const double *x, size_t n) { return 0; }
 int F(GetContinuousStates)(void *c, double *x, size_t n) { return 0; }
+int F(Terminate)(void *c) { return 0; }
+void F(FreeInstance)(void *c) { free(c); }

@@ -7,13 +7,17 @@
  * `gain` is tunable, `tau`, `level` and `table[1..3]` are fixed. From t = `at` on, a step returns the status `fault`; 6 is
  * an early return (FMI 3.0), 7 the end of the simulation. tau <= 0 is an error at initialization. With -DSINGLE there is
  * one instance at a time, with -DNO_RESET fmi2Reset fails, with -DLAZY_RESET it keeps the state x for the next start, and
- * with -DEVEN steps must have the length of the first one. -DIN_STEP and -DIN_FREE hold statements that run first there.
+ * with -DEVEN steps must have the length of the first one. With -DDEMANDING initialization and steps return errors unless
+ * the process is as the standards and compilers demand, see `complaint`. -DIN_STEP and -DIN_FREE hold statements that run
+ * first there.
  */
+#include <fenv.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 enum { TIME, FLOW, MODE, OPEN, Y, STEPS, HIGH, GAIN, TAU, LEVEL, FAULT, AT, TABLE };
 typedef void (*Log)(void);
@@ -22,6 +26,8 @@ typedef struct {
     int mode, open, steps, initialized, ended;
     void *environment;
     Log log;
+    const void *callbacks;
+    char place[1000];
 } Tank;
 
 static int living;
@@ -30,19 +36,23 @@ static void start(Tank *m) {
     Tank fresh = {.gain = 1.0, .tau = 2.0, .at = 1e30, .table = {0, 0, 0}, .open = 1};
     fresh.environment = m->environment;
     fresh.log = m->log;
+    fresh.callbacks = m->callbacks;
+    strcpy(fresh.place, m->place);
 #ifdef LAZY_RESET
     fresh.x = m->x;
 #endif
     *m = fresh;
 }
 
-static Tank *create(void *environment, Log log) {
+static Tank *create(void *environment, Log log, const void *callbacks, const char *place) {
 #ifdef SINGLE
     if (living) return NULL;
 #endif
     Tank *m = calloc(1, sizeof *m);
     m->environment = environment;
     m->log = log;
+    m->callbacks = callbacks;
+    strncpy(m->place, place, sizeof m->place - 1);
     living++;
     start(m);
     m->x = 0.0;
@@ -83,7 +93,57 @@ static int get(Tank *m, unsigned reference, double *value) {
     return 0;
 }
 
+#if FMI == 2
+typedef struct { void *log, *allocate, *release, *finished, *environment; } Callbacks;
+#endif
+#ifdef DEMANDING
+static int out_of_order;  /* a reset or an end without a termination before */
+
+static int deep(int depth) {
+    volatile unsigned char frame[4096];
+    frame[0] = (unsigned char)depth;
+    return depth ? deep(depth - 1) + frame[0] : 0;
+}
+
+static const char *complaint(Tank *m) {
+    struct stat status;
+    if (out_of_order) return "an instance was reset or freed before it was terminated";
+    /* code that stores vectors in its frame crashes otherwise */
+    if ((size_t)__builtin_frame_address(0) % 16) return "the stack is not aligned";
+    if (fegetround() != FE_TONEAREST) return "numbers are not rounded to nearest";
+    volatile double least = 2.2250738585072014e-308;
+    if (least / 2 == 0.0) return "small numbers are flushed to zero";
+    if (deep(750) < 0) return "3 MB of stack are lost";
+    const char *place = m->place;
+#if FMI == 2
+    /* callbacks and their structure are used as long as an instance lives */
+    const Callbacks *callbacks = m->callbacks;
+    void *(*allocate)(size_t, size_t) = (void *(*)(size_t, size_t))callbacks->allocate;
+    void (*release)(void *) = (void (*)(void *))callbacks->release;
+    for (int i = 0; i < 2; i++) {
+        unsigned char *memory = allocate(1000, 8);
+        for (int k = 0; k < 8000; k++)
+            if (memory[k]) return "memory is not set to 0";
+        memset(memory, 255, 8000);
+        release(memory);
+    }
+    if (strncmp(place, "file:///", 8) || place[strlen(place) - 1] == '/') return "resources are not a URI";
+    place += 7;
+#else
+    if (place[0] != '/' || place[strlen(place) - 1] != '/') return "resources are not a path with a separator";
+#endif
+    return stat(place, &status) || !S_ISDIR(status.st_mode) ? "there is no folder of resources" : NULL;
+}
+#endif
+
 static int initialize(Tank *m) {
+#ifdef DEMANDING
+    const char *text = complaint(m);
+    if (text) {
+        say(m, 3, text);
+        return 3;
+    }
+#endif
     if (m->tau <= 0.0) {
         say(m, 3, "tau must be positive");
         return 3;
@@ -103,6 +163,13 @@ static int initialize(Tank *m) {
 
 static int step(Tank *m, double t, double h) {
     IN_STEP;
+#ifdef DEMANDING
+    const char *text = complaint(m);
+    if (text) {
+        say(m, 3, text);
+        return 3;
+    }
+#endif
     if (fabs(t - m->time) > 1e-9 || h <= 0.0) return 3;
 #if FMI == 2
     m->ended = t + h >= m->at - 1e-9 && m->fault == 7;
@@ -124,10 +191,9 @@ static int step(Tank *m, double t, double h) {
 #define EACH for (size_t i = 0; i < n; i++)
 #if FMI == 2
 #define F(name) fmi2##name
-typedef struct { void *log, *allocate, *release, *finished, *environment; } Callbacks;
 void *fmi2Instantiate(const char *n, int type, const char *guid, const char *r, const void *c, int v, int l) {
     const Callbacks *callbacks = c;
-    return type == 1 && !strcmp(guid, "{tank}") ? create(callbacks->environment, (Log)callbacks->log) : NULL;
+    return type == 1 && !strcmp(guid, "{tank}") ? create(callbacks->environment, (Log)callbacks->log, c, r) : NULL;
 }
 int fmi2SetupExperiment(void *c, int d, double t, double s, int e, double stop) { ((Tank *)c)->time = s; return 0; }
 int fmi2EnterInitializationMode(void *c) { return 0; }
@@ -153,7 +219,7 @@ int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *names) { r
 #define F(name) fmi3##name
 void *fmi3InstantiateCoSimulation(const char *n, const char *token, const char *r, bool v, bool l, bool events, bool early,
                                   const unsigned *required, size_t count, void *environment, Log log, void *update) {
-    return !events && !early && !strcmp(token, "{tank}") ? create(environment, log) : NULL;
+    return !events && !early && !strcmp(token, "{tank}") ? create(environment, log, NULL, r) : NULL;
 }
 int fmi3EnterInitializationMode(void *c, bool d, double t, double s, bool e, double stop) { ((Tank *)c)->time = s; return 0; }
 int fmi3SetFloat64(void *c, const unsigned *r, size_t n, const double *v, size_t values) {
@@ -188,13 +254,19 @@ int F(Reset)(void *c) {
 #ifdef NO_RESET
     return 3;
 #else
+#ifdef DEMANDING
+    out_of_order |= ((Tank *)c)->initialized;
+#endif
     start(c);
     return 0;
 #endif
 }
-int F(Terminate)(void *c) { return 0; }
+int F(Terminate)(void *c) { ((Tank *)c)->initialized = 0; return 0; }
 void F(FreeInstance)(void *c) {
     IN_FREE;
+#ifdef DEMANDING
+    out_of_order |= ((Tank *)c)->initialized;
+#endif
     living--;
     free(c);
 }

@@ -113,11 +113,30 @@ def test_unusable_descriptions_are_refused(tmp_path, change, message):
         fmu(path)
 
 
-def test_clocks_and_discrete_states_are_refused(tmp_path):
-    clock = '<Clock name="tick" valueReference="40"/><Int32 name="count" valueReference="41" previous="42"/>'
-    text = description_3().replace("<ModelVariables>", f"<ModelVariables>{clock}")
-    with pytest.raises(InputError, match="clocks or discrete states, which are not supported: tick and count"):
+@pytest.mark.parametrize(
+    ("variable", "message"),
+    [
+        ('<Int32 name="count" valueReference="41" previous="42"/>', "has discrete states.* for model exchange: count"),
+        ('<Clock name="tick" valueReference="40" causality="input"/>', "has input clocks.*: tick"),
+    ],
+)
+def test_discrete_states_and_input_clocks_are_refused_by_name(tmp_path, variable, message):
+    text = description_3().replace("<ModelVariables>", f"<ModelVariables>{variable}")
+    with pytest.raises(InputError, match=message):
         fmu(pack(tmp_path / "lag.fmu", text, version=3))
+
+
+def test_the_message_of_a_damaged_member_names_it(tmp_path):
+    library = tmp_path / "lag.so"
+    library.write_bytes(np.random.default_rng(0).integers(0, 20, 20_000, dtype=np.uint8).tobytes())
+    path = pack(tmp_path / "lag.fmu", description_2(), library=library)
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"lag.so") + 2000
+    raw[at : at + 500] = b"\xff" * 500
+    path.write_bytes(raw)
+    assert fmu(path).graph.outputs == ("y",)  # the description is whole
+    with pytest.raises(InputError, match=r"its member 'binaries/.*lag\.so' is damaged: .*complete copy"):
+        load_instance(str(path), digest_of(path))
 
 
 @pytest.mark.parametrize("member", ["../evil", "/etc/evil", "a/../../evil", "C:/evil", "..\\evil"])

@@ -102,6 +102,17 @@ def test_an_instance_that_is_not_as_new_after_a_reset_is_replaced(tmp_path, vers
         np.testing.assert_allclose(y, closed_form(data, gain), rtol=1e-12)
 
 
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
+@pytest.mark.parametrize("options", [(), ("-DLAZY_RESET",)])
+def test_the_process_is_as_the_standards_demand(tmp_path, caplog, version, options):
+    model, data = fmu(build(tmp_path, version, "-DDEMANDING", *options)), recording()
+    with ThreadPoolExecutor(2) as pool:
+        pairs = [(gain, pool.submit(kf.simulate, model, data, {"gain": gain})) for gain in (1.0, 2.0, 3.0)]
+        for gain, run in pairs:
+            np.testing.assert_allclose(run.result()["y"].values, closed_form(data, gain), rtol=1e-12)
+    assert not caplog.records
+
+
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_steps_of_equal_length_are_passed_on_as_equal(tmp_path, version):
     data = recording()
@@ -266,6 +277,17 @@ def test_a_library_that_does_not_create_an_instance_is_reported(tmp_path):
 @pytest.mark.parametrize("interface", ["co-simulation", "co_simulation"])
 def test_the_interface_is_named_with_a_hyphen_or_an_underscore(tank, interface):
     assert kf.fmu(tank, interface=interface).graph.names == kf.fmu(tank).graph.names
+
+
+def test_an_fmu_that_ticks_its_clocks_itself_runs_and_a_remark_names_them(tmp_path):
+    path, other = build(tmp_path, 3), tmp_path / "clocked.fmu"
+    clock = b'<Clock name="tick" valueReference="40" causality="output" intervalVariability="triggered"/>'
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name).replace(b"<ModelVariables>", b"<ModelVariables>" + clock))
+    model = fmu(other)
+    assert "clocks are not read; the FMU itself handles their ticks: tick" in " ".join(map(str, model.remarks))
+    np.testing.assert_allclose(kf.simulate(model, recording(), {})["y"].values, closed_form(recording()), rtol=1e-12)
 
 
 def test_an_unknown_interface_is_named_with_those_that_there_are(tank):

@@ -1,7 +1,8 @@
 """`FmuDescription`: what the model description of an FMU states, in the terms of the standard."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from kennfeld.base.lazy_dataclass import dataclass
@@ -109,7 +110,7 @@ class FmuDescription:
         derivatives: derivatives with their dependencies, in the order of the states.
         indicators: number of event indicators.
         step: step of the default experiment in s, or None.
-        discrete: names of variables that are clocks or hold discrete states, which FMI 3.0 declares.
+        discrete: names of variables that hold discrete states, which FMI 3.0 declares.
         platforms: platforms for which there are libraries, such as `linux64` or `x86_64-linux`.
     """
 
@@ -140,6 +141,16 @@ class FmuDescription:
         return tuple(v for v in self.variables if v.causality == "input" and v.is_real)
 
     @property
+    def clocks(self) -> tuple[FmuVariable, ...]:
+        """The clocks of FMI 3.0."""
+        return tuple(v for v in self.variables if v.type == "Clock")
+
+    @property
+    def numbers(self) -> tuple[FmuVariable, ...]:
+        """The variables that are numbers or booleans."""
+        return tuple(v for v in self.variables if self._is_number(v))
+
+    @property
     def number_inputs(self) -> tuple[FmuVariable, ...]:
         """The inputs that are numbers or booleans."""
         return tuple(v for v in self.variables if v.causality == "input" and self._is_number(v))
@@ -161,15 +172,27 @@ class FmuDescription:
 
     @property
     def computed_outputs(self) -> tuple[FmuVariable, ...]:
-        """The outputs that are numbers and no states, sorted by type; doubles come first."""
-        # an output that is a state is read from the node of the state, without a call
-        states = {state.reference for state in self.states}
-        return self.sorted_by_type([v for v in self.number_outputs if not (v.is_real and v.reference in states)])
+        """The outputs that are numbers, and neither states nor derivatives, sorted by type; doubles come first."""
+        # those that are one are read from its node, without a call
+        others = {v.reference for v in (*self.states, *(d.variable for d in self.derivatives))}
+        return self.sorted_by_type([v for v in self.number_outputs if not (v.is_real and v.reference in others)])
 
     @property
     def unused(self) -> tuple[FmuVariable, ...]:
         """Inputs and outputs that are not numbers."""
         return tuple(v for v in self.variables if v.causality in ("input", "output") and not self._is_number(v))
+
+    @property
+    def has_further_outputs(self) -> bool:
+        """True if variables are read that are not outputs, of which the standards know no directional derivatives."""
+        # a library may refuse the whole call for one unknown that it does not list
+        return any(v.causality != "output" for v in self.computed_outputs)
+
+    def with_outputs(self, names: Collection[str]) -> "FmuDescription":
+        """Return the description with further variables among the outputs, whose dependencies are unknown."""
+        # unknown dependencies are those on everything, time included
+        further = tuple(Dependency(v, None) for v in self.variables if v.name in names)
+        return replace(self, outputs=(*self.outputs, *further)) if further else self
 
     def sorted_by_type(self, variables: Sequence[FmuVariable]) -> tuple[FmuVariable, ...]:
         """Sort variables so that those of one type follow each other, doubles first."""

@@ -89,7 +89,7 @@ class _Reader:
 
     def _discrete(self) -> tuple[str, ...]:
         elements = (element for part in self.root.all("ModelVariables") for element in part.children)
-        return tuple(e.attributes.get("name", "") for e in elements if e.tag == "Clock" or "previous" in e.attributes)
+        return tuple(e.attributes.get("name", "") for e in elements if "previous" in e.attributes)
 
     def _interface(self, tag: str) -> FmuInterface | None:
         element = self.root.first(tag)

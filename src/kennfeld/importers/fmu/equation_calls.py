@@ -1,6 +1,7 @@
 """Nodes of calls of FMUs for model exchange: states of the model, and the equations that give their derivatives."""
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -21,7 +22,7 @@ class EquationCalls:
         description: the FMU.
         values: the values of parameters, in the order in which the code takes them.
         start_values: those of states at the start.
-        arguments: path, digest, and 1 if the outputs may depend on the time.
+        arguments: path, digest, names of further outputs, and 1 if the outputs may depend on the time.
     """
 
     def __init__(
@@ -29,20 +30,20 @@ class EquationCalls:
         description: FmuDescription,
         values: Sequence[ParameterValue],
         start_values: Sequence[ParameterValue],
-        arguments: tuple[str, str, int],
+        arguments: tuple[str, str, str, int],
     ) -> None:
         layout = layout_of(description, "")
-        name, self.timed = Path(arguments[0]).stem, arguments[2] == 1
+        name, self.timed = Path(arguments[0]).stem, arguments[3] == 1
         taken, self.states = layout.arguments, layout.states
         self.values, self.start_values = values, start_values
         self.description = description
         self.order = _input_order(description)
         self.jumps = layout.jumps
-        self.equations = ExternalFunction(name, taken, layout.results, f"{_MODULE}:load_equations", arguments)
+        function = partial(ExternalFunction, native=True)
+        self.equations = function(name, taken, layout.results, f"{_MODULE}:load_equations", arguments)
         started = layout.start_arguments
-        self.start = ExternalFunction(f"{name} start", started, layout.states, f"{_MODULE}:load_start", arguments[:2])
-        loader = f"{_MODULE}:load_events"
-        self.events = ExternalFunction(f"{name} events", taken, layout.states, loader, arguments[:2])
+        self.start = function(f"{name} start", started, layout.states, f"{_MODULE}:load_start", arguments[:3])
+        self.events = function(f"{name} events", taken, layout.states, f"{_MODULE}:load_events", arguments[:3])
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
         """Add the nodes of one step, and return those of the outputs.
@@ -64,13 +65,14 @@ class EquationCalls:
         first = builder.external(self.start, time, *inputs, *parameters, *starts) if states else ()
         for state, start, now, derivative in zip(states, first, x, results, strict=False):
             builder.close(state, start, builder.node("advance", (now, derivative, *limits)))
-        return self._outputs(x, results[self.states :])
+        return self._outputs(x, results)
 
-    def _outputs(self, states: Sequence[int], computed: Sequence[int]) -> Sequence[int]:
-        """Return the nodes of the outputs, of which some are states."""
+    def _outputs(self, states: Sequence[int], results: Sequence[int]) -> Sequence[int]:
+        """Return the nodes of the outputs, of which some are states or their derivatives."""
         # an output that is a state is its node, of which the derivative along the state is exact
-        nodes, remaining = iter(states), iter(computed)
-        own = {state.reference: list(islice(nodes, state.size)) for state in self.description.states}
+        nodes, remaining = iter((*states, *results[: self.states])), iter(results[self.states :])
+        known = (*self.description.states, *(d.variable for d in self.description.derivatives))
+        own = {v.reference: list(islice(nodes, v.size)) for v in known}
         others = {output.name: list(islice(remaining, output.size)) for output in self.description.computed_outputs}
         outputs = self.description.number_outputs
         return [node for y in outputs for node in (others[y.name] if y.name in others else own[y.reference])]

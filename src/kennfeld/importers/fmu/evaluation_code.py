@@ -14,13 +14,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from kennfeld.base.machine_code.call_record import write_begin, write_end, write_place
+from kennfeld.base.machine_code.call_record import write_end, write_place
 from kennfeld.base.machine_code.external import c_pointer
 from kennfeld.base.machine_code.ir import ZERO, FunctionWriter, literal
+from kennfeld.importers.fmu.instance_calls import DISCARD, WARNING, InstanceCalls
 from kennfeld.importers.fmu.number_access import NumberGroup, get_numbers, real_count, set_numbers
 from kennfeld.importers.fmu.spin_lock import write_acquire, write_release
 
-NONE, TUNED, RESET = 0, 1, 2  # what a change of parameters requires
+NONE, TUNED, RESET, NEW, FAILED = range(5)  # what parameters require; the instance is new, or has failed
 SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
 LOCK, TIMED, USED = range(3)  # places in the memory `control`; USED counts further instances
 MOST_INSTANCES = 257  # the first one, and two for each of 128 parameters
@@ -28,7 +29,6 @@ _LEAST_INSTANCES = 17
 _MOST_KEPT = 8_000_000  # values of parameters that the instances have
 _MOST_UPDATES = 100  # of discrete states until they must be stable
 _MOVED, _ENDED = 1, 2  # what an event did: changed states, ended the simulation
-_WARNING, _DISCARD = 1, 2  # the last status of success, the last one that leaves the instance usable
 _NAN = literal(float("nan"))
 
 
@@ -83,21 +83,21 @@ class CallLayout(NamedTuple):
 def write_equations(layout: CallLayout) -> list[FunctionWriter]:
     """Write the functions for the equations of an FMU; the last one is to be called."""
     shape = _FunctionShape("equations", layout.arguments, layout.results)
-    parts = [_iterate(layout), _reset(layout), _equations_point(layout), _choose_instance(layout)]
+    parts = [_iterate(layout), _renew(layout), _reset(layout), _equations_point(layout), _choose_instance(layout)]
     return [*parts, _evaluate(layout, shape)]
 
 
 def write_events(layout: CallLayout) -> list[FunctionWriter]:
     """Write the functions for the states after events; the last one is to be called."""
     shape = _FunctionShape("events", layout.arguments, layout.states)
-    parts = [_iterate(layout), _reset(layout), _events_point(layout), _choose_instance(layout)]
+    parts = [_iterate(layout), _renew(layout), _reset(layout), _events_point(layout), _choose_instance(layout)]
     return [*parts, _evaluate(layout, shape)]
 
 
 def write_start(layout: CallLayout) -> list[FunctionWriter]:
     """Write the functions for the states at the start; the last one is to be called."""
     shape = _FunctionShape("start", layout.start_arguments, layout.states)
-    return [_iterate(layout), _reset(layout), _start_point(layout), _evaluate(layout, shape)]
+    return [_iterate(layout), _renew(layout), _reset(layout), _start_point(layout), _evaluate(layout, shape)]
 
 
 class _FunctionShape(NamedTuple):
@@ -106,30 +106,14 @@ class _FunctionShape(NamedTuple):
     results: int
 
 
-class _InstanceCalls:
-    """Calls of the functions of an instance; the worst status is kept in the memory at `worst`."""
+class _InstanceCalls(InstanceCalls):
+    """Calls of the functions of an instance by its number; the worst status is kept in the memory at `worst`."""
 
     def __init__(self, f: FunctionWriter, layout: CallLayout, worst: str, number: str) -> None:
-        self.f, self.layout, self.worst, self.number = f, layout, worst, number
-        self.second = layout.version == "2.0"
-        self.instance = f.load(self.memory("instances"), number, "ptr")
-        self.record = self.memory("record")
-
-    def memory(self, name: str) -> str:
-        return c_pointer(self.f, f"{self.layout.prefix}_{name}")
-
-    def address(self, name: str) -> str:
-        """Record the call of a function that follows, and return the address of the function."""
-        write_begin(self.f, self.record, recorded_functions(self.layout).index(name) + 1)
-        return self.memory(name)
-
-    def __call__(self, name: str, *arguments: str) -> None:
-        f = self.f
-        function = self.address(f"fmi{self.layout.version[0]}{name}")
-        status = f.new(f"call i32 {function}({', '.join((f'ptr {self.instance}', *arguments))})")
-        worst = f.load(self.worst, kind="i32")
-        worse = f.new(f"icmp sgt i32 {status}, {worst}")
-        f.store(f.new(f"select i1 {worse}, i32 {status}, i32 {worst}"), self.worst, kind="i32")
+        places, record = (c_pointer(f, f"{layout.prefix}_{name}") for name in ("instances", "record"))
+        place, functions = f.at(places, number, "i64"), recorded_functions(layout)
+        super().__init__(f, layout.version, layout.prefix, functions, place, record, worst)
+        self.layout, self.number = layout, number
 
     def numbers(self, access: str, group: str, references: int, values: str, count: int) -> None:
         """Get or set the values of a group of variables."""
@@ -141,28 +125,24 @@ class _InstanceCalls:
 
     def set_inputs(self, values: str) -> None:
         """Set the inputs; NaN for an integer or boolean counts as a value that is refused."""
-        undefined = set_numbers(self.f, self.layout.input_groups, values, lambda *each: self._access("Set", *each))
+        undefined = set_numbers(self.f, self.layout.input_groups, values, self.set)
         if undefined != "false":
             with self.f.when(undefined):
-                self.f.store(str(_DISCARD), self.worst, kind="i32")
+                self.f.store(str(DISCARD), self.worst, kind="i32")
 
     def get_outputs(self, values: str) -> None:
         """Read the outputs."""
-        get_numbers(self.f, self.layout.output_groups, values, lambda *each: self._access("Get", *each))
-
-    def _access(self, access: str, group: NumberGroup, values: str) -> None:
-        lengths = () if self.second else (f"i64 {group.size}",)
-        references = f"ptr {self.memory(group.name)}", f"i64 {group.references}"
-        self(f"{access}{group.type.access}", *references, f"ptr {values}", *lengths)
+        get_numbers(self.f, self.layout.output_groups, values, self.get)
 
     def initialize(self, parameters: str, inputs: str | None, starts: str | None = None) -> None:
         """Initialize the instance anew with parameters, inputs and start values; enter continuous-time mode."""
-        layout, experiment = self.layout, (f"double {ZERO}", f"double {ZERO}", "{0}", f"double {ZERO}")
-        # fmi2Boolean is an int, fmi3Boolean the bool of C
-        false = "i32 0" if self.second else "i1 zeroext false"
+        layout = self.layout
         # (tolerance defined, tolerance, start time, stop time defined, stop time)
-        times = [false, *(text.format(false) for text in experiment)]
-        self("Reset")
+        times = [self.false, f"double {ZERO}", f"double {ZERO}", self.false, f"double {ZERO}"]
+        # an instance that was never initialized needs no reset, after which some FMUs are not as new
+        stale = self.f.load(self.memory("stale"), self.number, "i32")
+        with self.f.when(self.f.new(f"icmp ne i32 {stale}, {NEW}")):
+            self.f.call("renew", [("i64", self.number)])
         if self.second:
             self("SetupExperiment", *times)
         self.numbers("Set", "parameters", layout.parameter_references, parameters, layout.parameters)
@@ -213,6 +193,15 @@ def _is_set(f: FunctionWriter, pointer: str, kind: str) -> str:
 def _mark(f: FunctionWriter, flags: str, place: int | str, condition: str, value: int = 1) -> None:
     with f.when(condition):
         f.store(str(value), flags, place, "i32")
+
+
+def _renew(layout: CallLayout) -> FunctionWriter:
+    """Write `renew(number)`: the instance is as new; it is reset if that works, otherwise replaced."""
+    f = FunctionWriter("renew", [("i64", "number")], "noinline")
+    calls = _InstanceCalls(f, layout, f.slot("i32"), "%number")
+    running = f.new(f"icmp ne i32 {f.load(calls.memory('stale'), '%number', 'i32')}, {FAILED}")
+    calls.renew(running, *_creation(calls))
+    return f
 
 
 def _reset(layout: CallLayout) -> FunctionWriter:
@@ -295,7 +284,7 @@ def _set_parameters(calls: _InstanceCalls, parameters: str) -> None:
         calls("EnterEventMode")
         calls.numbers("Set", "parameters", layout.parameter_references, parameters, layout.parameters)
         calls.update()
-    with f.when(f.new(f"icmp eq i32 {needed.get()}, {RESET}")):
+    with f.when(f.new(f"icmp sge i32 {needed.get()}, {RESET}")):
         f.call("reset", [("ptr", parameters), ("ptr", calls.worst), ("i64", calls.number)])
     with f.when(f.new(f"icmp ne i32 {needed.get()}, {NONE}")):
         _keep_parameters(calls, parameters)
@@ -317,7 +306,7 @@ def _finish_point(calls: _InstanceCalls, results: int) -> None:
     """Return NaN after an error or the end of the simulation; reset before the next use after these and events."""
     f = calls.f
     status = f.load(calls.worst, kind="i32")
-    failed = f.new(f"icmp sgt i32 {status}, {_WARNING}")
+    failed = f.new(f"icmp sgt i32 {status}, {WARNING}")
     change = f.load(calls.memory("changed"), calls.number, "i32")
     changed = f.new(f"icmp ne i32 {change}, 0")
     # without a function for events, a state that one of them changes would be lost
@@ -325,9 +314,9 @@ def _finish_point(calls: _InstanceCalls, results: int) -> None:
     unusable = f.new(f"or i1 {failed}, {ended}")
     with f.when(unusable), f.loop(0, results) as i:
         f.store(_NAN, "%y", i)
-    damaged = f.new(f"icmp sgt i32 {status}, {_DISCARD}")
-    with f.when(f.new(f"or i1 {damaged}, {changed}")):
-        f.store(str(RESET), calls.memory("stale"), calls.number, "i32")
+    damaged = f.new(f"icmp sgt i32 {status}, {DISCARD}")
+    for condition, level in ((changed, RESET), (damaged, FAILED)):
+        _mark(f, calls.memory("stale"), calls.number, condition, level)
 
 
 def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
@@ -373,7 +362,7 @@ def _directional_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
             *(f"ptr {seed}{lengths[0]}", f"ptr {column}{lengths[1]}"),
         )
         f.store(ZERO, seed, place)
-        failed = f.new(f"icmp sgt i32 {f.load(calls.worst, kind='i32')}, {_WARNING}")
+        failed = f.new(f"icmp sgt i32 {f.load(calls.worst, kind='i32')}, {WARNING}")
         with f.loop(0, calls.layout.real_results) as i:
             value = f.select(failed, _NAN, f.load(column, i))
             f.store(value, "%slopes", f.add(f.mul(i, shape.arguments), j))
@@ -460,7 +449,7 @@ def _choose_instance(layout: CallLayout) -> FunctionWriter:
     used = f.load_index(control, USED)
     new = f.new(f"icmp eq i64 {known}, 0")
     with f.when(f.new(f"and i1 {new}, {_has_room(f, layout, used)}")):
-        instance = _instantiate(calls)
+        instance = calls.create(*_creation(calls))
         following = f.add(used, 1)
         usable = f.new(f"icmp ne ptr {instance}, null")
         with f.when(usable):
@@ -477,17 +466,13 @@ def _has_room(f: FunctionWriter, layout: CallLayout, used: str) -> str:
     return f.new(f"icmp slt i64 {used}, {layout.instances - 1}")
 
 
-def _instantiate(calls: _InstanceCalls) -> str:
-    """Return the address of a new instance, or null."""
-    f = calls.f
-    name, token, resources, callbacks = (f"ptr {calls.memory(part)}" for part in ("name", "token", "resources", "log"))
-    false = "i1 zeroext false"
+def _creation(calls: _InstanceCalls) -> tuple[str, Sequence[str]]:
+    """Return the function that creates an instance, and its arguments."""
+    name, token, resources, log = calls.creation_arguments()
     if calls.second:
-        function, arguments = "fmi2Instantiate", (name, "i32 0", token, resources, callbacks, "i32 0", "i32 0")
-    else:
-        function = "fmi3InstantiateModelExchange"
-        arguments = (name, token, resources, false, false, "ptr null", callbacks)
-    return f.new(f"call ptr {calls.address(function)}({', '.join(arguments)})")
+        # 0 is fmi2ModelExchange; not visible, no log
+        return "fmi2Instantiate", (name, "i32 0", token, resources, log, calls.false, calls.false)
+    return "fmi3InstantiateModelExchange", (name, token, resources, calls.false, calls.false, "ptr null", log)
 
 
 @contextmanager
@@ -511,7 +496,8 @@ def recorded_functions(layout: CallLayout) -> Sequence[str]:
 def equation_functions(layout: CallLayout) -> Sequence[str]:
     """List the functions of the library that the code calls, by name."""
     second, number = layout.version == "2.0", layout.version[0]
-    names = ["Reset", "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "EnterContinuousTimeMode"]
+    names = ["Terminate", "Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode"]
+    names += ["EnterEventMode", "EnterContinuousTimeMode"]
     names += ["SetTime", "SetContinuousStates", "GetContinuousStates"]
     names += ["GetDirectionalDerivative"] if layout.directional else []
     names += ["Instantiate" if second else "InstantiateModelExchange"]

@@ -41,8 +41,7 @@ def read_archive(path: Path) -> FmuDescription:
                     # one byte more than the limit, so that the reader of XML refuses what was cut off here
                     raw = stream.read(LIMITS.size + 1)
         except ZIP_ERRORS as error:
-            message = f"is not a readable ZIP archive: {reason_of(error)}"
-            raise InputError.of(Location.of_file(path), message, "Use a complete copy.") from None
+            raise _unreadable(path, error) from None
     parts = [PurePosixPath(name).parts for name in names]
     # binaries/PLATFORM/NAME
     platforms = sorted({part[1] for part in parts if len(part) == 3 and part[0] == "binaries"})
@@ -78,9 +77,30 @@ def unpack(path: Path) -> Path:
     folder = Path(tempfile.mkdtemp(prefix="kennfeld-fmu-", dir=watch_folder()))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     with convert_errors(path, "cannot be unpacked"), zipfile.ZipFile(path) as archive:
-        _check_members(archive, path)
-        archive.extractall(folder)
+        try:
+            _check_members(archive, path)
+        except ZIP_ERRORS as error:
+            raise _unreadable(path, error) from None
+        for member in archive.infolist():
+            _extract(archive, member, folder, path)
+        # an FMU gets the path of its resources, which it may open although it has none
+        (folder / "resources").mkdir(exist_ok=True)
     return folder
+
+
+def _extract(archive: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path, path: Path) -> None:
+    try:
+        archive.extract(member, folder)
+    except ZIP_ERRORS as error:
+        # the description was readable: one damaged member is named, which tells if the transfer or the export failed
+        message = f"its member {member.filename[:80]!r} is damaged: {reason_of(error)}"
+        raise InputError.of(Location.of_file(path), message, "Use a complete copy.") from None
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError.of(
+        Location.of_file(path), f"is not a readable ZIP archive: {reason_of(error)}", "Use a complete copy."
+    )
 
 
 def library_of(folder: Path, version: str, identifier: str) -> Path:

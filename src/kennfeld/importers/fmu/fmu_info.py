@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from kennfeld.importers.fmu.fmu_parameters import ParameterGroup
 
 _MOST_PLATFORMS = 8
+_MOST_OTHERS = 50  # rows of variables that are not outputs
 
 
 def facts(path: Path) -> FileFacts:
@@ -45,6 +46,7 @@ def describe_fmu(file: DescribedFile) -> FileInfo:
     Raises:
         InputError: the file is damaged.
     """
+    from kennfeld.importers.fmu.chosen_outputs import choose_outputs
     from kennfeld.importers.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
@@ -55,14 +57,17 @@ def describe_fmu(file: DescribedFile) -> FileInfo:
     )
 
     path = file.path
-    description = read_archive(path)
+    stated = read_archive(path)
+    description = stated.with_outputs(choose_outputs(stated, (), path))
     used = file.choice or usable_interface(description, path)
     interfaces = [each for each in INTERFACES if interface_of(description, each) is not None]
     numbers = _FmuNumbers.of(description, stepped=used == CO_SIMULATION)
     obstacles = find_obstacles(description, path, used)
     remarks = [f"a command that evaluates it runs code of {path.name}"]
     remarks += [remark.message for remark in find_remarks(description, path, used)]
+    # how it would run does not matter if it cannot
     notes = [finding.message for finding in obstacles] or remarks
+    notes += _choice_notes(stated)
     offered = " and ".join(INTERFACES[each] for each in interfaces) or "no interface"
     platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
     step = "" if description.step is None else f", step {description.step:g} s"
@@ -92,10 +97,12 @@ class _FmuNumbers(NamedTuple):
     variability: "Mapping[str, str]"
     states: "Sequence[tuple[str, str, str]]"
     outputs: "Sequence[tuple[str, str]]"
+    others: "Sequence[tuple[str, str, str]]"
 
     @classmethod
     def of(cls, description: "FmuDescription", *, stepped: bool) -> "_FmuNumbers":
         """Return those of an FMU; `stepped` for co-simulation, where start values replace states."""
+        from kennfeld.importers.fmu.chosen_outputs import computed_variables
         from kennfeld.importers.fmu.fmu_parameters import parameter_groups, start_groups
 
         kept = description.started_states if stepped else description.states
@@ -107,6 +114,7 @@ class _FmuNumbers(NamedTuple):
             variability | dict.fromkeys((group.name for group in starts), "start value"),
             [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)],
             [(name, v.unit) for v in description.number_outputs for name in v.elements],
+            [(v.name, v.unit, v.type) for v in computed_variables(description) if v not in description.number_outputs],
         )
 
     def tables(self) -> list[Table]:
@@ -117,6 +125,7 @@ class _FmuNumbers(NamedTuple):
             [("parameter", "kind", "unit", "start", "minimum", "maximum", ""), *rows],
             [("state", "unit", "start"), *self.states],
             [("output", "unit"), *self.outputs],
+            [("other variable", "unit", "type"), *self.others[:_MOST_OTHERS]],
         ]
 
     def as_json(self) -> dict[str, Any]:
@@ -134,7 +143,20 @@ class _FmuNumbers(NamedTuple):
             ],
             "states": [{"name": name, "unit": unit} for name, unit, _ in self.states],
             "outputs": [{"name": name, "unit": unit} for name, unit in self.outputs],
+            "other_variables": [{"name": name, "unit": unit, "type": kind} for name, unit, kind in self.others],
         }
+
+
+def _choice_notes(description: "FmuDescription") -> list[str]:
+    """Return what the user can do with variables that are not outputs."""
+    from kennfeld.importers.fmu.chosen_outputs import computed_variables
+
+    others = len(computed_variables(description)) - len(description.number_outputs)
+    if not others:
+        return []
+    # thousands of variables would hide the tables above
+    cut = f"; {others - _MOST_OTHERS} more are listed by --json" if others > _MOST_OTHERS else ""
+    return [f"`outputs` under [model], or of kf.fmu, makes other variables nodes{cut}"]
 
 
 def _start(values: tuple[float, ...], number: int) -> str:

@@ -7,6 +7,8 @@ IMPORTER = Importer(
     "an FMU",
     (FMU,),
     reads="kennfeld.importers.fmu.importing:read_fmu",
+    imports="kennfeld.importers.fmu.importing:import_fmu",
+    keys=("outputs",),
     choices=("co-simulation", "model-exchange"),
     runs=True,
     describes=((FMU, "kennfeld.importers.fmu.fmu_info:describe_fmu"),),

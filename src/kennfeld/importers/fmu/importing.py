@@ -1,7 +1,7 @@
 """Import of FMUs as functions and models; nothing of their code runs here."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +10,14 @@ import numpy as np
 from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.importers.fmu.chosen_outputs import SEPARATOR, choose_outputs, describe_choice
 from kennfeld.importers.fmu.description import FmuDescription, FmuInterface
 from kennfeld.importers.fmu.equation_calls import EquationCalls
 from kennfeld.importers.fmu.fmu_archive import digest_of, platform_folder, read_archive
 from kennfeld.importers.fmu.fmu_parameters import parameters_of, start_values_of
 from kennfeld.importers.fmu.trajectory_calls import TrajectoryCalls
+from kennfeld.models.import_report import FunctionReport
+from kennfeld.models.importer import ImportRequest, ImportResult
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, Write, as_model, share_calls
 
@@ -30,6 +33,7 @@ def fmu(
     interface: str = "",
     *,
     fit_starts: bool = False,
+    outputs: Sequence[str] = (),
 ) -> Model:
     """Read an FMU (FMI 2.0 or 3.0) as a model.
 
@@ -44,12 +48,14 @@ def fmu(
         solver: `ode1` to `ode5` or `ode8`, for model exchange.
         interface: `model-exchange` or `co-simulation`; by default model exchange if the FMU can be used so.
         fit_starts: True if a calibration may change start values of states; otherwise they are locked.
+        outputs: variables that become nodes in addition to its outputs, such as states, their derivatives and other
+            local variables, or patterns of their names: `["body.v", "der(*)"]`. The states do if it has no outputs.
 
     Returns:
         The model.
 
     Raises:
-        InputError: the file is damaged, or the FMU cannot be used here.
+        InputError: the file is damaged, the FMU cannot be used here, or it computes no such variable.
         ArgumentError: there is no such interface.
 
     >>> model = fmu("lag.fmu")
@@ -59,13 +65,24 @@ def fmu(
     chosen = interface.replace("_", "-").replace(" ", "-")
     if chosen not in ("", *INTERFACES):
         raise ArgumentError(f"interface={interface!r} must be {join_names(list(INTERFACES), 2, ' or ')}")
-    model = as_model(read_fmu(Path(path), chosen, "", step), solver)
+    model = as_model(read_fmu(Path(path), chosen, "", step, outputs), solver)
     if not fit_starts:
         return model
     return replace(model, values=ParameterSet(p.changed(locked=np.False_) for p in model.values.parameters))
 
 
-def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelFunction:
+def import_fmu(request: ImportRequest) -> ImportResult:
+    """Import an FMU as a model of its own, with the outputs that a project chooses.
+
+    Raises:
+        InputError: the file is damaged, the FMU cannot be used here, or it computes no such variable.
+    """
+    options = request.options
+    function = read_fmu(request.path, request.choice, "", options.step, options.outputs)
+    return ImportResult(as_model(function), FunctionReport.of(function))
+
+
+def read_fmu(path: Path, function: str, name: str, step: float | None, outputs: Sequence[str] = ()) -> ModelFunction:
     """Read an FMU as a function, as `function_files.read_function_file` calls it.
 
     Args:
@@ -73,22 +90,26 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         function: the interface; empty for the first one that can be used.
         name: name for calls in formula text, which precedes those of parameters; empty for a model of its own.
         step: the step in s; None for that of the default experiment.
+        outputs: variables that become outputs in addition, or patterns of their names.
 
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
     """
     description = read_archive(path)
+    # first, since an FMU without outputs is usable by the choice alone
+    further = choose_outputs(description, outputs, path)
+    stated, description = description, description.with_outputs(further)
     interface = function or usable_interface(description, path)
     Findings(find_obstacles(description, path, interface)).finish()
     prefix = f"{name}." if name else ""
     parameters = parameters_of(description.parameters, prefix)
     # the digest makes a file that is replaced later an error, see `read_unchanged`
-    known = (str(path.resolve()), digest_of(path))
+    known = (str(path.resolve()), digest_of(path), SEPARATOR.join(further))
     starts = start_values_of(description.started_states, prefix)
     write: Write
     together = interface == CO_SIMULATION
     if together:
-        write = TrajectoryCalls(description, (*parameters.values, *starts.values), path, known[1]).write
+        write = TrajectoryCalls(description, (*parameters.values, *starts.values), path, known).write
         memory = True
     else:
         timed = int(takes_time(description, step))
@@ -96,18 +117,22 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         memory = bool(description.states)
     # formula text cannot write brackets and parentheses; a model of its own keeps the names
     spell = call_name if name else str
+    remarks = find_remarks(description, path, interface)
+    # what the user did not ask for is said
+    if further and not stated.number_outputs and not outputs:
+        remarks.append(Finding(Location(path.name), _states_remark(stated), severity="remark"))
     inputs = [FunctionInput(spell(x), v.unit, later=together) for v in description.number_inputs for x in v.elements]
-    outputs = [FunctionOutput(spell(element), v.unit) for v in description.number_outputs for element in v.elements]
+    results = [FunctionOutput(spell(element), v.unit) for v in description.number_outputs for element in v.elements]
     return ModelFunction(
         name=name or path.stem,
         inputs=tuple(inputs),
-        outputs=tuple(outputs),
+        outputs=tuple(results),
         write=share_calls(write),
         memory=memory,
         values=parameters.parameters.merged(starts.parameters),
         source=str(path),
         step=step or (description.step if memory else None),
-        remarks=tuple(find_remarks(description, path, interface)),
+        remarks=tuple(remarks),
     )
 
 
@@ -136,6 +161,7 @@ def takes_time(description: FmuDescription, step: float | None) -> bool:
 def usable_interface(description: FmuDescription, path: Path) -> str:
     """Choose the interface by which an FMU is used: model exchange, unless only co-simulation is possible."""
     interfaces = (MODEL_EXCHANGE, CO_SIMULATION)
+    # an FMU may offer model exchange with discrete states, which its co-simulation hides
     usable = [each for each in interfaces if not find_obstacles(description, path, each)]
     offered = [each for each in interfaces if interface_of(description, each) is not None]
     return next(iter([*usable, *offered]), MODEL_EXCHANGE)
@@ -168,24 +194,35 @@ def find_obstacles(description: FmuDescription, path: Path, interface: str) -> t
         )
     _find_discrete(description, interface, location, findings)
     if not description.number_outputs:
-        findings.error(location, "has no output that is a number", "Export the FMU with such an output.")
+        remedy = describe_choice(description) or "Export the FMU with such an output"
+        findings.error(location, "has no output that is a number", f"{remedy}.")
     return tuple(findings)
 
 
+def _states_remark(description: FmuDescription) -> str:
+    return f"it has no output that is a number, so that its states are nodes; {describe_choice(description)}"
+
+
 def _find_discrete(description: FmuDescription, interface: str, location: Location, findings: Findings) -> None:
-    if interface == CO_SIMULATION:
-        names, sort = [v.name for v in description.variables if v.type == "Clock"], "clocks"
-    else:
-        names, sort = list(description.discrete), "clocks or discrete states"
-    if names:
-        message = f"has {sort}, which are not supported: {join_names(names, _MOST_NAMES, ' and ')}"
-        findings.error(location, message, "Export the continuous part of the model.")
+    # without its ticks, what an input clock drives would stay as it was at the start, without an error
+    ticked = [clock.name for clock in description.clocks if clock.causality == "input"]
+    if ticked:
+        message = f"has input clocks, which are not supported: {join_names(ticked, _MOST_NAMES, ' and ')}"
+        findings.error(location, message, "Export the model without them, with clocks inside of the FMU.")
+    if interface == MODEL_EXCHANGE and description.discrete:
+        names = join_names(description.discrete, _MOST_NAMES, " and ")
+        other = "Choose its co-simulation." if description.co_simulation is not None else ""
+        message = f"has discrete states, which are not supported for model exchange: {names}"
+        findings.error(location, message, other or "Export the continuous part of the model, or for co-simulation.")
 
 
 def find_remarks(description: FmuDescription, path: Path, interface: str) -> list[Finding]:
     """Find what runs differently from the source."""
     differing = _trajectory_remarks if interface == CO_SIMULATION else _equation_remarks
     sentences = [*differing(description)]
+    if description.clocks:
+        names = join_names([v.name for v in description.clocks], _MOST_NAMES, " and ")
+        sentences.append(f"clocks are not read; the FMU itself handles their ticks: {names}")
     if description.unused:
         names = join_names([v.name for v in description.unused], _MOST_NAMES, " and ")
         sentences.append(f"inputs keep their start values and outputs are skipped if they are not numbers: {names}")

@@ -18,10 +18,12 @@ from kennfeld.base.machine_code.call_record import CallRecord
 from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.base.machine_code.external import provide
 from kennfeld.base.threads import computed_once
+from kennfeld.importers.fmu.chosen_outputs import SEPARATOR, digest_with_outputs
 from kennfeld.importers.fmu.description import FmuDescription, FmuVariable
 from kennfeld.importers.fmu.evaluation_code import (
     DIFFERENCES,
     DIRECTIONAL,
+    NEW,
     RESET,
     SKIPPED,
     TIMED,
@@ -35,8 +37,10 @@ from kennfeld.importers.fmu.evaluation_code import (
     write_start,
 )
 from kennfeld.importers.fmu.fmu_archive import read_unchanged
-from kennfeld.importers.fmu.library import LOADING, FmuLibrary, yield_address
+from kennfeld.importers.fmu.instance_calls import REUSED
+from kennfeld.importers.fmu.library import LOADING, READING, FmuLibrary, yield_address
 from kennfeld.importers.fmu.number_access import group_numbers
+from kennfeld.importers.fmu.reset_check import StartedValues, is_repeated, other_starts
 from kennfeld.importers.fmu.slope_selection import agreeing_columns, noise_near
 from kennfeld.importers.fmu.spin_lock import YIELD
 
@@ -79,38 +83,44 @@ class _Argument(NamedTuple):
         return nominal or abs(self.start) or 1.0
 
 
-def load_equations(path: str, digest: str, timed: int = 1) -> FmuFunction:
+def load_equations(path: str, digest: str, outputs: str = "", timed: int = 1) -> FmuFunction:
     """Load (t, states, inputs, parameters) -> (derivatives, outputs) of an FMU; its code runs from now on.
 
     Args:
         path: the `.fmu` file.
         digest: digest of its contents.
+        outputs: names of variables to return in addition to the outputs, a line each.
         timed: 0 if it is always evaluated at time 0.
 
     Raises:
         InputError: the file has changed, or its code cannot be used.
     """
-    instance = load_instance(path, digest)
+    instance = load_instance(path, digest, outputs)
     if not timed:
         instance.check_independence_of_time()
     return instance.equations
 
 
-def load_start(path: str, digest: str) -> FmuFunction:
+def load_start(path: str, digest: str, outputs: str = "") -> FmuFunction:
     """Load (t, inputs, parameters, start values) -> states at the start of an FMU; its code runs from now on."""
-    return load_instance(path, digest).start
+    return load_instance(path, digest, outputs).start
 
 
-def load_events(path: str, digest: str) -> FmuFunction:
+def load_events(path: str, digest: str, outputs: str = "") -> FmuFunction:
     """Load (t, states, inputs, parameters) -> states after events of an FMU; its code runs from now on."""
-    return load_instance(path, digest).events
+    return load_instance(path, digest, outputs).events
+
+
+def load_instance(path: str, digest: str, outputs: str = "") -> "FmuInstance":
+    """Load an FMU into this process; see `load_equations`."""
+    return _load(path, digest, outputs)
 
 
 @computed_once
-def load_instance(path: str, digest: str) -> "FmuInstance":
-    """Load an FMU into this process."""
+def _load(path: str, digest: str, outputs: str) -> "FmuInstance":
     source = Path(path)
-    return FmuInstance(source, read_unchanged(source, digest), digest)
+    description = read_unchanged(source, digest).with_outputs(outputs.split(SEPARATOR))
+    return FmuInstance(source, description, digest_with_outputs(digest, outputs))
 
 
 class FmuInstance:
@@ -119,7 +129,7 @@ class FmuInstance:
     def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
         self.source, self.description = source, description
         self.layout = layout_of(description, f"fmu_{digest}")
-        self.record = CallRecord(source.name, [*recorded_functions(self.layout), LOADING])
+        self.record = CallRecord(source.name, [*recorded_functions(self.layout), LOADING, READING])
         self._memory: dict[str, Any] = {}
         self.arguments = _arguments(description)
         states = set(description.states)
@@ -127,6 +137,7 @@ class FmuInstance:
         # the arguments of the start: (t, inputs, parameters, start values of states)
         start += _elements(description.started_states)
         self.library = self._load()
+        self._started = StartedValues(description, self.library)
         self._provide_variables()
         self._provide_tables("equations", self.arguments)
         self._provide_tables("start", start)
@@ -135,6 +146,7 @@ class FmuInstance:
         self.start = self._compile(write_start(self.layout), "start") if self.layout.states else self.equations
         self.events = self._compile(write_events(self.layout), "events") if self.layout.jumps else self.equations
         self._memory["control"][USED] = self.layout.instances  # no others: those are for parameters that are fitted
+        self._check_reset(start)
         self._choose_slopes(np.array([argument.start for argument in start]))
         self._memory["control"][USED] = 0
 
@@ -152,6 +164,11 @@ class FmuInstance:
         groups = {kind: [name for name, own in self.slopes.items() if own == kind] for kind in kinds}
         parts = [f"{kind} along {join_names(names, _MOST_NAMES)}" for kind, names in groups.items()]
         return f"slopes of {self.source.name}: {'; '.join(parts)}"
+
+    @property
+    def resets(self) -> bool:
+        """True if instances are used again after a reset."""
+        return bool(self._memory[REUSED][0])
 
     @property
     def further_instances(self) -> int:
@@ -202,7 +219,8 @@ class FmuInstance:
         unknowns = [d.variable for d in description.derivatives]
         unknowns += [output for output in description.computed_outputs if output.is_real]
         self._provide("control", [0, 0, 0], np.int32)
-        self._provide("stale", [RESET] * self.layout.instances, np.int32)
+        self._provide(REUSED, [1], np.int64)  # on trial, see `_check_reset`
+        self._provide("stale", [NEW] * self.layout.instances, np.int32)
         self._provide("changed", [0] * self.layout.instances, np.int32)
         # [parameters, 2]: the instance of each side of a difference; 0 for none
         self._provide("slots", [0] * (2 * len(levels)), np.int64)
@@ -245,6 +263,29 @@ class FmuInstance:
         results, slopes = np.empty(self.layout.results), np.ones((self.layout.results, len(x)))
         self.equations.call(x.ctypes.data, results.ctypes.data, slopes.ctypes.data)
         return results, slopes
+
+    def _check_reset(self, start: Sequence[_Argument]) -> None:
+        """Check if an instance is as new after a reset; otherwise each initialization needs a new one."""
+        first = self._trial(start)
+        # leaves other inputs and states behind, which the reset has to remove
+        self._evaluate(np.array([a.start + a.magnitude * (a.variable is not None) for a in self.arguments]))
+        self._memory["stale"][0] = RESET
+        self._memory[REUSED][0] = is_repeated(first, self._trial(start))
+        self._memory["stale"][0] = RESET
+
+    def _trial(self, start: Sequence[_Argument]) -> Float:
+        """Return states at the start, results there, and the values of variables that state a start value, [values]."""
+        inputs = self.description.sorted_by_type(self.description.number_inputs)
+        moved = dict(zip((a.name for a in _elements(inputs)), other_starts(inputs), strict=True))
+        states, results = np.zeros(self.layout.states), np.empty(self.layout.results)
+        if self.layout.states:
+            values = np.array([moved.get(argument.name, argument.start) for argument in start])
+            self.start.call(values.ctypes.data, states.ctypes.data, None)
+        point = np.array([moved.get(argument.name, argument.start) for argument in self.arguments])
+        point[1 : 1 + len(states)] = states
+        # without slopes: differences along parameters would initialize the instance again
+        self.equations.call(point.ctypes.data, results.ctypes.data, None)
+        return np.concatenate([states, results, self._started.read(int(self._memory["instances"][0]))])
 
     def _choose_slopes(self, start: Float) -> None:
         """Check that the code works at the start, and choose how slopes are computed."""
@@ -331,7 +372,7 @@ def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
         start_references=len(starts),
         unknowns=len(description.derivatives) + sum(output.is_real for output in outputs),
         single=interface is not None and interface.single,
-        directional=interface is not None and interface.directional,
+        directional=interface is not None and interface.directional and not description.has_further_outputs,
         events=events,
         jumps=events and bool(description.states),
     )

@@ -18,6 +18,7 @@ from kennfeld.importers.fmu.library_format import find_library_problem
 from kennfeld.importers.fmu.logger_code import can_format, write_logger
 
 LOADING = "loading its library"  # which runs code as well
+READING = "reading its variables"
 _MODEL_EXCHANGE = 0
 _MOST_MESSAGES, _MOST_CHARACTERS = 20, 300
 _numbers = count()
@@ -125,6 +126,7 @@ class FmuLibrary:
         second = self.description.version == "2.0"
         # FMI 2.0 takes a URI; FMI 3.0 a path that ends in a separator
         where = self._resources.as_uri() if second else f"{self._resources}{os.sep}"
+        # kept like the callbacks: some FMUs keep the pointers that the standard lets them read during the call only
         texts = [text.encode() for text in (self.source.stem, self.description.token, where)]
         log = self._callbacks_2() if second else self._logger_3()
         for part, content in zip(("name", "token", "resources"), texts, strict=True):

@@ -25,6 +25,13 @@ class FmuType(NamedTuple):
         return self.kind == "double"
 
     @property
+    def dtype(self) -> str:
+        """Type of a value in numpy."""
+        if self.kind in ("double", "float"):
+            return "f8" if self.is_real else "f4"
+        return f"{'i' if self.least < 0 or self.is_boolean else 'u'}{int(self.kind[1:]) // 8}"
+
+    @property
     def is_boolean(self) -> bool:
         """True if all values but 0 are true."""
         return self.access == "Boolean"

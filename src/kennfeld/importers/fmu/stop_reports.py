@@ -8,17 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from kennfeld.importers.fmu.instance_calls import DISCARD, ERROR, FATAL, PENDING
 from kennfeld.importers.fmu.library import FmuLibrary
 from kennfeld.importers.fmu.trajectory_code import (
-    DISCARD,
     EARLY,
-    ERROR,
-    FATAL,
     LOST,
     NO_INSTANCE,
     NOT_A_NUMBER,
     ORDER,
-    PENDING,
     TERMINATED,
     UNEVEN,
 )
@@ -77,6 +74,7 @@ class StopReports:
         _LOGGER.warning("%s logged: %s", self._source.name, message)
 
     def _report(self, reason: int, time: float) -> None:
+        # one said reason is enough: a fit would repeat it at each of its trial steps
         with self._lock:
             self.reasons.add(reason)
             if reason in self._said:

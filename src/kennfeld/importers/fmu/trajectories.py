@@ -16,16 +16,19 @@ from kennfeld.base.machine_code.call_record import CallRecord
 from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.base.machine_code.external import provide
 from kennfeld.base.threads import computed_once
+from kennfeld.importers.fmu.chosen_outputs import SEPARATOR, digest_with_outputs
 from kennfeld.importers.fmu.description import FmuDescription, FmuVariable
 from kennfeld.importers.fmu.fmu_archive import read_unchanged
-from kennfeld.importers.fmu.library import LOADING, FmuLibrary, thread_address, yield_address
+from kennfeld.importers.fmu.instance_calls import REUSED
+from kennfeld.importers.fmu.library import LOADING, READING, FmuLibrary, thread_address, yield_address
 from kennfeld.importers.fmu.number_access import NumberGroup, group_numbers
+from kennfeld.importers.fmu.reset_check import StartedValues, is_repeated, other_starts
 from kennfeld.importers.fmu.spin_lock import YIELD
 from kennfeld.importers.fmu.stop_reports import StopReports
 from kennfeld.importers.fmu.trajectory_code import (
+    INSTANCE,
     NO_INSTANCE,
     RECORD,
-    REUSED,
     SLOTS,
     THREAD,
     TrajectoryLayout,
@@ -35,7 +38,6 @@ from kennfeld.importers.fmu.trajectory_code import (
 )
 
 _TRIAL_SAMPLES, _TRIAL_STEP = 4, 0.1
-_REPEATED = 1e-9  # relative difference of outputs that are repeated
 
 
 @dataclass(frozen=True)
@@ -52,25 +54,30 @@ class TrajectoryFunction:
         return self.fmu.layout.slots
 
 
-def load_start(path: str, digest: str) -> TrajectoryFunction:
+def load_start(path: str, digest: str, outputs: str = "") -> TrajectoryFunction:
     """Load (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
 
     Raises:
         InputError: the file has changed, or its code cannot be used.
     """
-    return load_trajectories(path, digest).start
+    return load_trajectories(path, digest, outputs).start
 
 
-def load_step(path: str, digest: str) -> TrajectoryFunction:
+def load_step(path: str, digest: str, outputs: str = "") -> TrajectoryFunction:
     """Load (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
-    return load_trajectories(path, digest).step
+    return load_trajectories(path, digest, outputs).step
+
+
+def load_trajectories(path: str, digest: str, outputs: str = "") -> "FmuTrajectories":
+    """Load an FMU for trajectories in this process; `outputs` are names of variables in addition, a line each."""
+    return _load(path, digest, outputs)
 
 
 @computed_once
-def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
-    """Load an FMU for trajectories in this process."""
+def _load(path: str, digest: str, outputs: str) -> "FmuTrajectories":
     source = Path(path)
-    return FmuTrajectories(source, read_unchanged(source, digest), digest)
+    description = read_unchanged(source, digest).with_outputs(outputs.split(SEPARATOR))
+    return FmuTrajectories(source, description, digest_with_outputs(digest, outputs))
 
 
 class FmuTrajectories:
@@ -79,10 +86,12 @@ class FmuTrajectories:
     def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
         self.source, self.description = source, description
         self.layout = trajectory_layout(description, f"fmu_steps_{digest}")
-        functions = [*trajectory_functions(self.layout), LOADING]
+        # before anything of the library runs: loading it may crash as well
+        functions = [*trajectory_functions(self.layout), LOADING, READING]
         self.record = CallRecord(source.name, functions, self.layout.slots)
         self._memory: dict[str, Any] = {}
         self.library = self._load()
+        self._started = StartedValues(description, self.library)
         self.reports = StopReports(source, self.library)
         self._provide_memory()
         self.start = self._compile(write_start(self.layout), "start")
@@ -100,10 +109,9 @@ class FmuTrajectories:
 
     def _provide_memory(self) -> None:
         layout = self.layout
-        control = np.zeros(16, dtype=np.int64)
+        self._keep("control", np.zeros(16, dtype=np.int64))
         # on trial, see `_check_reset`
-        control[REUSED] = 1
-        self._keep("control", control)
+        self._keep(REUSED, np.ones(1, dtype=np.int64))
         # words of 8 bytes, in which the code keeps integers, doubles and addresses
         slots = np.zeros((layout.slots, layout.words), dtype=np.int64)
         slots[:, RECORD] = [self.record.address(slot) for slot in range(layout.slots)]
@@ -133,25 +141,27 @@ class FmuTrajectories:
         return TrajectoryFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
 
     def _check_reset(self) -> None:
-        """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one.
-
-        The inputs differ from their start values, at which outputs may rest whether the reset works or not.
-        """
-        starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
-        others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
+        """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one."""
+        inputs = inputs_of(self.description)
+        starts = np.array([_start_of(v, k) for v in inputs for k in range(v.size)])
         with self.reports.muted():
             # the third trial leaves other inputs and states behind, which the reset before the fourth one has to remove
-            first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
+            others = other_starts(inputs)
+            first, second, _, last = (self._trial(values) for values in (others, others, starts, others))
             if NO_INSTANCE in self.reports.reasons:
                 reasons = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
                 message = f"its code does not create an instance{reasons}"
                 raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
-        scale = np.max(np.abs(first), axis=0, initial=0.0)
-        same = [np.all(np.abs(again - first) <= _REPEATED * scale) for again in (second, last)]
-        self._memory["control"][REUSED] = all(same)
+        # outputs and started values apart, as each has its own scale
+        pairs = zip(first, second, last, strict=True)
+        self._memory[REUSED][0] = all(is_repeated(new, *again) for new, *again in pairs)
 
-    def _trial(self, inputs: Float) -> Float:
-        """Return the outputs of the first samples with constant inputs, Float[samples, outputs]."""
+    def _trial(self, inputs: Float) -> tuple[Float, Float]:
+        """Run the first samples with constant inputs.
+
+        Returns:
+            Outputs, Float[samples, outputs], and the values after them of variables that state a start value.
+        """
         description, size = self.description, self.layout.results
         parameters = [_start_of(v, k) for v in set_at_start(description) for k in range(v.size)]
         ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
@@ -161,23 +171,17 @@ class FmuTrajectories:
         for number, result in enumerate(outputs):
             point = np.array([ticket[0], number * (description.step or _TRIAL_STEP), *inputs])
             self.step.call(point.ctypes.data, result.ctypes.data, None)
-        return outputs
+        # one thread at one place of a model: all trials run in the first slot
+        return outputs, self._started.read(int(self._memory["slots"][0, INSTANCE]))
 
     @property
     def resets(self) -> bool:
         """True if instances are used again after a reset."""
-        return bool(self._memory["control"][REUSED])
+        return bool(self._memory[REUSED][0])
 
 
 def _start_of(variable: FmuVariable, position: int) -> float:
     return variable.start[position] if variable.start else 0.0
-
-
-def _other_start_of(variable: FmuVariable, position: int) -> float:
-    """Return another value of a real input, within its limits."""
-    start = _start_of(variable, position)
-    moved = start + (variable.nominal or abs(start) or 1.0)
-    return min(max(moved, variable.minimum), variable.maximum) if variable.is_real else start
 
 
 def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:

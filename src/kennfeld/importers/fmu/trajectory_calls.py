@@ -8,6 +8,7 @@ are therefore held.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from kennfeld.base.errors import InputError, Location
@@ -22,22 +23,31 @@ _MODULE = "kennfeld.importers.fmu.trajectories"
 
 
 class TrajectoryCalls:
-    """Writes the nodes of calls of an FMU; `values` are its parameters and the start values of its states."""
+    """Writes the nodes of calls of an FMU.
 
-    def __init__(self, description: FmuDescription, values: Sequence[ParameterValue], path: Path, digest: str) -> None:
+    Args:
+        description: the FMU.
+        values: its parameters and the start values of its states.
+        path: its file.
+        arguments: whole path, digest, and names of further outputs.
+    """
+
+    def __init__(
+        self,
+        description: FmuDescription,
+        values: Sequence[ParameterValue],
+        path: Path,
+        arguments: tuple[str, str, str],
+    ) -> None:
         layout = trajectory_layout(description, "")
-        arguments = (str(path.resolve()), digest)
         self.path, self.values, self.single = path, tuple(values), layout.slots == 1
         self.inputs = _order(description.number_inputs, inputs_of(description))
         self.starts = [v.start[k] if v.start else 0.0 for v in inputs_of(description) for k in range(v.size)]
         self.outputs = _order(outputs_of(description), description.number_outputs)
         taken = 2 + layout.arguments
-        self.start = ExternalFunction(
-            f"{path.stem} start", taken + layout.set_at_start, 1, f"{_MODULE}:load_start", arguments
-        )
-        self.step = ExternalFunction(
-            path.stem, taken, layout.results, f"{_MODULE}:load_step", arguments, sequential=True
-        )
+        function = partial(ExternalFunction, native=True)
+        self.start = function(f"{path.stem} start", taken + layout.set_at_start, 1, f"{_MODULE}:load_start", arguments)
+        self.step = function(path.stem, taken, layout.results, f"{_MODULE}:load_step", arguments, sequential=True)
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int | Deferred]) -> Sequence[int]:
         """Add the nodes of one step, and return those of the outputs.
@@ -48,7 +58,9 @@ class TrajectoryCalls:
         time, place = builder.time(), self._place(builder)
         inputs = [_before(builder, arguments[at], start) for at, start in zip(self.inputs, self.starts, strict=True)]
         parameters = [builder.lookup(v.parameter, *map(builder.const, v.coordinates)) for v in self.values]
+        # the start has one result, the ticket: what depends on it is initialized after it, in the same instance
         (first,) = builder.external(self.start, builder.const(float(place)), time, *inputs, *parameters)
+        # a state, because all steps of a piece of data go to one trajectory, and each piece starts anew
         ticket = builder.state()
         builder.close(ticket, first, ticket)
         results = builder.external(self.step, ticket, time, *inputs)
@@ -56,6 +68,7 @@ class TrajectoryCalls:
 
     def _place(self, builder: GraphBuilder) -> int:
         """Return the number of a call, different for all calls of a graph."""
+        # equal calls are one node: their arguments tell calls apart
         starts = {n.args for n in builder.nodes if n.op == "external" and n.payload.function == self.start}
         places = [builder.value(args[0]) or 0.0 for args in starts]
         if self.single and places:

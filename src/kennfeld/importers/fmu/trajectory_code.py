@@ -14,21 +14,21 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from kennfeld.base.machine_code.call_record import write_begin, write_end, write_place
+from kennfeld.base.machine_code.call_record import write_end, write_place
 from kennfeld.base.machine_code.external import c_pointer
 from kennfeld.base.machine_code.ir import ZERO, FunctionWriter, literal
+from kennfeld.importers.fmu.instance_calls import DISCARD, FATAL, InstanceCalls
 from kennfeld.importers.fmu.number_access import NumberGroup, get_numbers, set_numbers
 from kennfeld.importers.fmu.spin_lock import write_acquire, write_release
 
 SLOTS = 64  # a power of 2; a ticket is a multiple of it plus the number of the slot
-LOCK, SERIAL, USED, DEAD, REUSED = range(5)  # words of the memory `control`
-DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5  # status of a call
+LOCK, SERIAL, USED, DEAD = range(4)  # words of the memory `control`
 ORDER, UNEVEN, NOT_A_NUMBER, EARLY, TERMINATED, LOST, NO_INSTANCE = range(10, 17)  # other reasons to stop
 THREAD = "current_thread"
 UNEVEN_SHARE = 1e-3  # of the step, by which the steps of an FMU that needs equal ones may differ
 
 RECORD = 11  # word of a slot that holds the address of its record of calls
-_LOCK, _INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT = range(RECORD)
+_LOCK, INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT = range(RECORD)
 _OUTPUTS = RECORD + 1
 _RUNNING, _FAILED, _ENDED = range(3)  # states of a trajectory
 _LAST_TIME, _TERMINATED = 2, 3  # kinds of status of FMI 2.0
@@ -99,7 +99,7 @@ def write_step(layout: TrajectoryLayout) -> list[FunctionWriter]:
 def trajectory_functions(layout: TrajectoryLayout) -> Sequence[str]:
     """List the functions of the library that the code calls, by name."""
     second = layout.version == "2.0"
-    names = ["Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
+    names = ["Terminate", "Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
     names += ["Instantiate", "SetupExperiment", "GetBooleanStatus", "GetRealStatus"] if second else []
     names += [] if second else ["InstantiateCoSimulation"]
     names += [f"Set{group.type.access}" for group in (*layout.parameters, *layout.inputs)]
@@ -107,42 +107,13 @@ def trajectory_functions(layout: TrajectoryLayout) -> Sequence[str]:
     return [f"fmi{layout.version[0]}{name}" for name in dict.fromkeys(names)]
 
 
-class _SlotCalls:
+class _SlotCalls(InstanceCalls):
     """Calls of the functions of the instance in a slot; the worst status is kept in the memory at `worst`."""
 
     def __init__(self, f: FunctionWriter, layout: TrajectoryLayout, slot: str, worst: str) -> None:
-        self.f, self.layout, self.slot, self.worst = f, layout, slot, worst
-        self.second = layout.version == "2.0"
-        self.false = "i32 0" if self.second else "i1 zeroext false"
-
-    def memory(self, name: str) -> str:
-        return c_pointer(self.f, f"{self.layout.prefix}_{name}")
-
-    def function(self, name: str) -> str:
-        """Record the call of a function of the library that follows, and return its address."""
-        write_begin(self.f, _record(self.f, self.slot), trajectory_functions(self.layout).index(name) + 1)
-        return self.memory(name)
-
-    def __call__(self, name: str, *arguments: str) -> None:
-        f, function = self.f, self.function(f"fmi{self.layout.version[0]}{name}")
-        instance = f.load(self.slot, _INSTANCE, "ptr")
-        status = f.new(f"call i32 {function}({', '.join((f'ptr {instance}', *arguments))})")
-        worst = f.load(self.worst, kind="i32")
-        worse = f.new(f"icmp sgt i32 {status}, {worst}")
-        f.store(f.new(f"select i1 {worse}, i32 {status}, i32 {worst}"), self.worst, kind="i32")
-
-    def set(self, group: NumberGroup, values: str) -> None:
-        """Set variables to the values at an address."""
-        self._access("Set", group, values)
-
-    def get(self, group: NumberGroup, values: str) -> None:
-        """Write the values of variables to an address."""
-        self._access("Get", group, values)
-
-    def _access(self, verb: str, group: NumberGroup, values: str) -> None:
-        lengths = () if self.second else (f"i64 {group.size}",)
-        references = f"ptr {self.memory(group.name)}", f"i64 {group.references}"
-        self(f"{verb}{group.type.access}", *references, f"ptr {values}", *lengths)
+        place, functions = f.at(slot, INSTANCE, "i64"), trajectory_functions(layout)
+        super().__init__(f, layout.version, layout.prefix, functions, place, _record(f, slot), worst)
+        self.slot = slot
 
     def check(self, time: str) -> None:
         """Stop the trajectory after an error."""
@@ -270,12 +241,13 @@ def _begin(layout: TrajectoryLayout) -> FunctionWriter:
     calls = _SlotCalls(f, layout, "%slot", worst)
     f.store("0", worst, kind="i32")
     write_place(f, _record(f, "%slot"), time)
+    # before the state of the last trajectory is lost: how an instance ended decides what may be called
+    f.call("renew", [("ptr", "%slot")])
     for word, value in ((_STATE, str(_RUNNING)), (_COUNT, "0")):
         f.store(value, "%slot", word, "i64")
     for word, value in ((_TIME, time), (_BEGAN, time), (_STEP, ZERO)):
         f.store(value, "%slot", word)
-    f.call("renew", [("ptr", "%slot")])
-    with f.when(f.new(f"icmp eq ptr {f.load('%slot', _INSTANCE, 'ptr')}, null")):
+    with f.when(f.new(f"icmp eq ptr {f.load('%slot', INSTANCE, 'ptr')}, null")):
         calls.stop(NO_INSTANCE, time)
     with calls.running():
         times = [calls.false, f"double {ZERO}", f"double {time}", calls.false, f"double {ZERO}"]
@@ -297,35 +269,18 @@ def _begin(layout: TrajectoryLayout) -> FunctionWriter:
 def _renew(layout: TrajectoryLayout) -> FunctionWriter:
     """Write `renew(slot)`: the instance of a slot is as new; it is reset if that works, otherwise replaced."""
     f = FunctionWriter("renew", [("ptr", "slot")], "noinline")
-    worst = f.slot("i32")
-    f.store("0", worst, kind="i32")
-    calls = _SlotCalls(f, layout, "%slot", worst)
-    instance = f.load("%slot", _INSTANCE, "ptr")
-    with f.when(f.new(f"icmp ne ptr {instance}, null")):
-        with f.when(f.new(f"icmp ne i64 {f.load(calls.memory('control'), REUSED, 'i64')}, 0")):
-            calls("Reset")
-        kept = f.new(f"icmp ne i64 {f.load(calls.memory('control'), REUSED, 'i64')}, 0")
-        fine = f.new(f"icmp slt i32 {f.load(worst, kind='i32')}, {DISCARD}")
-        with f.unless(kept, fine):
-            f.do(f"call void {calls.function(f'fmi{layout.version[0]}FreeInstance')}(ptr {instance})")
-            f.store("null", "%slot", _INSTANCE, "ptr")
-    with f.when(f.new(f"icmp eq ptr {f.load('%slot', _INSTANCE, 'ptr')}, null")):
-        f.store(_instantiate(calls), "%slot", _INSTANCE, "ptr")
-    return f
-
-
-def _instantiate(calls: _SlotCalls) -> str:
-    """Return the address of a new instance, or null."""
-    name, token, resources, callbacks = (f"ptr {calls.memory(part)}" for part in ("name", "token", "resources", "log"))
-    false, variables = calls.false, ("ptr null", "i64 0")
+    calls = _SlotCalls(f, layout, "%slot", f.slot("i32"))
+    running = f.new(f"icmp ne i64 {f.load('%slot', _STATE, 'i64')}, {_FAILED}")
+    name, token, resources, log = calls.creation_arguments()
     if calls.second:
-        # 1 is fmi2CoSimulation
-        function, arguments = "fmi2Instantiate", [name, "i32 1", token, resources, callbacks, false, false]
+        # 1 is fmi2CoSimulation; not visible, no log
+        calls.renew(running, "fmi2Instantiate", [name, "i32 1", token, resources, log, calls.false, calls.false])
     else:
         # not visible, no log, no event mode, no early return, no intermediate variables
-        function = "fmi3InstantiateCoSimulation"
-        arguments = [name, token, resources, *[false] * 4, *variables, "ptr null", callbacks, "ptr null"]
-    return calls.f.new(f"call ptr {calls.function(function)}({', '.join(arguments)})")
+        flags = [*[calls.false] * 4, "ptr null", "i64 0"]
+        arguments = [name, token, resources, *flags, "ptr null", log, "ptr null"]
+        calls.renew(running, "fmi3InstantiateCoSimulation", arguments)
+    return f
 
 
 def _step(layout: TrajectoryLayout) -> FunctionWriter:
@@ -431,7 +386,7 @@ def _find_end(calls: _SlotCalls, length: str, time: str) -> None:
     with f.when(f.new(f"icmp eq i32 {f.load(calls.worst, kind='i32')}, {DISCARD}")):
         f.store("0", ended, kind="i32")
         f.store(_NAN, reached)
-        instance = f"ptr {f.load(calls.slot, _INSTANCE, 'ptr')}"
+        instance = f"ptr {f.load(calls.slot, INSTANCE, 'ptr')}"
         f.new(f"call i32 {calls.function('fmi2GetBooleanStatus')}({instance}, i32 {_TERMINATED}, ptr {ended})")
         f.new(f"call i32 {calls.function('fmi2GetRealStatus')}({instance}, i32 {_LAST_TIME}, ptr {reached})")
         with f.when(f.new(f"icmp ne i32 {f.load(ended, kind='i32')}, 0")):

@@ -18,6 +18,7 @@ from kennfeld.optimize.fit.result import Checkpoint, CheckpointSink, Progress, R
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.problem import Problem, bound_time_constants
+from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, with_values
 from kennfeld.optimize.search.starts import distance, draw_start
@@ -28,6 +29,7 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
 
 
+@isolated
 def run(
     problem: Problem,
     options: Options,

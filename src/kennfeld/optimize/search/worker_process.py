@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import IO, Any
 
@@ -30,15 +31,16 @@ class WorkerProcess:
     Args:
         command: Python code that runs the worker; `{path}` in it stands for `sys.path`.
         work: what the worker reads first, pickled.
+        variables: additional variables of its environment.
     """
 
-    def __init__(self, command: str, work: bytes) -> None:
+    def __init__(self, command: str, work: bytes, variables: Mapping[str, str] | None = None) -> None:
         # a session of its own, so that Ctrl-C in the terminal does not reach the worker
         session: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
         arguments = [sys.executable or "python", "-c", command.format(path=sys.path)]
-        environment = marked_environment()
+        environment = {**marked_environment(), **(variables or {})}
         self._processes, self._job = RunProcesses(mark_of(environment)), WindowsJob(MOST_PROCESSES, machine_memory())
         self.process = subprocess.Popen(
             arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, **session
@@ -104,6 +106,7 @@ class ParentConnection:
         self._incoming, self._outgoing = incoming, outgoing
         self.messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.stopping = threading.Event()
+        self._sending = threading.Lock()  # threads log while another one reports progress
 
     def read_work(self) -> Any:
         """Return what the worker has to do: the content with which its process was started."""
@@ -114,9 +117,11 @@ class ParentConnection:
         threading.Thread(target=self._receive, daemon=True).start()
 
     def send(self, content: Any) -> None:
+        pickled = pickle_content(content)
         try:
-            self._outgoing.write(pickle_content(content))
-            self._outgoing.flush()
+            with self._sending:
+                self._outgoing.write(pickled)
+                self._outgoing.flush()
         except OSError:
             os._exit(1)
 
