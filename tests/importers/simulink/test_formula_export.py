@@ -373,3 +373,20 @@ def test_descriptions_and_units_of_parameters_stand_at_the_head(tmp_path):
     graphs = [replace(graph, units={"k": "1/s"}) for graph in (model.graph, model.equations)]
     lines = text_of(replace(model, values=values, graph=graphs[0], equations=graphs[1])).splitlines()
     assert {"scalar k[1/s]  # damping", "scalar x0      # start of the mass"} <= set(lines)
+
+
+def test_elements_of_arrays_are_counted_from_1_as_in_matlab(tmp_path):
+    drawn = Model(solver="FixedStepDiscrete", step="0.1")
+    drawn.inport("u")
+    drawn.block("Gain", "First", Gain="data(1)")
+    drawn.block("Gain", "Last", Gain="data(3)")
+    drawn.block("Gain", "Corner", Gain="K(2,1)")
+    drawn.outport("y")
+    drawn.chain("u", "First", "Last", "Corner", "y")
+    model = imported(drawn, tmp_path, parameters=[{"data": [2.0, 3.0, 5.0], "K": np.array([[1.0, 7.0], [11.0, 13.0]])}])
+    lines = text_of(model).splitlines()
+    assert "def data_at(i) = data(i - 1)  # elements counted from 1" in lines
+    assert node_lines(model)[-3:] == ["First = data_at(1) * u", "Last = data_at(3) * First", "y = K_at(2, 1) * Last"]
+    again = run(read_back(model), {"u": U}, parameters=model.values)
+    np.testing.assert_allclose(again["y"], 2 * 5 * 11 * U)
+    assert set(read_back(model).graph.parameters) == {"data", "K"}

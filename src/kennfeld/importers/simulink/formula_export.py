@@ -7,7 +7,7 @@ the like whose blocks have the names that the library gave them are written wher
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -44,10 +44,12 @@ def formula_lines(model: Model, each_block: bool = False) -> list[FormulaLine]:
     blocks = _computing_blocks(model)
     kept = _best_names(whole)
     arranged = _arrange(whole, kept if each_block else written_in_place(whole, kept, blocks), blocks, model.name)
+    counted = [name for name in arranged.graph.parameters if _is_array(model, name)]
     layout = TextLayout(
         arranged.headings,
         descriptions_of(model),
-        _short_tables(arranged.graph),
+        tables := _table_names(arranged.graph, counted),
+        [name for name in counted if name in tables],
         {name: split_path(blocks[own])[-1] for name, own in arranged.original.items() if blocks[own]},
         _names_of_hits(arranged.graph),
     )
@@ -141,19 +143,26 @@ def _candidates(name: str, path: str) -> list[str]:
     return [parts[-1] + tail, *(join_path(*parts[at:]) + tail for at in range(len(parts) - 2, -1, -1))]
 
 
-def _short_tables(graph: Graph) -> dict[str, str]:
-    """Return short names of the tables that are named by the path of a block."""
+def _is_array(model: Model, name: str) -> bool:
+    """Return True for a vector or matrix of values, whose elements MATLAB counts from 1."""
+    return name in model.values and model.values[name].kind == "block"
+
+
+def _table_names(graph: Graph, counted: Collection[str]) -> dict[str, str]:
+    """Return names by which to call arrays, and short names of the tables that are named by the path of a block."""
     taken = {*graph.names, *graph.inputs, *graph.parameters, *CLOCK, *FUNCTIONS}
-    short = {}
+    names = {}
     for name, axes in graph.parameters.items():
-        if not 1 <= axes <= 4 or len(name) < _LONG_NAME or spell_name(name) == name:
+        is_long = len(name) >= _LONG_NAME and spell_name(name) != name
+        if not 1 <= axes <= 4 or not (is_long or name in counted):
             continue
-        word = re.sub(r"\W+", "_", split_path(name)[-1]).strip("_")
+        word = re.sub(r"\W+", "_", split_path(name)[-1] if is_long else name).strip("_")
         word = word if word[:1].isalpha() else f"Table_{word}".removesuffix("_Table")
+        word = f"{word}_at" if name in counted else word
         if word not in taken:
-            short[name] = word
+            names[name] = word
             taken.add(word)
-    return short
+    return names
 
 
 def _names_of_hits(graph: Graph) -> dict[int, str]:

@@ -6,7 +6,7 @@ Formula text cannot express two states with equal contents, so these are merged 
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -35,7 +35,8 @@ class TextLayout(NamedTuple):
     Attributes:
         headings: comment above a node, by its name; written if it differs from that of the node before.
         descriptions: comment behind the declaration of an input, a parameter or an output, by its name.
-        tables: short names of tables, by the names of their parameters.
+        tables: names by which the text calls tables, by the names of their parameters.
+        counted: those of the tables that are value blocks whose elements the text counts from 1.
         words: the word by which auxiliary nodes are named that are written for a node, by its name.
         auxiliary: names of auxiliary nodes, by their numbers in the graph.
     """
@@ -43,6 +44,7 @@ class TextLayout(NamedTuple):
     headings: Mapping[str, str] = MappingProxyType({})
     descriptions: Mapping[str, str] = MappingProxyType({})
     tables: Mapping[str, str] = MappingProxyType({})
+    counted: Collection[str] = ()
     words: Mapping[str, str] = MappingProxyType({})
     auxiliary: Mapping[int, str] = MappingProxyType({})
 
@@ -110,15 +112,18 @@ def _lines(graph: Graph, step: float | None, solver: str, layout: TextLayout | N
     groups = [settings, *_declarations(graph, layout)]
     if layout is not None:
         # names of parameters are those of the calibration, whatever the text calls them
-        groups.append([_short_table(graph, name, short) for name, short in layout.tables.items()])
+        groups.append([_table_call(graph, name, layout) for name in layout.tables])
         groups = [["", *group] for group in groups if group]
     declarations = [PrintedLine(text) for group in groups for text in group]
     return [*declarations, *_Printer(graph, layout).lines()]
 
 
-def _short_table(graph: Graph, name: str, short: str) -> str:
-    arguments = ", ".join("xyzw"[: graph.parameters[name]])
-    return f"def {short}({arguments}) = {spell_name(name)}({arguments})"
+def _table_call(graph: Graph, name: str, layout: TextLayout) -> str:
+    """Return the definition of the function by which the text calls a table."""
+    arguments = ("ijkl" if name in layout.counted else "xyzw")[: graph.parameters[name]]
+    coordinates = ", ".join(f"{argument} - 1" if name in layout.counted else argument for argument in arguments)
+    note = "  # elements counted from 1" if name in layout.counted else ""
+    return f"def {layout.tables[name]}({', '.join(arguments)}) = {spell_name(name)}({coordinates}){note}"
 
 
 def merge_equal_states(graph: Graph) -> Graph:
@@ -357,8 +362,26 @@ class _Printer:
             latency, (content, init) = self.graph.states[payload].latency, parts
             return _call("prev", parts) if latency == 1 else _call("delay", [content, _Text(str(latency)), init])
         if op == "lookup":
-            return _call(self.layout.tables.get(payload) or spell_name(payload), parts)
+            return self._lookup(payload, args)
         return _call(_CALLS.get(op, op), parts)
+
+    def _lookup(self, name: str, coordinates: Sequence[int]) -> _Text:
+        parts = [self._read(at) for at in coordinates]
+        if name in self.layout.counted:
+            numbers = [self._counted(at) for at in coordinates]
+            if None in numbers:
+                return _call(spell_name(name), parts)
+            parts = [number for number in numbers if number is not None]
+        return _call(self.layout.tables.get(name) or spell_name(name), parts)
+
+    def _counted(self, at: int) -> _Text | None:
+        """Return the number of an element counted from 1, None if subtracting 1 would not give the node again."""
+        op, args, payload = self.graph.nodes[at]
+        if op == "const" and payload >= 0 and payload.is_integer():
+            return _constant(payload + 1)
+        if op == "sub" and self._is_inline(at) and self._is_constant(args[1], 1.0):
+            return self._read(args[0])
+        return None
 
     def _extreme(self, at: int) -> _Text:
         """Write the least or greatest of several values as one call, and both limits of a value as `clip`."""
