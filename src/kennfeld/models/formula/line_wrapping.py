@@ -7,16 +7,18 @@ from kennfeld.models.formula.syntax import Token
 
 WIDTH: Final = 110
 _INDENT: Final = "    "
+# what a line is rather broken at comes first: an argument, a condition, a term, a factor
+_BONDS: Final = ((",",), ("and", "or"), ("==", "!=", "<", "<=", ">", ">="), ("+", "-"), ("*", "/", "^"))
 
 
 class _Break(NamedTuple):
-    """A column at which a line may end, and the number of brackets that are open there.
+    """A column at which a line may end, and how closely what it separates is bound: by brackets, then by operators.
 
     `ends` is True between the conditions of a chain, where a long statement is always broken.
     """
 
     column: int
-    depth: int
+    bond: int
     ends: bool = False
 
 
@@ -59,10 +61,10 @@ def _breaks(words: list[Token], start: int) -> list[_Break]:
         depth += (word.text == "(") - (word.text == ")")
         is_sign = before.kind == "op" and before.text != ")"  # in front of an operand
         if word.text == ",":
-            breaks.append(_Break(after.column - 1, depth, after.text == "if"))
+            breaks.append(_Break(after.column - 1, depth * len(_BONDS), after.text == "if"))
         elif word.kind == "op" and word.text not in "()" and not is_sign and depth:
-            # a product or power stays on its line rather than a sum or condition
-            breaks.append(_Break(word.column - 1, depth + (word.text in "*/^")))
+            bond = next(at for at, operators in enumerate(_BONDS) if word.text in operators)
+            breaks.append(_Break(word.column - 1, depth * len(_BONDS) + bond))
     return breaks
 
 
@@ -82,7 +84,7 @@ def _broken(statement: str, breaks: list[_Break]) -> list[str]:
             late = [at for at in breaks if at.column > end][:1]
             if not late:
                 break
-        best = min(late, key=lambda at: (at.depth, -at.column))
+        best = min(late, key=lambda at: (at.bond, -at.column))
         lines.append(indent + statement[begun : best.column].rstrip())
         begun, indent = best.column, _INDENT
     return [*lines, indent + statement[begun:]]
