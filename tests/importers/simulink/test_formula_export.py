@@ -390,3 +390,14 @@ def test_elements_of_arrays_are_counted_from_1_as_in_matlab(tmp_path):
     again = run(read_back(model), {"u": U}, parameters=model.values)
     np.testing.assert_allclose(again["y"], 2 * 5 * 11 * U)
     assert set(read_back(model).graph.parameters) == {"data", "K"}
+
+
+def test_a_node_is_named_after_the_block_that_computes_it_not_one_that_passes_it_on(tmp_path):
+    drawn = Model(solver="FixedStepDiscrete", step="0.1")
+    drawn.inport("u")
+    drawn.block("DataTypeConversion", "Cast", ports=(1, 1), OutDataTypeStr="double")
+    drawn.block("Signum", "Direction")
+    drawn.block("Gain", "G", Gain="2")
+    drawn.outport("y")
+    drawn.chain("u", "Direction", "Cast", "G", "y")
+    assert node_lines(imported(drawn, tmp_path)) == ["Direction = sign(u)", "y = 2 * Direction"]
