@@ -15,6 +15,7 @@ from kennfeld.models.formula import read as read_formula
 from kennfeld.models.importer import ImportOptions, ImportRequest
 from kennfeld.models.model_export import write_formula
 from tests.draws import mostly_slow
+from tests.importers.simulink.simulink_data import sldd
 from tests.importers.simulink.simulink_files import Model
 from tests.importers.simulink.simulink_runs import imported, run, slopes
 
@@ -401,3 +402,30 @@ def test_a_node_is_named_after_the_block_that_computes_it_not_one_that_passes_it
     drawn.outport("y")
     drawn.chain("u", "Direction", "Cast", "G", "y")
     assert node_lines(imported(drawn, tmp_path)) == ["Direction = sign(u)", "y = 2 * Direction"]
+
+
+@pytest.mark.parametrize("source", ["script", "dictionary"])
+def test_signals_have_the_units_of_the_objects_of_their_names_unless_a_port_states_its_own(source, tmp_path):
+    drawn = Model(solver="FixedStepDiscrete", step="0.1")
+    drawn.inport("n")
+    drawn.block("Gain", "First", Gain="2")
+    drawn.block("Gain", "Second", Gain="3")
+    drawn.outport("y", Unit="Nm")
+    drawn.chain("n", "First")
+    drawn.line("First", "Second", name="air")
+    drawn.line("Second", "y")
+    units = {"n": "rpm", "air": "mg", "y": "kW"}
+    if source == "script":
+        path = tmp_path / "signals.m"
+        lines = [f"{name} = Simulink.Signal; {name}.Unit = '{unit}';" for name, unit in units.items()]
+        path.write_text("\n".join(lines), encoding="utf-8")
+    else:
+        entries = {
+            name: f'<P Name="Value"><Element Class="Simulink.Signal"><P Name="DocUnits" Class="char">{unit}</P>'
+            "</Element></P>"
+            for name, unit in units.items()
+        }
+        path = tmp_path / "signals.sldd"
+        path.write_bytes(sldd(entries))
+    lines = text_of(imported(drawn, tmp_path, parameters=[path])).splitlines()
+    assert {"input n[rpm]", "air[mg] = 2 * n", "y[Nm] = 3 * air"} <= set(lines)
