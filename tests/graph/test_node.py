@@ -222,3 +222,14 @@ def test_a_state_reads_like_its_fields():
 
 def test_a_graph_of_no_names_is_empty():
     assert GraphBuilder().finish({}) == Graph((), {}, (), {}, ())
+
+
+def test_a_condition_compared_with_0_or_joined_with_a_neutral_constant_is_itself():
+    b = GraphBuilder()
+    x, zero, one = b.input("x"), b.const(0.0), b.const(1.0)
+    for condition in (b.call("lt", x, one), b.call("not", x), b.node("hold", (b.call("eq", x, one),))):
+        same = [b.call("ne", condition, zero), b.call("gt", condition, zero)]
+        same += [b.call("and", condition, one), b.call("and", one, condition), b.call("or", zero, condition)]
+        assert set(same) == {condition}
+    for op, args in (("ne", (x, zero)), ("and", (x, one)), ("or", (zero, x)), ("gt", (b.call("lt", x, one), one))):
+        assert b.nodes[b.call(op, *args)].op == op

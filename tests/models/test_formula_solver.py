@@ -63,6 +63,26 @@ def test_an_integrator_starts_each_step_from_the_value_that_is_named(solver):
     np.testing.assert_allclose(run(model)["x"], expected, atol=1e-14)
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_no_stage_of_a_solver_sees_a_state_beyond_its_limits(solver):
+    outputs = run(formula(f"solver {solver}\nx = integrator(20 * u, 0, -1, 0.5)\ny = integrator(x * x * x)"))
+
+    def slope(t, state, k):
+        x, way = np.clip(state[0], -1, 0.5), 20 * U[k]
+        return (0.0 if (x == -1 and way < 0) or (x == 0.5 and way > 0) else way, x**3)
+
+    tableau, x, y, rows = SOLVERS[solver], 0.0, 0.0, []
+    for k, t in enumerate(TIME):
+        rows.append((x, y))
+        stages = []
+        for node, row in zip(tableau.nodes, tableau.rows, strict=True):
+            inner = [s + T * sum(a * r[i] for a, r in zip(row, stages, strict=False)) for i, s in enumerate((x, y))]
+            stages.append(slope(t + node * T, inner, k))
+        total = [T * sum(w * r[i] for w, r in zip(tableau.weights, stages, strict=True)) for i in range(2)]
+        x, y = float(np.clip(x + total[0], -1, 0.5)), y + total[1]
+    np.testing.assert_allclose([outputs["x"], outputs["y"]], np.array(rows).T, rtol=1e-12, atol=1e-13)
+
+
 def test_memory_and_inputs_are_constant_within_a_step_and_so_is_what_is_sampled():
     model = formula(
         "solver ode4\nx = integrator(prev(u) - sampled(x) - PT1(x, 0.5) + prev(x, 2), 1)\n"

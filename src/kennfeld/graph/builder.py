@@ -19,6 +19,11 @@ _NEUTRAL: dict[str, tuple[float | None, float | None]] = {
     "pow": (1.0, None),
 }
 
+# comparisons with 0 that leave a condition as it is, and the operations that give conditions
+_TRUTHS = ("ne", "gt")
+_NEUTRAL_TRUTH = {"and": 1.0, "or": 0.0}
+_CONDITIONS = frozenset({"eq", "ne", "lt", "le", "gt", "ge", "and", "or", "not"})
+
 
 _MAX_NODES = 500_000  # different operations in a step of a bounded graph
 _MAX_REQUESTS = 5_000_000  # requested operations, including duplicates and constants
@@ -101,7 +106,24 @@ class GraphBuilder:
             return args[1] if self.nodes[args[0]].payload else args[2]
         if all(self.nodes[a].op == "const" for a in args):
             return self.const(OPERATIONS[op].evaluate(*(self.nodes[a].payload for a in args)))
+        if (left := self._plain_condition(op, args)) is not None:
+            return left
         return self._neutral(op, args) if op in _NEUTRAL else self.node(op, args)
+
+    def _plain_condition(self, op: str, args: tuple[int, ...]) -> int | None:
+        """Return the condition that a comparison with 0, or a constant in `and` or `or`, leaves as it is; or None."""
+        if op in _TRUTHS:
+            return args[0] if self._is(args[1], 0.0) and self._is_truth(args[0]) else None
+        if op in _NEUTRAL_TRUTH:
+            for constant, other in (args, args[::-1]):
+                if self._is(constant, _NEUTRAL_TRUTH[op]) and self._is_truth(other):
+                    return other
+        return None
+
+    def _is_truth(self, node: int) -> bool:
+        """Return True if a node can only be 0 or 1."""
+        op, args, _ = self.nodes[node]
+        return op in _CONDITIONS or (op == "hold" and self._is_truth(args[0]))
 
     def _neutral(self, op: str, args: tuple[int, ...]) -> int:
         left, right, left_stays, right_stays = args[0], args[-1], *_NEUTRAL[op]

@@ -144,7 +144,11 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
         slopes = [part.slope for part in parts]
         if row:
             begun = zip(parts, *stages, strict=True)
-            starts = [_advanced(builder, part.start, row, before, dt) for part, *before in begun]
+            # no stage sees a state beyond its limits
+            starts = [
+                builder.within(_advanced(builder, part.start, row, before, dt), part.lower, part.upper)
+                for part, *before in begun
+            ]
             replaced = {part.start: x for part, x in zip(parts, starts, strict=True)}
             t = builder.time()
             replaced[t] = builder.call("add", t, builder.call("mul", builder.const(node), dt))

@@ -98,7 +98,7 @@ class FormulaLine:
 
     Attributes:
         text: the line.
-        node: name of the node in the model; empty for declarations and comments.
+        node: name of the node in the model whose statement begins here; empty for other lines.
         path: where it comes from: the path of a block.
     """
 

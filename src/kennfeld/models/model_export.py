@@ -8,7 +8,7 @@ from kennfeld.base.errors import InputError, Location
 from kennfeld.base.formatting import toml_text
 from kennfeld.files.file_format import call
 from kennfeld.graph import Graph
-from kennfeld.models.formula.printer import to_lines
+from kennfeld.models.formula.printer import TextLayout, to_lines
 from kennfeld.models.importer import FormulaLine, Importer, ImportRequest
 from kennfeld.models.model import Model
 
@@ -19,8 +19,14 @@ def formula_lines(importer: Importer, model: Model) -> list[FormulaLine]:
         lines: list[FormulaLine] = call(importer.export, model)
         return lines
     # the text has the continuous equations, to which its `solver` line is applied again when it is read
-    printed = to_lines(model.equations or model.graph, model.step, solver=model.solver)
-    return [FormulaLine(line.text, line.node) for line in printed]
+    layout = TextLayout(descriptions=descriptions_of(model))
+    printed = to_lines(model.equations or model.graph, model.step, model.solver, layout)
+    return [FormulaLine(line.text, line.node if line.defines else "") for line in printed]
+
+
+def descriptions_of(model: Model) -> dict[str, str]:
+    """Return the descriptions of parameters, by their names."""
+    return {parameter.name: parameter.description for parameter in model.values.parameters}
 
 
 def is_formula(graph: Graph) -> bool:

@@ -10,6 +10,7 @@ from kennfeld.importers.simulink.reader.block_ports import port_label
 from kennfeld.importers.simulink.signals import Bus, leaf_signals
 
 RESULTS = ("Outport", "ToWorkspace", *SINK_TYPES)
+_PASSING = ("DataTypeConversion", "RateTransition", "SignalConversion", "SignalSpecification")
 
 
 class NodeNames:
@@ -52,6 +53,8 @@ class NodeNames:
         skipped = {"Outport", "Inport", "Constant", "Ground", "Mux", "Demux", "BusCreator", "BusSelector", *SINK_TYPES}
         skipped |= {"BusElement", "BusElements", "ConditionalSubsystem", "IterationCondition", "ForEachPartition"}
         shown = [flat_block for flat_block in flat.blocks if flat_block.type not in skipped and not flat_block.hidden]
+        # a node that a block only passes on has the name of the block that computes it
+        shown.sort(key=lambda flat_block: flat_block.type in _PASSING)
         rest = [flat_block for flat_block in shown if self.compiler.outputs(flat_block)]
         for flat_block in rest:
             for port, name in flat_block.output_names.items():

@@ -33,7 +33,7 @@ from kennfeld.importers.simulink.reader.model_tree import System
 from kennfeld.importers.simulink.signals import InputWidth, Signal, SignalOrBus, width_note
 from kennfeld.importers.simulink.solver_selection import SolverSelection
 from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
-from kennfeld.importers.simulink.variables.mask_scope import Scope
+from kennfeld.importers.simulink.variables.mask_scope import Scope, signal_unit
 from kennfeld.importers.simulink.variables.model_variables import solver_settings
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
@@ -275,8 +275,10 @@ class ModelImport:
         equations = without_idle_holds(compiler.builder.finish(names.visible, {}, names.outputs))
         graph = self._solve(equations)
         values, sources = compiler.declared.values(graph.parameters), compiler.declared.sources
-        units = {name: parameter.unit for name, parameter in values.items() if parameter.unit} | names.units
         present = {*graph.names, *graph.inputs, *graph.parameters}
+        units = {name: parameter.unit for name, parameter in values.items() if parameter.unit}
+        # a port states its own unit, a signal that of the object of its name
+        units = self._units_of_signals(present) | units | names.units
         present_units = MappingProxyType({name: unit for name, unit in units.items() if name in present})
         return Model(
             graph=replace(graph, units=present_units),
@@ -291,6 +293,11 @@ class ModelImport:
             equations=replace(equations, units=present_units) if is_continuous(equations) else None,
             solver=self.solver,
         )
+
+    def _units_of_signals(self, names: Collection[str]) -> dict[str, str]:
+        """Return the units of signals, or elements of them, that objects of their names describe."""
+        units = {name: signal_unit(self.variables.get(name.partition("[")[0])) for name in names}
+        return {name: unit for name, unit in units.items() if unit and not any(sign in unit for sign in "]\n\r")}
 
     def _solve(self, equations: Graph) -> Graph:
         try:

@@ -27,7 +27,7 @@ def view(request: ImportRequest, folder: Path) -> dict[str, Any]:
         "version": own.version,
         "blocks": [asdict(block) for block in own.blocks],
         "subsystems": list(own.subsystems),
-        "lines": [] if own.model is None else [asdict(line) for line in formula_lines(own.model)],
+        "lines": [] if own.model is None else [asdict(line) for line in formula_lines(own.model, each_block=True)],
         "problems": problem_views(own.findings),
         **({} if own.report is None else _of_report(own.report, own.model)),
     }

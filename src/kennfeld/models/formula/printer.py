@@ -6,14 +6,17 @@ Formula text cannot express two states with equal contents, so these are merged 
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from kennfeld.base.errors import ArgumentError
 from kennfeld.graph import CLOCK, Graph, GraphBuilder, State
 from kennfeld.graph.integration import Advance, is_continuous
+from kennfeld.models.formula.constant_text import constant_text
 from kennfeld.models.formula.functions import FUNCTIONS, OPERATORS
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain
+from kennfeld.models.formula.line_wrapping import wrap
 from kennfeld.models.formula.parser import LEVELS
 
 _INFIX: Final = {op: text for text, op in OPERATORS.items()}
@@ -22,11 +25,31 @@ _TABLES: Final = ("scalar", "curve", "map", "cube", "cube")
 _NEGATION, _COMPARISON, _POWER, _ATOM = LEVELS["*"] + 1, LEVELS["<"], LEVELS["^"], LEVELS["^"] + 1
 # deeper expressions get names for their inner parts; the parser allows 100
 _MAX_DEPTH = 40
+_MAX_ARGUMENTS: Final = 8  # of min and max, as long chains would be copied at each of their parts
+_NOTE_COLUMN: Final = 50  # the last column at which descriptions are aligned
 
 
-def to_text(
-    graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None, solver: str = ""
-) -> str:
+class TextLayout(NamedTuple):
+    """The words of a text for readers, which do not change what it computes.
+
+    Attributes:
+        headings: comment above a node, by its name; written if it differs from that of the node before.
+        descriptions: comment behind the declaration of an input, a parameter or an output, by its name.
+        tables: names by which the text calls tables, by the names of their parameters.
+        counted: those of the tables that are value blocks whose elements the text counts from 1.
+        words: the word by which auxiliary nodes are named that are written for a node, by its name.
+        auxiliary: names of auxiliary nodes, by their numbers in the graph.
+    """
+
+    headings: Mapping[str, str] = MappingProxyType({})
+    descriptions: Mapping[str, str] = MappingProxyType({})
+    tables: Mapping[str, str] = MappingProxyType({})
+    counted: Collection[str] = ()
+    words: Mapping[str, str] = MappingProxyType({})
+    auxiliary: Mapping[int, str] = MappingProxyType({})
+
+
+def to_text(graph: Graph, step: float | None = None, solver: str = "") -> str:
     r"""Print a graph as complete formula text: `formula(to_text(graph)).graph == graph`.
 
     Inner nodes that are used more than once are named after the node that they are written for: those of `y` are
@@ -35,7 +58,6 @@ def to_text(
     Args:
         graph: graph with lookups, not lowered; that before the solver if there is one.
         step: step in s to declare.
-        headings: comment above a node, by its name; written if it differs from that of the node before.
         solver: solver of continuous states to declare; "" if the graph has none.
 
     Raises:
@@ -51,27 +73,57 @@ def to_text(
     output y
     y[Nm] = M(n, 2 * q) - K * prev(n, 0)
     """
-    return "\n".join([*(line.text for line in to_lines(graph, step, headings, solver)), ""])
+    return "\n".join([*(line.text for line in _lines(merged(graph, solver), step, solver)), ""])
 
 
 class PrintedLine(NamedTuple):
-    """A line of formula text and the name of the node that it belongs to; empty for declarations and comments."""
+    """A line of formula text and the name of the node that it belongs to; empty for declarations and comments.
+
+    `defines` is True where the statement of this node begins, False for its auxiliary nodes and further lines.
+    """
 
     text: str
     node: str = ""
+    defines: bool = False
 
 
 def to_lines(
-    graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None, solver: str = ""
+    graph: Graph, step: float | None = None, solver: str = "", layout: TextLayout | None = None
 ) -> Sequence[PrintedLine]:
-    """Return the lines of `to_text`; those of auxiliary nodes belong to the node that they are written for."""
+    """Return the text of a graph as a person would arrange it: wrapped, with blank lines and the words of a layout.
+
+    The lines of auxiliary nodes, and those that continue a statement, belong to the node that they are written for.
+    `layout.auxiliary` has the numbers of nodes of a graph without states of equal contents.
+    """
+    return _lines(merged(graph, solver), step, solver, layout or TextLayout())
+
+
+def merged(graph: Graph, solver: str) -> Graph:
+    """Return a graph that can be printed without states of equal contents; raises `ArgumentError` if there is none."""
     _check(graph)
     graph = merge_equal_states(graph)
     if is_continuous(graph) and not solver:
         raise ArgumentError("the graph has continuous states and needs a solver")
-    declared = [*([] if step is None else [f"step {step!r}"]), *([f"solver {solver}"] if solver else [])]
-    declarations = [PrintedLine(text) for text in (*declared, *_declarations(graph))]
-    return [*declarations, *_Printer(graph).lines(headings or {})]
+    return graph
+
+
+def _lines(graph: Graph, step: float | None, solver: str, layout: TextLayout | None = None) -> Sequence[PrintedLine]:
+    settings = [*([] if step is None else [f"step {step!r}"]), *([f"solver {solver}"] if solver else [])]
+    groups = [settings, *_declarations(graph, layout)]
+    if layout is not None:
+        # names of parameters are those of the calibration, whatever the text calls them
+        groups.append([_table_call(graph, name, layout) for name in layout.tables])
+        groups = [["", *group] for group in groups if group]
+    declarations = [PrintedLine(text) for group in groups for text in group]
+    return [*declarations, *_Printer(graph, layout).lines()]
+
+
+def _table_call(graph: Graph, name: str, layout: TextLayout) -> str:
+    """Return the definition of the function by which the text calls a table."""
+    arguments = ("ijkl" if name in layout.counted else "xyzw")[: graph.parameters[name]]
+    coordinates = ", ".join(f"{argument} - 1" if name in layout.counted else argument for argument in arguments)
+    note = "  # elements counted from 1" if name in layout.counted else ""
+    return f"def {layout.tables[name]}({', '.join(arguments)}) = {spell_name(name)}({coordinates}){note}"
 
 
 def merge_equal_states(graph: Graph) -> Graph:
@@ -129,15 +181,23 @@ def _check(graph: Graph) -> None:
             raise ArgumentError(f"the unit {unit!r} of {name} contains a bracket or a line break")
 
 
-def _declarations(graph: Graph) -> Iterator[str]:
+def _declarations(graph: Graph, layout: TextLayout | None) -> Iterator[list[str]]:
+    """Yield the declarations of inputs, parameters and outputs; with descriptions, if there is a layout."""
     axes = graph.parameters
-    for kind, name in (
-        *(("input", name) for name in graph.inputs),
-        *((_TABLES[number] if number < len(_TABLES) else "rbf", name) for name, number in axes.items()),
-        *(("output", name) for name in graph.outputs),
-    ):
-        unit = "" if kind == "output" else _unit(graph, name)
-        yield f"{kind} {spell_name(name)}{unit}"
+    kinds = {name: _TABLES[number] if number < len(_TABLES) else "rbf" for name, number in axes.items()}
+    for declared in (dict.fromkeys(graph.inputs, "input"), kinds, dict.fromkeys(graph.outputs, "output")):
+        texts = {
+            name: f"{kind} {spell_name(name)}{'' if kind == 'output' else _unit(graph, name)}"
+            for name, kind in declared.items()
+        }
+        yield list(texts.values()) if layout is None else _described(texts, layout.descriptions)
+
+
+def _described(texts: Mapping[str, str], descriptions: Mapping[str, str]) -> list[str]:
+    """Return declarations with their descriptions in a column of their own."""
+    notes = {name: " ".join(descriptions.get(name, "").split()) for name in texts}
+    width = max((len(text) for name, text in texts.items() if notes[name] and len(text) <= _NOTE_COLUMN), default=0)
+    return [f"{text:{width}}  # {notes[name]}" if notes[name] else text for name, text in texts.items()]
 
 
 def _unit(graph: Graph, name: str) -> str:
@@ -151,8 +211,11 @@ def spell_name(name: str) -> str:
     return name if plain else f"%{name.replace('%', '%%')}%"
 
 
-def _number(value: float) -> str:
-    return repr(value).removesuffix(".0")
+def _constant(value: float) -> "_Text":
+    text = constant_text(value)
+    if " " in text:
+        return _Text(text, LEVELS["*"], 1)
+    return _Text(text, _NEGATION if text.startswith("-") else _ATOM, 1)
 
 
 class _Text(NamedTuple):
@@ -170,8 +233,10 @@ class _Text(NamedTuple):
 class _Printer:
     """Printer that writes each node once: inline, or on a line of its own if it has a name."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, layout: TextLayout | None) -> None:
         self.graph = graph
+        self.layout = TextLayout() if layout is None else layout
+        self.is_wrapped = layout is not None
         self.output: list[PrintedLine] = []
         self._written = ""  # the name of the node that is written
         self._named: dict[int, str] = {}
@@ -181,17 +246,19 @@ class _Printer:
         written = (at for at, node in enumerate(graph.nodes) if node.op != "advance")  # part of its state
         uses = Counter(part for at in written for part in self._parts(at))
         self._shared = {at for at, times in uses.items() if times > 1 and not self._is_leaf(at)} - self._named.keys()
-        self._taken = {*graph.names, *graph.inputs, *graph.parameters}
+        self._taken = {*graph.names, *graph.inputs, *graph.parameters, *self.layout.auxiliary.values()}
         self._numbers = Counter[str]()
         self._auxiliary: dict[int, str] = {}
         self._begun: set[int] = set()
         self._done: dict[int, _Text] = {}
 
-    def lines(self, headings: Mapping[str, str]) -> list[PrintedLine]:
+    def lines(self) -> list[PrintedLine]:
         """Return the lines of all nodes; auxiliary nodes precede their first use unless they are part of a loop."""
         above = ""
+        if self.is_wrapped and not any(self.layout.headings.values()):
+            self.output.append(PrintedLine(""))
         for name, at in self.graph.names.items():
-            if (heading := " ".join(headings.get(name, "").split())) != above:
+            if (heading := " ".join(self.layout.headings.get(name, "").split())) != above:
                 above = heading
                 self.output += [PrintedLine(text) for text in (["", f"# {heading}"] if heading else [""])]
             self._written = name
@@ -201,8 +268,14 @@ class _Printer:
                 text = self._done[at].text
             else:
                 text = self._read(at).text
-            self.output.append(PrintedLine(f"{spell_name(name)}{_unit(self.graph, name)} = {text}", name))
+            self._add(f"{spell_name(name)}{_unit(self.graph, name)} = {text}", defines=True)
         return self.output
+
+    def _add(self, statement: str, defines: bool = False) -> None:
+        """Add a statement that is written for the current node."""
+        first, *rest = wrap(statement) if self.is_wrapped else [statement]
+        lines = PrintedLine(first, self._written, defines), *(PrintedLine(part, self._written) for part in rest)
+        self.output += lines
 
     def _is_leaf(self, at: int) -> bool:
         op, args, _ = self.graph.nodes[at]
@@ -240,20 +313,22 @@ class _Printer:
                 self._begun.add(at)
                 # named before its parts are written, as feedback may lead from them back to it
                 if at in self._shared:
-                    self._auxiliary[at] = self._free_name()
+                    self._auxiliary[at] = self._free_name(at)
                 parts = [part for part in self._parts(at) if part not in self._named]
                 stack += [(at, True), *((part, False) for part in reversed(parts))]
 
     def _finish(self, at: int, root: int) -> None:
         text = self._done[at] = self._expression(at)
         if at != root and text.depth > _MAX_DEPTH and at not in self._auxiliary:
-            self._auxiliary[at] = self._free_name()
+            self._auxiliary[at] = self._free_name(at)
         if at in self._auxiliary:
-            self.output.append(PrintedLine(f"{self._auxiliary[at]} = {text.text}", self._written))
+            self._add(f"{self._auxiliary[at]} = {text.text}")
 
-    def _free_name(self) -> str:
-        """Return a name for an auxiliary node, after the node that is written."""
-        word = re.sub(r"\W+", "_", self._written).strip("_")
+    def _free_name(self, at: int) -> str:
+        """Return a name for an auxiliary node: its own, or one after the node that is written."""
+        if at in self.layout.auxiliary:
+            return self.layout.auxiliary[at]
+        word = re.sub(r"\W+", "_", self.layout.words.get(self._written, self._written)).strip("_")
         while True:
             self._numbers[word] += 1
             name = f"_{word}_{self._numbers[word]}" if word else f"_{self._numbers[word]}"
@@ -269,11 +344,13 @@ class _Printer:
     def _expression(self, at: int) -> _Text:
         op, args, payload = self.graph.nodes[at]
         if op == "const":
-            return _Text(_number(payload), _NEGATION if _number(payload).startswith("-") else _ATOM, 1)
+            return _constant(payload)
         if op == "input":
             return _Text(payload if payload in CLOCK else spell_name(payload))
         if op == "lookup" and not args:
             return _Text(spell_name(payload))
+        if op in ("min", "max"):
+            return self._extreme(at)
         parts = [self._read(part) for part in self._parts(at)]
         if op in _INFIX:
             return _infix(op, *parts)
@@ -284,7 +361,48 @@ class _Printer:
         if op == "state":
             latency, (content, init) = self.graph.states[payload].latency, parts
             return _call("prev", parts) if latency == 1 else _call("delay", [content, _Text(str(latency)), init])
-        return _call(spell_name(payload) if op == "lookup" else _CALLS.get(op, op), parts)
+        if op == "lookup":
+            return self._lookup(payload, args)
+        return _call(_CALLS.get(op, op), parts)
+
+    def _lookup(self, name: str, coordinates: Sequence[int]) -> _Text:
+        parts = [self._read(at) for at in coordinates]
+        if name in self.layout.counted:
+            numbers = [self._counted(at) for at in coordinates]
+            if None in numbers:
+                return _call(spell_name(name), parts)
+            parts = [number for number in numbers if number is not None]
+        return _call(self.layout.tables.get(name) or spell_name(name), parts)
+
+    def _counted(self, at: int) -> _Text | None:
+        """Return the number of an element counted from 1, None if subtracting 1 would not give the node again."""
+        op, args, payload = self.graph.nodes[at]
+        if op == "const" and payload >= 0 and payload.is_integer():
+            return _constant(payload + 1)
+        if op == "sub" and self._is_inline(at) and self._is_constant(args[1], 1.0):
+            return self._read(args[0])
+        return None
+
+    def _extreme(self, at: int) -> _Text:
+        """Write the least or greatest of several values as one call, and both limits of a value as `clip`."""
+        op, (first, second), _ = self.graph.nodes[at]
+        args, inner = [second], first
+        while self.graph.nodes[inner].op == op and self._is_inline(inner) and len(args) < _MAX_ARGUMENTS:
+            inner, after = self.graph.nodes[inner].args
+            args.insert(0, after)
+        name, args = op, [inner, *args]
+        below = self.graph.nodes[first]
+        if op == "min" and below.op == "max" and self._is_inline(first) and self._may_limit(below.args[1], second):
+            name, args = "clip", [*below.args, second]
+        return _call(name, [self._read(arg) for arg in args])
+
+    def _is_inline(self, at: int) -> bool:
+        return at not in self._named and at not in self._auxiliary
+
+    def _may_limit(self, lower: int, upper: int) -> bool:
+        """Return False for constant limits in the wrong order, which `clip` refuses."""
+        low, high = (self.graph.nodes[limit] for limit in (lower, upper))
+        return not (low.op == high.op == "const" and not low.payload <= high.payload)
 
 
 def _infix(op: str, left: _Text, right: _Text) -> _Text:
@@ -292,8 +410,9 @@ def _infix(op: str, left: _Text, right: _Text) -> _Text:
     level = LEVELS[sign]
     # a comparison has none beside it, a power binds to the right, all others bind to the left
     left = left.within(_ATOM if level == _POWER else level + (level == _COMPARISON))
-    # a negative right operand is put in brackets: a - (-2)
-    right = right.within(_ATOM if right.text.startswith("-") else level + (level != _POWER))
+    # a negative right operand is put in brackets: a - (-2), but a == -2
+    is_negative = right.text.startswith("-") and level > _COMPARISON
+    right = right.within(_ATOM if is_negative else level + (level != _POWER))
     depth = max(left.depth, right.depth + (level == _POWER))
     return _Text(f"{left.text} {sign} {right.text}", level, depth)
 

@@ -182,8 +182,8 @@ def integrator(block: BlockContext) -> Outputs:
     if block.is_on("WrapState"):
         raise UnsupportedError("WrapState is on, which is not supported")
     init, limits, reset = integrator_start(block), output_limits(block), external_reset(block)
-    x = block.continuous_state(init, lambda _: block.input(0), reset, limits, ported=True)
-    return with_saturation(block, limit_output(block, x))
+    # the state starts, resets and advances within its limits: its output needs no limits of its own
+    return with_saturation(block, block.continuous_state(init, lambda _: block.input(0), reset, limits, ported=True))
 
 
 def with_saturation(block: BlockContext, y: Signal) -> Outputs:

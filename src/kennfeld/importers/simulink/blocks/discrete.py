@@ -221,7 +221,8 @@ def _accumulate(
 
     # forward: y = x, x' = y + K T2 u; backward: y = x + K T1 u, x' = y;
     # trapezoidal: y = x + K T1 u / 2, x' = y + K T2 u / 2, with T1 before the sample and T2 after it
-    x = block.discrete_state(init, then, ported=True)
+    # the output of the forward rule is its state, which starts, resets and advances within the limits
+    x = block.discrete_state(limit_output(block, init) if method == "forward" else init, then, ported=True)
     # the output, not the state before the input is added, starts at the initial value
     as_output = block.is_set_to("InitialConditionSetting", "Output", "State and output")
     anew = None
@@ -230,8 +231,11 @@ def _accumulate(
         anew = first if reset is None else first | reset
     if anew is None:
         x = x if reset is None else select(reset, limit_output(block, init), x)
-    y = x if method == "forward" else x + increment(gains[0])
-    signals.append(limit_output(block, y if anew is None else select(anew, init, y)))
+    if method == "forward":
+        signals.append(x)
+    else:
+        y = x + increment(gains[0])
+        signals.append(limit_output(block, y if anew is None else select(anew, init, y)))
     return signals[0]
 
 

@@ -222,6 +222,15 @@ def declared_store(variable: Variable | None) -> dict[str, str] | None:
     return {name: text for name, text in texts.items() if text.strip() not in ("", "[]")}
 
 
+def signal_unit(variable: Variable | None) -> str:
+    """Return the unit of the signal that a Simulink.Signal describes, "" for any other value."""
+    fields = variable.value if variable is not None else None
+    if variable is None or not isinstance(fields, Mapping) or "InitialValue" not in fields:
+        return ""
+    stated = (variable.unit, fields.get("Unit"), fields.get("DocUnits"))  # older releases store it as DocUnits
+    return next((unit for unit in stated if isinstance(unit, str) and unit.strip()), "").strip()
+
+
 def _field_text(value: ParameterValue | None) -> str:
     """Return a value as a block field."""
     if isinstance(value, str):
