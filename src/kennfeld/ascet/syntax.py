@@ -282,6 +282,11 @@ class Method(Node):
     modifiers: frozenset[str] = frozenset()
     annotations: tuple[Annotation, ...] = ()
 
+    @property
+    def is_in_c(self) -> bool:
+        """True for a method that is implemented in C."""
+        return self.body is None and not self.triggers
+
     def annotation(self, name: str) -> Annotation | None:
         """Return the annotation of a name, or None."""
         return next((item for item in self.annotations if item.name == name), None)

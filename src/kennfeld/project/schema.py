@@ -117,7 +117,7 @@ class ModelEntry:
     methods: tuple[str, ...] = key(
         "the methods of the class that a step calls, in their order",
         (),
-        default_text="those of its task, or its only public method",
+        default_text="those of its task, or its public methods less those that start or reset it",
     )
     startup: tuple[str, ...] = key(
         "the methods of the class that run once before the first step", (), default_text="those of the application"

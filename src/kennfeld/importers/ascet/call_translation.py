@@ -83,7 +83,7 @@ class CallTranslation(ExpressionTranslation):
         operand = self.operand(tree.arguments[0])
         if kind.kind == "real" and isinstance(operand.tree, m.Call) and operand.tree.of == m.Name("esdl:quotient"):
             # generated code divides integers as reals if the quotient is converted at once
-            return Operand(call_of("divide", *operand.tree.arguments), kind)
+            return Operand(call_of("ratio", *operand.tree.arguments), kind)
         return Operand(self.converted(operand, kind), kind)
 
     def converted(self, operand: Operand, kind: NumberType) -> m.Expression:
@@ -104,7 +104,7 @@ class CallTranslation(ExpressionTranslation):
             known = [method.name for method in instance.declaration.methods]
             message = f"{instance.declared.name} has no method {name}"
             raise UnsupportedEsdlError(message, nearest(name, known), tree.place)
-        if method.body is None and not method.triggers:
+        if method.is_in_c:
             return self._external(instance, method, tree)
         if len(method.arguments) != len(tree.arguments):
             expected = count_noun(len(method.arguments), "argument")

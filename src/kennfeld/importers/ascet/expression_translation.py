@@ -29,6 +29,7 @@ from kennfeld.importers.ascet.resolved_types import (
 from kennfeld.importers.ascet.type_resolution import dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 from kennfeld.program import tree as m
+from kennfeld.program.traversal import calls_in
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor", "<<": "shift", ">>": "shift"}
@@ -237,8 +238,10 @@ class ExpressionTranslation:
         if operator in ("&&", "||"):
             right = self.lazily(lambda: self.operand(tree.right))
             return Operand(m.Binary(operator, left.tree, right.tree), BOOLEAN)
-        right = self.operand(tree.right)
-        place = tree.place
+        return self.combined(operator, left, self.operand(tree.right), tree.place)
+
+    def combined(self, operator: str, left: Operand, right: Operand, place: e.TextPosition) -> Operand:
+        """Return the result of an operator that evaluates both operands."""
         if operator in _COMPARISONS:
             return Operand(m.Binary(_COMPARISONS[operator], left.tree, right.tree, place=place), BOOLEAN)
         if operator in _BITS:
@@ -261,8 +264,21 @@ class ExpressionTranslation:
         return Operand(call_of(_BITS[operator], left.tree, by, sign), kind)
 
     def _between(self, operand: Operand, low: Operand, high: Operand) -> Operand:
-        above = m.Binary(">=", operand.tree, low.tree)
-        return Operand(m.Binary("&", above, m.Binary("<=", operand.tree, high.tree)), BOOLEAN)
+        # a function, as its arguments are evaluated once: the operand may be the call of a method
+        return Operand(call_of("between", operand.tree, low.tree, high.tree), BOOLEAN)
+
+    def once(self, tree: m.Expression, place: e.TextPosition) -> m.Expression:
+        """Return a tree that may be used several times: the name of a variable if the tree calls a method."""
+        if not any(name in self.code.functions for name, _ in calls_in(tree)):
+            return tree
+        # a statement before the expression would run although the condition does not hold
+        if self._lazy:
+            message = "the result of a method is used several times within a condition"
+            raise UnsupportedEsdlError(message, "Store it in a variable first.", place)
+        self._temporaries += 1
+        name = m.Name(f"%{self._temporaries}")
+        self.pending.append(m.Assign((name,), tree, place=place))
+        return name
 
     def lazily(self, translate: Callable[[], Result]) -> Result:
         """Translate an expression that is evaluated only under a condition."""
@@ -280,6 +296,7 @@ class ExpressionTranslation:
         if tree.otherwise is None:
             raise UnsupportedEsdlError("a switch expression without default", place=tree.place)
         subject = self.operand(tree.subject)
+        subject = replace(subject, tree=self.once(subject.tree, tree.place))
         result = self.lazily(partial(self.operand, tree.otherwise))
         # from the last case to the first, as each becomes the one that the conditions before it leave
         for keys, value in reversed(tree.cases):

@@ -44,11 +44,19 @@ def _single(node: int) -> Nodes:
 
 def _divide(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     """Compute a / b; a if b is 0, which is not tested for a b that depends on characteristics alone."""
+    if _varies(evaluator.builder, int(b.item())):
+        return _ratio(evaluator, a, b)
+    is_zero = evaluator.builder.value(int(b.item())) == 0
+    return a if is_zero else Elementwise(evaluator.builder)("div", a, b)
+
+
+def _ratio(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    """Compute the exact ratio of integers; a if b is 0, which quotients of integers often are."""
     builder, apply = evaluator.builder, Elementwise(evaluator.builder)
-    if builder.value(int(b.item())) == 0:
-        return a
-    ratio = apply("div", a, b)
-    return apply("select", apply("eq", b, 0.0), a, ratio) if _varies(builder, int(b.item())) else ratio
+    divisor = builder.value(int(b.item()))
+    if divisor is not None:
+        return a if divisor == 0 else apply("div", a, b)
+    return apply("select", apply("eq", b, 0.0), a, apply("div", a, b))
 
 
 def _varies(builder: GraphBuilder, node: int) -> bool:
@@ -64,14 +72,22 @@ def _varies(builder: GraphBuilder, node: int) -> bool:
 
 
 def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
-    return truncate(evaluator.builder, _divide(evaluator, a, b))
+    return truncate(evaluator.builder, _ratio(evaluator, a, b))
 
 
 def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     """Compute the remainder with the sign of a; 0 if b is 0."""
-    apply = Elementwise(evaluator.builder)
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    divisor = builder.value(int(b.item()))
+    if divisor == 0:
+        return _single(builder.const(0.0))
     rest = apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
-    return apply("select", apply("eq", b, 0.0), 0.0, rest) if evaluator.builder.value(int(b.item())) is None else rest
+    return rest if divisor is not None else apply("select", apply("eq", b, 0.0), 0.0, rest)
+
+
+def _between(evaluator: SymbolicEvaluator, x: Nodes, low: Nodes, high: Nodes) -> Nodes:
+    apply = Elementwise(evaluator.builder)
+    return apply("and", apply("ge", x, low), apply("le", x, high))
 
 
 def _limit(evaluator: SymbolicEvaluator, x: Nodes, low: Nodes, high: Nodes) -> Nodes:
@@ -153,8 +169,10 @@ _BITS: Final = (
 )
 _INTERNAL: Final = (
     RuleFunction("divide", 2, _divide),
+    RuleFunction("ratio", 2, _ratio),
     RuleFunction("quotient", 2, _quotient),
     RuleFunction("remainder", 2, _remainder),
+    RuleFunction("between", 3, _between),
     RuleFunction("limit", 3, _limit),
     RuleFunction("index", 3, _index),
     RuleFunction("fill", 1, _fill),

@@ -42,8 +42,8 @@ def esdl(
             of components or an `.amd` file of one, whose other files are beside it.
         class_name: name of the class or module; needed if the file has several.
         methods: methods of the class that a step calls, in their order; by default those that the task of an
-            application beside the file calls, or its only public method. Those of several components of an archive
-            are named `Component.method`.
+            application beside the file calls, or its public methods less those that start or reset it. Those of several
+            components of an archive are named `Component.method`.
         startup: methods that run once before the first step; by default those of the application.
         task: name of the task, or several names, or `*` for all periodic tasks; needed if the application has several
             that call methods. Each of several tasks runs at its own period and with its own time difference; messages

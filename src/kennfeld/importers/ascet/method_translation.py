@@ -1,6 +1,7 @@
 """Translation of ESDL methods to functions of the shared syntax tree."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Final
 
@@ -67,7 +68,7 @@ class MethodTranslation(CallTranslation):
         return MethodCode(self.name, definition, scope, self._result, outputs, self._is_complete)
 
     def _body(self) -> m.Statements:
-        if not self.method.triggers and self.method.body is None:
+        if self.method.is_in_c:
             message = f"{self._path()} is implemented in C, which is not supported"
             raise UnsupportedEsdlError(message, place=self.method.place)
         if not self.method.triggers:
@@ -279,9 +280,12 @@ class MethodTranslation(CallTranslation):
         if target.is_fixed:
             message = f"{target.leaf()} is a constant or characteristic; it cannot be assigned"
             raise UnsupportedEsdlError(message, place=statement.target.place)
-        value: e.Expression = statement.value
+        value = statement.value
         if statement.operator:
-            value = e.Binary(statement.operator, statement.target, statement.value, place=statement.place)
+            # v[next()] += 1 calls next() once: it is read and assigned at one index
+            target = replace(target, indices=tuple(self.once(index, statement.place) for index in target.indices))
+            left, right = self.read(target, statement.target), self.operand(value)
+            return self.assign(target, self.combined(statement.operator, left, right, statement.place), value)
         return self.assign(target, self.value(value), value)
 
     def assign(self, target: Place, value: Operand | Place | e.Braces, tree: e.Expression) -> m.Statements:
