@@ -98,6 +98,14 @@ class TypeName(Node):
 
 
 @dataclass(frozen=True)
+class Cast(LanguageExpression):
+    """`(type) operand` of C."""
+
+    type: "TypeExpression"
+    operand: "Expression"
+
+
+@dataclass(frozen=True)
 class ScalarType(Node):
     """`real`, `integer` or `boolean`, or a type derived from a named one; `range` and `delta` as written."""
 
@@ -338,7 +346,10 @@ class StateMachine(Node):
 
 @dataclass(frozen=True)
 class ClassDeclaration(Node):
-    """A class with its members; `reads` and `writes` are the messages it names."""
+    """A class with its members.
+
+    `reads` and `writes` are the messages that it names, and `implementation` the representation that it uses.
+    """
 
     name: str
     elements: tuple[Element, ...] = ()
@@ -349,6 +360,7 @@ class ClassDeclaration(Node):
     writes: tuple[str, ...] = ()
     modifiers: frozenset[str] = frozenset()
     annotations: tuple[Annotation, ...] = ()
+    implementation: str = ""
 
 
 @dataclass(frozen=True)

@@ -170,6 +170,14 @@ def test_a_switch_runs_one_case(tmp_path):
     assert outputs(tmp_path, text, {"mode": [0, 4, 5, 7], "x": [9.0] * 4})["calc"].tolist() == [1.0, 9.0, 9.0, -1.0]
 
 
+def test_a_break_in_the_block_of_a_case_ends_the_case_and_not_the_loop_around_it(tmp_path):
+    case = "switch (i) { case 1 : { y = y + x; break; } default : y = y + 10.0; }"
+    text = method(f"real y = 0.0; for (i in 0 .. 3) {{ {case} }} return y;")
+    assert outputs(tmp_path, text, {"x": [1.0]})["calc"].tolist() == [31.0]
+    with pytest.raises(InputError, match="a break that does not end its case"):
+        class_model(tmp_path, text.replace("break;", "if (x > 0.0) { break; } y = 1.0;"))
+
+
 def test_a_return_within_a_branch_ends_the_method(tmp_path):
     text = method(
         "if (x > 1.0) { return 1.0; } if (x < 0.0) { n = n + 1.0; return n; } return x;", members="real n = 10.0;"

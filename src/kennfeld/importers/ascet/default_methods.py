@@ -8,6 +8,7 @@ from kennfeld.ascet import syntax as e
 from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.ascet.c_methods import is_calculated
 from kennfeld.importers.ascet.instances import ClassInstance
 from kennfeld.importers.ascet.type_resolution import dotted
 from kennfeld.program.traversal import expressions_in
@@ -29,7 +30,7 @@ class DefaultMethods:
 def default_methods(instance: ClassInstance) -> DefaultMethods:
     """Return the methods of a class that a step calls, in the order of their declaration.
 
-    They are its public methods, or its processes if it has any, less those that start or reset it, those in C, and
+    They are its public methods, or its processes if it has any, less those that start or reset it, those in C without code, and
     those that another one of them calls. A method without side effects stays in: a second call only shows its result.
 
     Raises:
@@ -48,7 +49,7 @@ def default_methods(instance: ClassInstance) -> DefaultMethods:
         raise InputError.of(location, "the class has no public method", "Name the methods of a step.")
     candidates = threads or methods
     # if all are in C, each is reported with its place
-    written = [method for method in candidates if not method.is_in_c] or candidates
+    written = [method for method in candidates if is_calculated(instance, method)] or candidates
     regular = [method for method in written if not starts(method.name)]
     if not regular:
         remedy = f"Name those of a step in their order, of {join_names([each.name for each in methods], _MAX_NAMES)}."

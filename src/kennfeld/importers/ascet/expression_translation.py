@@ -44,8 +44,11 @@ def call_of(name: str, *arguments: m.Expression) -> m.Call:
 class ExpressionTranslation:
     """Translates expressions of the methods of an instance.
 
-    `pending` are statements that must run before the one that contains the expression.
+    `pending` are statements that must run before the one that contains the expression. In code of C, integers that a
+    type cannot hold wrap around (`wraps`).
     """
+
+    wraps = False
 
     def __init__(self, code: ProgramCode, instance: ClassInstance) -> None:
         self.code, self.program = code, code.program
@@ -115,6 +118,8 @@ class ExpressionTranslation:
                 return self._conditional(self.operand(condition), yes, no)
             case e.Choice():
                 return self._choice(tree)
+            case e.Cast(kind, operand):
+                return self._cast(kind, self.operand(operand), tree)
         raise UnsupportedEsdlError("this expression is not supported", place=tree.place)
 
     def named(self, tree: e.Expression) -> Named:
@@ -221,6 +226,9 @@ class ExpressionTranslation:
             case "!":
                 return Operand(m.Unary("~", operand.tree), BOOLEAN)
         self._require_whole(operand)
+        if self.wraps and not _is_unsigned(operand.type):
+            # C promotes smaller types to int before: ~(uint8) 1 is -2
+            return Operand(m.Binary("-", m.Unary("-", operand.tree), m.Number(1.0)), INTEGER)
         if operand.type.low >= 0:
             # ~x = mask - x, with as many bits as the largest number of the type needs
             mask = 2.0 ** max(1, int(operand.type.high).bit_length()) - 1.0
@@ -229,7 +237,8 @@ class ExpressionTranslation:
         return Operand(m.Binary("-", m.Unary("-", operand.tree), m.Number(1.0)), INTEGER)
 
     def _require_whole(self, *operands: Operand) -> None:
-        if not all(operand.type.kind in ("integer", "enumeration") for operand in operands):
+        kinds = ("integer", "enumeration", "boolean") if self.wraps else ("integer", "enumeration")
+        if not all(operand.type.kind in kinds for operand in operands):
             raise UnsupportedEsdlError("bit operators require integers")
 
     def _binary(self, tree: e.Binary) -> Operand:
@@ -247,6 +256,9 @@ class ExpressionTranslation:
         if operator in _BITS:
             return self._bits(operator, left, right)
         kind = arithmetic_type(left.type, right.type)
+        if kind.kind == "boolean":
+            # C counts truth values
+            kind = NumberType("integer")
         if operator == "/":
             return Operand(call_of("quotient" if kind.is_whole else "divide", left.tree, right.tree), kind)
         if operator == "%":
@@ -259,7 +271,10 @@ class ExpressionTranslation:
         self._require_whole(left, right)
         # one function shifts both ways: to the right by a negative number of bits
         by = m.Unary("-", right.tree) if operator == ">>" else right.tree
-        sign = m.Number(float(left.type.low < 0 or right.type.low < 0))
+        is_signed = left.type.low < 0 or right.type.low < 0
+        if self.wraps:
+            is_signed = not (_is_unsigned(left.type) or (_is_unsigned(right.type) and operator in "&|^"))
+        sign = m.Number(float(is_signed))
         kind = INTEGER if sign.value else NumberType("integer", 0.0, 2.0**32 - 1)
         return Operand(call_of(_BITS[operator], left.tree, by, sign), kind)
 
@@ -324,7 +339,17 @@ class ExpressionTranslation:
             return Operand(m.Number(float(labels[key.name])), subject.type)
         return self.operand(key)
 
-    # calls, in `call_translation`
+    def _cast(self, kind: e.TypeExpression, operand: Operand, tree: e.Expression) -> Operand:
+        own = self.program.types.resolve(kind, self.instance.scope)
+        if not isinstance(own, NumberType):
+            raise UnsupportedEsdlError(f"a conversion to {describe_type(own)}", place=tree.place)
+        return Operand(self.converted(operand, own), own)
+
+    # calls and conversions, in `call_translation`
+
+    def converted(self, operand: Operand, kind: NumberType) -> m.Expression:
+        """Return a number converted to a type."""
+        raise NotImplementedError
 
     def _call(self, tree: e.Call) -> Operand | Place:
         result = self.call(tree)
@@ -348,6 +373,11 @@ def arithmetic_type(left: NumberType, right: NumberType) -> NumberType:
         return BOOLEAN
     is_real = "real" in (left.kind, right.kind)
     return REAL if is_real else NumberType("integer")
+
+
+def _is_unsigned(kind: NumberType) -> bool:
+    """Return True for a number that C keeps in an unsigned word, as it does not fit into a signed one."""
+    return kind.low >= 0.0 and kind.high > INTEGER.high
 
 
 def _literal(value: float) -> NumberType:

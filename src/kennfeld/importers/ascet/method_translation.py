@@ -6,6 +6,7 @@ from itertools import product
 from typing import Final
 
 from kennfeld.ascet import syntax as e
+from kennfeld.importers.ascet.c_methods import c_body, c_file, known_rule
 from kennfeld.importers.ascet.call_translation import CallTranslation
 from kennfeld.importers.ascet.expression_translation import call_of
 from kennfeld.importers.ascet.instances import ClassInstance, state_label
@@ -69,8 +70,7 @@ class MethodTranslation(CallTranslation):
 
     def _body(self) -> m.Statements:
         if self.method.is_in_c:
-            message = f"{self._path()} is implemented in C, which is not supported"
-            raise UnsupportedEsdlError(message, place=self.method.place)
+            return self._body_in_c()
         if not self.method.triggers:
             return self.statements(self.method.body or (), is_last=True)
         machine = self.instance.machine(self.method.triggers)
@@ -81,6 +81,20 @@ class MethodTranslation(CallTranslation):
         variable = self.program.variables[state_label(self.instance, machine)]
         self.names.locals[0][STATE] = Place(variable.label, variable.type)
         return self.statements(machine_statements(machine, numbers, self.method.name))
+
+    def _body_in_c(self) -> m.Statements:
+        rule = known_rule(self.instance, self.method)
+        if rule is not None:
+            names = (e.Name(argument.name, place=argument.place) for argument in self.method.arguments)
+            called = e.Call(e.Name(self.method.name), tuple(names), place=self.method.place)
+            return self.statements((e.Return(called, place=self.method.place),), is_last=True)
+        path, body = c_file(self.instance, self.method), c_body(self.instance, self.method)
+        if path is None or body is None:
+            message = f"{self._path()} is implemented in C, which is not supported"
+            raise UnsupportedEsdlError(message, place=self.method.place)
+        self.wraps = True
+        self.code.files.setdefault(path)
+        return self.statements(body, is_last=True)
 
     # statements
 
@@ -385,8 +399,32 @@ def _sizes(dimensions: Sequence[Dimension]) -> list[int | None]:
 
 
 def _without_break(body: e.Statements) -> e.Statements:
-    """Return the statements of a case without the `break` that ends it."""
-    return body[:-1] if body and isinstance(body[-1], e.Jump) and body[-1].kind == "break" else body
+    """Return the statements of a case without the `break` that ends it, perhaps within a block."""
+    if body and isinstance(body[-1], e.Jump) and body[-1].kind == "break":
+        body = body[:-1]
+    elif body and isinstance(body[-1], e.Block):
+        body = (*body[:-1], replace(body[-1], statements=_without_break(body[-1].statements)))
+    if (place := _break_in(body)) is not None:
+        # it ends the case, which no statement of the graph does; it would end a loop around the switch
+        message = "a break that does not end its case is not supported"
+        raise UnsupportedEsdlError(message, "Put the other statements of the case under a condition.", place)
+    return body
+
+
+def _break_in(body: e.Statements) -> e.TextPosition | None:
+    """Return the place of a `break` that is not one of a loop or a switch within the statements."""
+    for statement in body:
+        place: e.TextPosition | None = None
+        match statement:
+            case e.Jump("break"):
+                place = statement.place
+            case e.If(_, inner, otherwise):
+                place = _break_in((*inner, *otherwise))
+            case e.Block(inner):
+                place = _break_in(inner)
+        if place is not None:
+            return place
+    return None
 
 
 def _leaves_pass(statements: m.Statements) -> bool:

@@ -113,7 +113,7 @@ class EsdlModelImport:
             selection.step,
             tasks=_task_summaries(selection),
             missing=tuple(sorted({name for p in selection.processes for name in p.instance.scope.tree.missing})),
-            sources=self.program.sources(),
+            sources=(*self.program.sources(), *self.code.files),
             findings=tuple(dict.fromkeys(self.findings)),
             remarks=self._remarks(),
         )
@@ -122,6 +122,7 @@ class EsdlModelImport:
         sentences = [
             _TYPES_NOTE,
             *(f"{text} depends on characteristics, which are constant there" for text in self.frozen),
+            *(f"{label} is in C and returns nothing: its calls are skipped" for label in self.code.skipped),
         ]
         own = tuple(Finding(Location(), text, severity="remark") for text in sentences)
         others = () if self.findings else (replace(f, severity="warning") for f in self.program.findings)
