@@ -30,8 +30,9 @@ class DefaultMethods:
 def default_methods(instance: ClassInstance) -> DefaultMethods:
     """Return the methods of a class that a step calls, in the order of their declaration.
 
-    They are its public methods, or its processes if it has any, less those that start or reset it, those in C without code, and
-    those that another one of them calls. A method without side effects stays in: a second call only shows its result.
+    They are its public methods, or its processes if it has any, less those that start or reset it, those in C that
+    cannot be translated, and those that another one of them calls. A method without side effects stays in: a second
+    call only shows its result.
 
     Raises:
         InputError: no method is left.
