@@ -107,13 +107,17 @@ class Cast(LanguageExpression):
 
 @dataclass(frozen=True)
 class ScalarType(Node):
-    """`real`, `integer` or `boolean`, or a type derived from a named one; `range` and `delta` as written."""
+    """`real`, `integer` or `boolean`, or a type derived from a named one; `range` and `delta` as written.
+
+    `is_limited` says whether generated code limits assignments to the range; None if it follows from `delta`.
+    """
 
     base: str
     range: Range | None = None
     delta: Expression | None = None
     using: str = ""
     unit: str = ""
+    is_limited: bool | None = None
 
 
 @dataclass(frozen=True)

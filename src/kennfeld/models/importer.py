@@ -32,6 +32,7 @@ class ImportOptions:
         methods: methods that a step calls, in their order.
         startup: methods that run once before the first step.
         task: tasks of an application.
+        limit_assignments: whether real numbers are limited to the ranges of their types; None as generated code.
     """
 
     step: float | None = None
@@ -43,13 +44,19 @@ class ImportOptions:
     methods: tuple[str, ...] = ()
     startup: tuple[str, ...] = ()
     task: tuple[str, ...] = ()
+    limit_assignments: bool | None = None
 
     def chosen(self, keys: Collection[str]) -> bool:
         """Return whether a key is set of those that an importer takes, or the step."""
-        return any(getattr(self, part.name) for part in fields(self) if part.name in (*keys, "step"))
+        return any(is_chosen(getattr(self, part.name)) for part in fields(self) if part.name in (*keys, "step"))
 
 
 NO_OPTIONS = ImportOptions()
+
+
+def is_chosen(value: object) -> bool:
+    """Return True for the value of a key that is set: `false` is a choice, too."""
+    return value is False or bool(value)
 
 
 @dataclass(frozen=True)

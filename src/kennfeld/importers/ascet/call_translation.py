@@ -1,5 +1,6 @@
 """Translation of calls: methods, functions, conversions, and the intrinsic methods of tables, arrays and states."""
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -91,12 +92,14 @@ class CallTranslation(ExpressionTranslation):
     def converted(self, operand: Operand, kind: NumberType) -> m.Expression:
         """Return a number converted to a type: integers are cut off towards 0 and limited to the range of the type.
 
-        In C they keep the lowest bits of the type instead.
+        In C they keep the lowest bits of the type instead. Reals are limited if generated code limits them.
         """
         tree = operand.tree
         if self.wraps and kind.kind == "boolean" and operand.type.kind != "boolean":
             # C takes any other number than 0 as true
             return m.Binary("~=", tree, m.Number(0.0))
+        if kind.is_limited and not self.wraps and not (kind.low <= operand.type.low and operand.type.high <= kind.high):
+            return _within(tree, kind)
         if not kind.is_whole or operand.type.kind == "boolean":
             return tree
         if operand.type.kind == "real":
@@ -305,3 +308,14 @@ def _wrapped(tree: m.Expression, kind: NumberType) -> m.Expression:
     size = kind.high - kind.low + 1.0
     is_word = size in (2.0**8, 2.0**16, 2.0**32) and kind.low in (0.0, -size / 2)
     return call_of("wrap", tree, m.Number(kind.low), m.Number(size)) if is_word else tree
+
+
+def _within(tree: m.Expression, kind: NumberType) -> m.Expression:
+    """Return a real number limited to the ends of a range that are finite."""
+    if math.isfinite(kind.low) and math.isfinite(kind.high):
+        return call_of("limit", tree, m.Number(kind.low), m.Number(kind.high))
+    return (
+        call_of("max", tree, m.Number(kind.low))
+        if math.isfinite(kind.low)
+        else call_of("min", tree, m.Number(kind.high))
+    )

@@ -1,5 +1,6 @@
 """Translation of ESDL expressions to the shared syntax tree, with their types."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
@@ -240,6 +241,9 @@ class ExpressionTranslation:
         kinds = ("integer", "enumeration", "boolean") if self.wraps else ("integer", "enumeration")
         if not all(operand.type.kind in kinds for operand in operands):
             raise UnsupportedEsdlError("bit operators require integers")
+        # results of arithmetic have an unlimited range, and are those of 32 bits
+        if any(INTEGER.high * 2.0 + 1.0 < operand.type.high < math.inf for operand in operands):
+            raise UnsupportedEsdlError("bit operators of integers of more than 32 bits")
 
     def _binary(self, tree: e.Binary) -> Operand:
         operator = tree.operator
@@ -259,6 +263,7 @@ class ExpressionTranslation:
         if kind.kind == "boolean":
             # C counts truth values
             kind = NumberType("integer")
+        self.code.has_integer_arithmetic |= kind.is_whole
         if operator == "/":
             return Operand(call_of("quotient" if kind.is_whole else "divide", left.tree, right.tree), kind)
         if operator == "%":

@@ -34,6 +34,7 @@ def esdl(
     parameters: ParameterSet | None = None,
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    limit_assignments: bool | None = None,
 ) -> Model:
     """Import a class, or tasks of an application, of an ASCET project.
 
@@ -52,6 +53,9 @@ def esdl(
             `SOCClasses.SOC.accu.temp_curve`, keep that name.
         folders: folders with further projects, such as that of the SystemLib; those beside the project are searched.
         step: time step in s; by default the period of the task, or the longest that hits the periods of several.
+        limit_assignments: whether real numbers are limited to the ranges of their types when they are assigned, as
+            integers always are; by default where generated code does, that is for types with a resolution (`delta`),
+            and for elements of ASCET 5 and 6 whose implementation limits assignments.
 
     Returns:
         The model. Its inputs are the arguments of the methods and the messages that no method writes.
@@ -63,7 +67,7 @@ def esdl(
     >>> model.graph.inputs, model.graph.parameters["leak"]
     (('current', 'ambient'), 2)
     """
-    arguments = (class_name, methods, startup, task, parameters, folders, step)
+    arguments = (class_name, methods, startup, task, parameters, folders, step, limit_assignments)
     return _import(path, *arguments).require_model()
 
 
@@ -77,6 +81,7 @@ def import_esdl(
     parameters: ParameterSet | None = None,
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    limit_assignments: bool | None = None,
 ) -> EsdlImport:
     """Import a class or a task and report on it; the model is None if a part of it is not supported.
 
@@ -92,7 +97,7 @@ def import_esdl(
     >>> result.model is not None, result.report.classes
     (True, ('Cell.Plant',))
     """
-    return _import(path, class_name, methods, startup, task, parameters, folders, step)
+    return _import(path, class_name, methods, startup, task, parameters, folders, step, limit_assignments)
 
 
 def import_requested(request: ImportRequest) -> EsdlImport:
@@ -107,6 +112,7 @@ def import_requested(request: ImportRequest) -> EsdlImport:
         parameters=request.initial,
         folders=options.folders,
         step=options.step,
+        limit_assignments=options.limit_assignments,
     )
 
 
@@ -124,11 +130,13 @@ def _import(
     parameters: ParameterSet | None,
     folders: Iterable[str | Path],
     step: float | None,
+    limit_assignments: bool | None,
 ) -> EsdlImport:
     if step is not None and not 0 < step < float("inf"):
         raise ArgumentError(f"step must be a finite time in s > 0, got {step!r}")
     file = Path(path)
-    chooser = ComponentMethodChooser(file, [Path(folder) for folder in folders], TaskChoice.of(task), step)
+    others = [Path(folder) for folder in folders]
+    chooser = ComponentMethodChooser(file, others, TaskChoice.of(task), step, limit_assignments)
     try:
         if file.suffix.lower() == APPLICATION:
             choices = {"class": class_name, "methods": tuple(methods), "startup": tuple(startup or ())}

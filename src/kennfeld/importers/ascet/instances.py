@@ -117,10 +117,10 @@ class ClassInstance:
 
 
 class Program:
-    """All instances of a program with their variables, built when first needed."""
+    """All instances of a program with their variables, built when first needed; `limits` as for `TypeResolver`."""
 
-    def __init__(self) -> None:
-        self.types = TypeResolver()
+    def __init__(self, limits: bool | None = None) -> None:
+        self.types = TypeResolver(limits)
         self.variables: dict[str, ProgramVariable] = {}
         self.tables: dict[str, TableElement] = {}
         self.axes: dict[str, GroupAxis] = {}

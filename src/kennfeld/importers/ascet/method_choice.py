@@ -31,11 +31,14 @@ class MethodChooser:
         folders: folders with further projects.
         tasks: the tasks.
         step: the step in s, None for that of the tasks.
+        limits: whether reals are limited to the ranges of their types when they are assigned; None as generated code.
     """
 
-    def __init__(self, path: Path, folders: list[Path], tasks: TaskChoice, step: float | None) -> None:
+    def __init__(
+        self, path: Path, folders: list[Path], tasks: TaskChoice, step: float | None, limits: bool | None = None
+    ) -> None:
         self.path, self.folders, self.tasks, self.step = path, folders, tasks, step
-        self.program = Program()
+        self.program = Program(limits)
 
     # classes
 

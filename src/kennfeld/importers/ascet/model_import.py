@@ -14,6 +14,7 @@ from kennfeld.graph import GraphBuilder
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
 from kennfeld.importers.ascet.display_names import DisplayNames
 from kennfeld.importers.ascet.functions import library
+from kennfeld.importers.ascet.import_remarks import import_remarks
 from kennfeld.importers.ascet.import_report import EsdlImport, EsdlReport, TaskSummary
 from kennfeld.importers.ascet.instances import Program, ProgramVariable
 from kennfeld.importers.ascet.method_selection import MethodSelection, Process, ScheduledTask
@@ -34,9 +35,6 @@ from kennfeld.models.quantities import Quantity, calibratable
 from kennfeld.models.sample_times import sample_hit
 from kennfeld.program import tree as m
 
-_TYPES_NOTE: Final = (
-    "real numbers are calculated in double precision: representations, and ranges of reals, are ignored"
-)
 _MAX_SHOWN: Final = 200  # elements of an array that become nodes
 
 
@@ -119,11 +117,7 @@ class EsdlModelImport:
         )
 
     def _remarks(self) -> tuple[Finding, ...]:
-        sentences = [
-            _TYPES_NOTE,
-            *(f"{text} depends on characteristics, which are constant there" for text in self.frozen),
-            *(f"{label} is in C and returns nothing: its calls are skipped" for label in self.code.skipped),
-        ]
+        sentences = import_remarks(self.program, self.code, self.frozen)
         own = tuple(Finding(Location(), text, severity="remark") for text in sentences)
         others = () if self.findings else (replace(f, severity="warning") for f in self.program.findings)
         return (*self.selection.remarks, *own, *others)

@@ -95,6 +95,7 @@ class ProgramCode:
         read: labels of all variables that a method uses.
         skipped: labels of methods in C whose calls are left out.
         files: files with code in C.
+        has_integer_arithmetic: True if a method adds, subtracts or multiplies integers.
     """
 
     program: Program
@@ -106,6 +107,7 @@ class ProgramCode:
     read: set[str] = field(default_factory=set)
     skipped: dict[str, None] = field(default_factory=dict)
     files: dict[Path, None] = field(default_factory=dict)
+    has_integer_arithmetic: bool = False
     _open: list[str] = field(default_factory=list)
 
     def method(self, instance: ClassInstance, method: e.Method, arguments: Sequence[Type | None] = ()) -> MethodCode:
