@@ -24,7 +24,7 @@ from kennfeld.importers.ascet.resolved_types import (
     leaves_of,
     with_sizes,
 )
-from kennfeld.importers.ascet.state_machines import start_leaf, state_numbers
+from kennfeld.importers.ascet.state_machines import histories, start_leaf, state_numbers
 from kennfeld.importers.ascet.type_resolution import TypeResolver, dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
 
@@ -278,6 +278,10 @@ class Program:
         place = instance.scope.location(machine.place, machine.name)
         kind = NumberType("enumeration", 0.0, float(max(numbers.values(), default=0)))
         self.variables[label] = ProgramVariable(label, kind, "variable", np.array(float(first)), place)
+        for state, start in histories(machine).items():
+            own = history_label(instance, machine, state)
+            number = np.array(float(numbers.get(start, 0)))
+            self.variables[own] = ProgramVariable(own, kind, "variable", number, place)
 
     # interfaces and constants
 
@@ -350,6 +354,11 @@ def state_label(instance: ClassInstance, machine: e.StateMachine) -> str:
     """Return the label of the variable that holds the state of a state machine."""
     alone = len(instance.declaration.machines) == 1
     return f"{instance.label}.sm" if alone else f"{instance.label}.{machine.name}.sm"
+
+
+def history_label(instance: ClassInstance, machine: e.StateMachine, state: str) -> str:
+    """Return the label of the variable that holds the inner state in which a state was left."""
+    return f"{state_label(instance, machine)}.{state}"
 
 
 def _sized(kind: Type, leaves: Leaves) -> Type:

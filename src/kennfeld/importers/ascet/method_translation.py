@@ -9,7 +9,7 @@ from kennfeld.ascet import syntax as e
 from kennfeld.importers.ascet.c_methods import c_body, c_file, known_rule
 from kennfeld.importers.ascet.call_translation import CallTranslation
 from kennfeld.importers.ascet.expression_translation import call_of
-from kennfeld.importers.ascet.instances import ClassInstance, state_label
+from kennfeld.importers.ascet.instances import ClassInstance, history_label, state_label
 from kennfeld.importers.ascet.name_resolution import EnumerationName
 from kennfeld.importers.ascet.program_code import RESULT, MethodCode, Operand, Place, ProgramCode, leaf_names
 from kennfeld.importers.ascet.resolved_types import (
@@ -24,7 +24,7 @@ from kennfeld.importers.ascet.resolved_types import (
     leaves_of,
     with_sizes,
 )
-from kennfeld.importers.ascet.state_machines import STATE, machine_statements, state_numbers
+from kennfeld.importers.ascet.state_machines import STATE, histories, history_name, machine_statements, state_numbers
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 from kennfeld.program import tree as m
 
@@ -80,6 +80,9 @@ class MethodTranslation(CallTranslation):
         numbers = state_numbers(self.program.types, self.instance.scope, machine)
         variable = self.program.variables[state_label(self.instance, machine)]
         self.names.locals[0][STATE] = Place(variable.label, variable.type)
+        for state in histories(machine):
+            label = history_label(self.instance, machine, state)
+            self.names.locals[0][history_name(state)] = Place(label, variable.type)
         return self.statements(machine_statements(machine, numbers, self.method.name))
 
     def _body_in_c(self) -> m.Statements:
