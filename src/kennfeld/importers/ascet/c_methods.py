@@ -43,6 +43,7 @@ def c_body(instance: ClassInstance, method: e.Method) -> e.Statements | None:
     path = c_file(instance, method)
     if path is None:
         return None
+    # parsed anew at each question: a class has few of them, and they are short
     body = parse_c_body(read_source(path), path.name)
     if isinstance(body, Finding):
         message = f"{instance.declared.name}.{method.name} is implemented in C, which is not supported: {body.message}"
@@ -64,6 +65,7 @@ def is_calculated(instance: ClassInstance, method: e.Method) -> bool:
 def changes_nothing(instance: ClassInstance, method: e.Method) -> bool:
     """Return True for a method that returns nothing and has no variable of ESDL to change, such as one of Assert."""
     declaration = instance.declaration
+    # a variable of the class, an argument or a message could be changed; drivers and assertions have none
     return (
         method.result is None
         and all(argument.direction == "in" for argument in method.arguments)

@@ -38,6 +38,7 @@ class ComponentMethodChooser(MethodChooser):
             raise InputError.of(location, message, "Name the methods of a step.")
         tree = open_components(self.path)
         self.warnings = tree.findings
+        # a module has one process for each task; a step of the engine needs those of several modules
         if not name and any("." in method for method in methods):
             processes, remarks = self._of_components(tree, methods), tuple[Finding, ...]()
             first = self._of_components(tree, startup)

@@ -131,6 +131,7 @@ class ExpressionTranslation:
             case e.Name():
                 return self.names.name(tree)
             case e.Field(of, _):
+                # from the outside in: `a.b[i].c` may begin with a package, an interface or an instance
                 around = self.named(of)
                 return self.names.member(around, tree)
             case e.Index(of, index):
@@ -248,6 +249,7 @@ class ExpressionTranslation:
     def _binary(self, tree: e.Binary) -> Operand:
         operator = tree.operator
         left = self.operand(tree.left)
+        # the right operand may call a method, which must not run if the left one decides
         if operator in ("&&", "||"):
             right = self.lazily(lambda: self.operand(tree.right))
             return Operand(m.Binary(operator, left.tree, right.tree), BOOLEAN)

@@ -35,6 +35,7 @@ class TableLookup:
         if not isinstance(label, str) or label not in self.names:
             raise ProgramError("the table is not known")
         nodes = [int(s.as_array(s.force(value)).item()) for value in coordinates]
+        # the table itself is lowered later, so that its breakpoints and values can be fitted
         return (_single(evaluator.builder.lookup(self.names[label], *nodes)),)
 
 
@@ -81,6 +82,7 @@ def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     divisor = builder.value(int(b.item()))
     if divisor == 0:
         return _single(builder.const(0.0))
+    # a - b * (a / b) with the quotient cut off towards 0 has the sign of a, as in C
     rest = apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
     return rest if divisor is not None else apply("select", apply("eq", b, 0.0), 0.0, rest)
 
@@ -143,6 +145,7 @@ def _bit_of(operator: str) -> Rule:
 
     def rule(evaluator: SymbolicEvaluator, x: Nodes, position: Nodes, *value: Nodes) -> Nodes:
         apply = Elementwise(evaluator.builder)
+        # arithmetic instead of words: the position is a signal, and the number may have any size
         weight = apply("pow", 2.0, position)
         # bit = floor(x / 2^position) mod 2; x + 2^position (new - old) replaces it
         old = apply("mod", apply("floor", apply("div", x, weight)), 2.0)

@@ -24,6 +24,7 @@ def import_remarks(program: Program, code: ProgramCode, frozen: Iterable[str]) -
     if code.has_integer_arithmetic:
         yield _INTEGERS
     used = [program.variables[label] for label in sorted(code.assigned | code.read) if label in program.variables]
+    # above 2^53 every second integer is missing, so that a counter would stop
     wide = [item.label for item in used if item.type.is_whole and max(-item.type.low, item.type.high) > _EXACT]
     if wide:
         yield f"integers of 64 bits are exact up to 2^53: {join_names(wide, _MAX_NAMES)}"

@@ -150,6 +150,7 @@ def _import(
     except UnsupportedEsdlError as error:
         line, name = (error.place.line, error.place.file) if error.place is not None else (0, "")
         raise InputError.of(Location(name or file.name, line), error.message, error.remedy) from None
+    # each part has a limit of its depth, but expressions in methods of instances within instances add up
     except RecursionError:
         raise InputError.of(Location(file.name), "the program is nested too deeply", "Split its expressions.") from None
     result = _with_remarks(result, chooser.findings)
@@ -180,6 +181,7 @@ def _origin(path: Path, classes: tuple[str, ...]) -> object | None:
     if holds_components(path):
         data = path if is_archive(path) else path.with_name(component_stem(path.name) + DATA)
         return AmdReference(data, classes[0] if len(classes) == 1 else "")
+    # the text of the class itself: only its numbers are replaced when values are written
     return read_esdl(CalibrationSource(path.name, path.read_bytes(), path)).parameters.origin
 
 

@@ -178,8 +178,10 @@ class Program:
             instance.parts[element.name] = self._part(label, kind.declared, value, depth)
             return
         storage: Storage = _STORAGE.get(element.kind, "variable")
+        # no state: the time difference follows from the samples
         if element.has("dT"):
             storage = "step"
+        # a dependent parameter has no number of its own
         if element.formula is None:
             kind = self._store(instance, Holder(label, kind, storage, element, instance.scope), value)
         instance.holders[element.name] = Holder(label, kind, storage, element, instance.scope)
@@ -189,6 +191,7 @@ class Program:
         # one instance for all that name the class
         if declared.declaration.modifiers & {"singleton", "static"}:
             return self.instance(declared)
+        # variables of its own for each element of the class, which methods are inlined for
         part = ClassInstance(label, declared)
         self._fill(part, _initializer_values(declared.declaration, value), depth + 1)
         return part
@@ -201,6 +204,7 @@ class Program:
         match holder.type:
             case ResolvedTable():
                 shared = self._shared_axes(instance, holder)
+                # a group table states values alone: its breakpoints are those of the axes it shares
                 points = tuple(self.axes[label].breakpoints for label in shared) if shared else None
                 values = reader.table(holder.type, value, points)
                 is_constant = holder.storage != "characteristic"
@@ -229,6 +233,7 @@ class Program:
         if breakpoints.ndim != 1 or np.any(np.diff(breakpoints) <= 0):
             raise UnsupportedEsdlError("the breakpoints of an axis do not increase")
         self.axes[holder.label] = GroupAxis(holder.label, holder.type, breakpoints, place)
+        # before any search(), interpolate() takes the first breakpoint
         label, first = searched_label(holder.label), np.array(float(breakpoints[0]))
         self.variables[label] = ProgramVariable(label, holder.type.element, "variable", first, place)
 

@@ -48,6 +48,7 @@ class MethodChooser:
         scope = tree.scope(self.path)
         if self.path in tree.broken:
             raise InputError(tree.broken[self.path])
+        # the file alone tells how deep its package lies, and only then can others be found
         tree.root = root_of(self.path, scope.file.package)
         declared = self._class(scope.file, name, [Declared(item, scope) for item in scope.file.declarations])
         instance = self.program.instance(declared)
@@ -57,6 +58,7 @@ class MethodChooser:
         if self.tasks.is_several and not methods:
             tasks, skipped = self._tasks_of(instance, schedules)
             return self._scheduled(tasks, first, skipped)
+        # methods that the user names need no task, whose ambiguity would be an error
         own = self._own_task(schedules, declared.label) if not methods else None
         processes, remarks = self._chosen(instance, methods, own)
         step = self.step if self.step is not None else self._period(processes, schedules)
@@ -120,6 +122,7 @@ class MethodChooser:
 
     def _of_task(self, instance: ClassInstance, task: Task) -> list[Process]:
         """Return the methods of a class that a task calls."""
+        # a task calls processes of many classes; those of this one run in their order within it
         prefix = f"{instance.declared.label}."
         return self._named(instance, [name.removeprefix(prefix) for name in task.processes if name.startswith(prefix)])
 
@@ -159,6 +162,7 @@ class MethodChooser:
         for path in paths:
             try:
                 result.append(read_schedule(path))
+            # an application beside the class is a help, not an input: its errors are none of the class
             except InputError:
                 continue
         return result

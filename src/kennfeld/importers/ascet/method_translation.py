@@ -51,6 +51,7 @@ class MethodTranslation(CallTranslation):
         parameters: list[str] = []
         for at, argument in enumerate(self.method.arguments):
             kind = arguments[at] if at < len(arguments) else None
+            # numbers keep the type of the declaration; arrays have the sizes of this call
             place = self._declare(argument.name, kind or types.resolve(argument.type, scope))
             parameters += leaf_names(place.label, place.type)
         outputs = tuple(at for at, argument in enumerate(self.method.arguments) if argument.direction != "in")
@@ -187,6 +188,7 @@ class MethodTranslation(CallTranslation):
         first, last, kind = self._bounds(statement.values)
         self.names.locals.append({})
         try:
+            # in a scope of its own: the variable of a loop hides others of its name until its end
             variable = self._declare(statement.name, kind)
             body = self._block(statement.body)
         finally:
@@ -325,6 +327,7 @@ class MethodTranslation(CallTranslation):
 
     def _copy(self, target: Place, source: Place, tree: e.Expression) -> m.Statements:
         """Return the statements that copy structs and arrays."""
+        # by fields and not by order: a struct of another name may have the same fields
         theirs = {path: dimensions for path, _, dimensions in leaves_of(source.type)}
         result: list[m.Statement] = []
         for path, _, dimensions in leaves_of(target.type):

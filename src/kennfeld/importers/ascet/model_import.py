@@ -154,11 +154,13 @@ class EsdlModelImport:
     # lowering
 
     def _lowered(self, main: Sequence[MethodCode], startup: Sequence[MethodCode]) -> EsdlImport:
+        # bounded: loops are unrolled, and a program of a few lines may ask for millions of nodes
         builder = self.builder = BoundedGraphBuilder()
         self._nodes: dict[str, Nodes] = {}
         self.units: dict[str, str] = {}
         # startup begins with the initial values; a step with those after startup, those of the last step in states
         fixed = {label: self._fixed(label) for label in sorted(self.code.read | self.code.assigned)}
+        # a variable that only startup assigns is one of them: it may differ from its initial value
         mutable = [label for label in fixed if label in self.code.assigned]
         first = {**fixed, **{label: self._initial(label) for label in mutable}}
         begin = self._call_all(startup, [ScheduledTask("", self.selection.startup)], first)[0] if startup else first
@@ -232,6 +234,7 @@ class EsdlModelImport:
     ) -> tuple[dict[str, Nodes], list[MethodResult]]:
         """Run tasks one after the other; return the variables afterwards and the results of each method."""
         interpreter = StatementInterpreter(self._context(self.builder))
+        # kept as globals: methods of several instances share the messages, and see what the one before wrote
         interpreter.state.kept.update({(GLOBAL, label): nodes for label, nodes in values.items()})
         results: list[MethodResult] = []
         remaining = iter(codes)
@@ -367,6 +370,7 @@ class EsdlModelImport:
         names = _Names()
         labels = [label for label in self.program.variables if label in self.assigned]
         chosen = self.display.choose(labels)
+        # outputs first and in groups, as users look for them, whatever order the methods assign them in
         messages = [label for label in labels if self.program.variables[label].storage == "message"]
         own = [label for label in labels if label not in messages and label.rpartition(".")[0] in self.roots]
         others = [label for label in labels if label not in messages and label not in own]
