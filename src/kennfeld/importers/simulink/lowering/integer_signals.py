@@ -27,6 +27,7 @@ def integer_type_of(source: SignalSource | None) -> IntegerType | None:
         pending = waiting.pop()
         if pending is None or len(seen) > _MAX_TRACED_BLOCKS:
             return None
+        # a loop through a delay leads back to a block whose type is being looked for
         if pending.flat in seen:
             continue
         seen.add(pending.flat)
@@ -59,6 +60,7 @@ def is_floating(source: SignalSource | None) -> bool:
             continue
         if written or not output_type_of(flat).floating:
             return False
+        # a variable of the workspace may be an integer, which the model file does not say
         if flat.type == "Constant" and not _LITERAL.fullmatch(flat.block.value("Value") or "1"):
             return False
         waiting += flat.inputs
@@ -75,6 +77,7 @@ def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
     """Return the common type; if rounding or overflow differ, round down and wrap."""
     if len(types) == 1:
         return types.pop()
+    # blocks along the way may round differently; what the signal is kept in is the same
     plain = {(integer_type.bits, integer_type.signed) if integer_type is not None else None for integer_type in types}
     only = plain.pop() if len(plain) == 1 else None
     return IntegerType(*only) if only is not None else None
@@ -97,6 +100,7 @@ def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
             return replace(word, rounding=flat.block.value("RndMeth") or "Floor", saturates=saturates)
         if written and not written.startswith("Inherit"):
             return None
+    # `int16(3)` as the value of a constant gives its type without any field
     cast = _CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
     return integer_type_named(cast[1]) if cast is not None else None
 
