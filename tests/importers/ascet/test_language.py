@@ -211,6 +211,46 @@ def test_group_tables_share_an_axis_that_is_searched(tmp_path):
     assert run(model, {"x": [5.0, 15.0, 99.0]})["calc"].tolist() == [550.5, 602.0, 603.0]
 
 
+def test_a_group_map_shares_two_distributions(tmp_path):
+    text = """type Speeds is distribution real; type Loads is distribution real;
+    type Map is group table Speeds, Loads -> real;
+    class C {
+      characteristic Speeds n[2] = { 0.0, 10.0 }; characteristic Loads p[3] = { 0.0, 1.0, 2.0 };
+      characteristic Map low[n][p] = { { 0.0, 1.0, 4.0 }, { 10.0, 11.0, 14.0 } };
+      characteristic Map high[n][p] = { { 1.0, 1.0, 1.0 }, { 2.0, 2.0, 2.0 } };
+      public real calc(real in x, real in y) {
+        n.search(x); p.search(y);
+        return low.interpolate() + high.interpolate() * 100.0 + low.getAt(0.0, 2.0) * 1000.0; } }"""
+    nodes = outputs(tmp_path, text, {"x": [5.0, 99.0, -1.0], "y": [1.5, 0.5, 9.0]})
+    assert nodes["calc"].tolist() == [4000.0 + 150.0 + 7.5, 4000.0 + 200.0 + 10.5, 4000.0 + 100.0 + 4.0]
+
+
+def test_a_table_is_interpolated_where_it_was_searched_last(tmp_path):
+    text = "type Map is table real, real -> real;" + method(
+        "if (on) { m.search(x, 2.0 * x); } return m.interpolate();",
+        arguments="real in x, boolean in on",
+        members="characteristic Map m[2][2] = { { 1.0, 3.0 }, { 0.0, 4.0 }, { { 1.0, 5.0 }, { 3.0, 9.0 } } };",
+    )
+    nodes = outputs(tmp_path, text, {"x": [0.5, 2.0, 3.0, 9.0], "on": [0, 1, 0, 1]})
+    assert nodes["calc"].tolist() == [1.0, 7.0, 7.0, 9.0]
+
+
+def test_a_matrix_by_its_keyword_is_an_array_of_two_dimensions(tmp_path):
+    text = "type M is matrix [2][3] of real;" + method(
+        "real s = 0.0; for (i in 0 .. 1) { for (k in 0 .. 2) { a[i][k] = b[i][k] * x; s += a[i][k]; } } return s;",
+        members="M a; const M b = { { 1.0, 2.0, 3.0 }, { 4.0, 5.0, 6.0 } };",
+    )
+    assert outputs(tmp_path, text, {"x": [2.0]})["calc"].tolist() == [42.0]
+
+
+def test_a_dependent_characteristic_may_depend_on_others_of_tables_and_arrays(tmp_path):
+    members = """characteristic real v[2] = { 2.0, 3.0 }; characteristic real a <- "x * y", x = v[0], y = v[1];
+        characteristic real b <- "if x > 5.0 then x / 2.0 else 0.0", x = a;"""
+    assert outputs(tmp_path, method("return a * 10.0 + b * x;", members=members), {"x": [1.0]})["calc"].tolist() == [
+        63.0
+    ]
+
+
 def test_a_fixed_table_has_breakpoints_at_equal_distance(tmp_path):
     text = "type Even is fixed table real -> real;" + method(
         "return t.getAt(x);", members="characteristic Even t[3] = { { 1.0, 2.0 }, { 0.0, 4.0, 6.0 } };"

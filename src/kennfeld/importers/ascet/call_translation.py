@@ -13,7 +13,7 @@ from kennfeld.importers.ascet.expression_translation import (
     call_of,
 )
 from kennfeld.importers.ascet.functions import FUNCTIONS
-from kennfeld.importers.ascet.instances import ClassInstance, searched_label
+from kennfeld.importers.ascet.instances import ClassInstance, searched_label, searched_labels
 from kennfeld.importers.ascet.name_resolution import EnumerationLabel, MachineName, Named, state_place
 from kennfeld.importers.ascet.program_code import MethodCode, Operand, Place, leaf_names
 from kennfeld.importers.ascet.resolved_types import (
@@ -253,10 +253,13 @@ class CallTranslation(ExpressionTranslation):
                 return self._state(instance, machine)
             case EnumerationLabel(value, _) if name == "value":
                 return Operand(m.Number(float(value)), INTEGER)
+            case Place(_, ResolvedTable(axes)) if name == "search" and len(tree.arguments) == len(axes):
+                self._search(searched_labels(self.program.tables[of.label]), tree)
+                return None
             case Place(_, ResolvedTable()):
                 return self._lookup(of, name, tree)
             case Place(_, ResolvedAxis()) if name == "search" and len(tree.arguments) == 1:
-                self._search(of, tree)
+                self._search((searched_label(of.label),), tree)
                 return None
             case Place(_, ResolvedArray(dimensions)) if name == "length":
                 return Operand(m.Number(float(dimensions[self._dimension(tree, dimensions)].size or 0)), INTEGER)
@@ -283,24 +286,24 @@ class CallTranslation(ExpressionTranslation):
         table = self.program.tables[of.label]
         if name == "getAt" and len(tree.arguments) == len(of.type.axes):
             coordinates = [self.operand(argument).tree for argument in tree.arguments]
-        elif name == "interpolate" and table.shared and not tree.arguments:
+        elif name == "interpolate" and not tree.arguments:
             # interpolate() takes no arguments: the axes keep what was searched on them
-            labels = [searched_label(axis) for axis in table.shared]
+            labels = searched_labels(table)
             self.used |= set(labels)
             coordinates = [m.Name(label) for label in labels]
         else:
             raise UnsupportedEsdlError(f"{dotted(tree.of)}() is not supported", "Use getAt.", tree.place)
         return Operand(call_of("lookup", m.Text(of.label), *coordinates), of.type.value)
 
-    def _search(self, of: Place, tree: e.Call) -> None:
-        """Translate `axis.search(x)`: group tables are interpolated at the last value searched."""
+    def _search(self, labels: Sequence[str], tree: e.Call) -> None:
+        """Translate `axis.search(x)` or `table.search(x, y)`: tables are interpolated at the last values searched."""
         if self._lazy:
             raise UnsupportedEsdlError("search within a condition", place=tree.place)
-        label = searched_label(of.label)
-        self.used.add(label)
-        self.code.assigned.add(label)
-        value = self.operand(tree.arguments[0])
-        self.pending.append(m.Assign((m.Name(label),), value.tree, place=tree.place))
+        self.used |= set(labels)
+        self.code.assigned |= set(labels)
+        for label, argument in zip(labels, tree.arguments, strict=True):
+            value = self.operand(argument)
+            self.pending.append(m.Assign((m.Name(label),), value.tree, place=tree.place))
 
 
 def _wrapped(tree: m.Expression, kind: NumberType) -> m.Expression:

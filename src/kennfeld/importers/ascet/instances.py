@@ -208,9 +208,10 @@ class Program:
                 points = tuple(self.axes[label].breakpoints for label in shared) if shared else None
                 values = reader.table(holder.type, value, points)
                 is_constant = holder.storage != "characteristic"
-                self.tables[holder.label] = TableElement(
-                    holder.label, holder.type, values, place, description, shared, is_constant
-                )
+                table = TableElement(holder.label, holder.type, values, place, description, shared, is_constant)
+                self.tables[holder.label] = table
+                if not shared:
+                    self._store_searched(table)
                 return holder.type
             case ResolvedAxis():
                 self._store_axis(holder, reader.axis(value), place)
@@ -226,6 +227,11 @@ class Program:
                 element.has("set"), element.has("get"),
             )  # fmt: skip
         return kind
+
+    def _store_searched(self, table: TableElement) -> None:
+        """Store the variables that hold the last values searched in a table, at first its first breakpoints."""
+        for label, kind, points in zip(searched_labels(table), table.type.axes, table.values.axes, strict=True):
+            self.variables[label] = ProgramVariable(label, kind, "variable", np.array(float(points[0])), table.location)
 
     def _store_axis(self, holder: Holder, breakpoints: Float, place: Location) -> None:
         """Store an axis, with the variable that holds the last value searched on it."""
@@ -353,6 +359,13 @@ _STORAGE: Final[Mapping[str, Storage]] = {
 def searched_label(axis: str) -> str:
     """Return the label of the variable that holds the last value searched on an axis."""
     return f"{axis}.search"
+
+
+def searched_labels(table: TableElement) -> tuple[str, ...]:
+    """Return the labels of the variables that hold the last values searched in a table, or on the axes it shares."""
+    if table.shared:
+        return tuple(map(searched_label, table.shared))
+    return tuple(f"{searched_label(table.label)}.{axis}" for axis in "xyzu"[: len(table.type.axes)])
 
 
 def state_label(instance: ClassInstance, machine: e.StateMachine) -> str:
