@@ -136,8 +136,8 @@ class ModelEntry:
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield keys that the importer of the function does not take."""
-        names = (part.name for part in fields(ImportOptions) if part.name != "step")
-        used = [name for name in names if is_chosen(getattr(self, name))]
+        options = (part.name for part in fields(ImportOptions) if part.name != "step")
+        used = [name for name in options if is_chosen(getattr(self, name))]
         if not self.file or not used:
             return
         importer = importer_of(split_reference(self.file)[0])
