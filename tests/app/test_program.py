@@ -134,9 +134,8 @@ def test_the_class_that_no_other_class_uses_is_the_function(empty: Session) -> N
 
 def test_missing_packages_are_named_until_their_files_are_dropped(empty: Session) -> None:
     drop(empty, BATTERY, "Plant", "Messages", "Types")
-    assert "Name those of a step in their order, of calc, init" in program(empty)["problems"][0]["remedy"]
-    set_keys(empty, (("model", "methods"), ["calc"]))
     own = program(empty)
+    assert own["calls"] == ["Cell.Plant.calc"]
     assert own["missing"] == ["Lib.Dynamics", "Lib.Math"]
     assert "The package Lib.Dynamics is missing" in own["problems"][0]["remedy"]
     drop(empty, LIBRARY, ".esdl")

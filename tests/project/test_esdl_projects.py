@@ -132,6 +132,7 @@ def test_a_list_of_tasks_is_a_key(folder):
         ('file = "Battery/Cell/Accu.esdl"\nclass = "Akku"', "unknown class Akku"),
         ('file = "Battery/Cell/Accu.esdl"\nfolders = ["Nowhere"]', "folder Nowhere does not exist"),
         ('file = "model.kf"\nclass = "Accu"', "class requires an ASCET project, got model.kf"),
+        ('file = "model.kf"\nlimit_assignments = false', "limit_assignments requires an ASCET project, got model.kf"),
         ('file = "Battery/Cell/Accu.esdl"\nsubsystem = "A"', "subsystem requires a Simulink model"),
         ('file = "Battery/Cell/None.esdl"', "does not exist"),
     ],

@@ -287,6 +287,7 @@ class _FileParser(StateMachineParser):
             tuple(clauses["writes"]),
             head.modifiers,
             head.annotations,
+            next(iter(clauses["using"]), ""),
             place=place,
         )
 

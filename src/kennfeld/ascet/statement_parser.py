@@ -140,8 +140,7 @@ class EsdlStatementParser(EsdlExpressionParser):
 
     def _variables(self) -> e.Statements:
         kind = self.take().text if self.is_at("const", "static", "characteristic") else ""
-        place = self.token.place
-        kind_of_type = e.TypeName(self.qualified_name(), place=place)
+        kind_of_type = self.type_of_variable()
         result: list[e.Statement] = []
         while True:
             at = self.token.place
@@ -153,6 +152,11 @@ class EsdlStatementParser(EsdlExpressionParser):
                 break
         self.expect(";")
         return tuple(result)
+
+    def type_of_variable(self) -> e.TypeExpression:
+        """Read the name of the type of a local variable."""
+        place = self.token.place
+        return e.TypeName(self.qualified_name(), place=place)
 
     def sizes(self) -> tuple[e.Expression | None, ...]:
         """Read dimensions, `[4][2]`; `[]` is None."""

@@ -98,14 +98,26 @@ class TypeName(Node):
 
 
 @dataclass(frozen=True)
+class Cast(LanguageExpression):
+    """`(type) operand` of C."""
+
+    type: "TypeExpression"
+    operand: "Expression"
+
+
+@dataclass(frozen=True)
 class ScalarType(Node):
-    """`real`, `integer` or `boolean`, or a type derived from a named one; `range` and `delta` as written."""
+    """`real`, `integer` or `boolean`, or a type derived from a named one; `range` and `delta` as written.
+
+    `is_limited` says whether generated code limits assignments to the range; None if it follows from `delta`.
+    """
 
     base: str
     range: Range | None = None
     delta: Expression | None = None
     using: str = ""
     unit: str = ""
+    is_limited: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -282,6 +294,11 @@ class Method(Node):
     modifiers: frozenset[str] = frozenset()
     annotations: tuple[Annotation, ...] = ()
 
+    @property
+    def is_in_c(self) -> bool:
+        """True for a method that is implemented in C."""
+        return self.body is None and not self.triggers
+
     def annotation(self, name: str) -> Annotation | None:
         """Return the annotation of a name, or None."""
         return next((item for item in self.annotations if item.name == name), None)
@@ -333,7 +350,10 @@ class StateMachine(Node):
 
 @dataclass(frozen=True)
 class ClassDeclaration(Node):
-    """A class with its members; `reads` and `writes` are the messages it names."""
+    """A class with its members.
+
+    `reads` and `writes` are the messages that it names, and `implementation` the representation that it uses.
+    """
 
     name: str
     elements: tuple[Element, ...] = ()
@@ -344,6 +364,7 @@ class ClassDeclaration(Node):
     writes: tuple[str, ...] = ()
     modifiers: frozenset[str] = frozenset()
     annotations: tuple[Annotation, ...] = ()
+    implementation: str = ""
 
 
 @dataclass(frozen=True)

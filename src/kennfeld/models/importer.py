@@ -33,6 +33,7 @@ class ImportOptions:
         startup: methods that run once before the first step.
         task: tasks of an application.
         outputs: variables that become outputs in addition, or patterns of them.
+        limit_assignments: whether real numbers are limited to the ranges of their types; None as generated code.
     """
 
     step: float | None = None
@@ -45,13 +46,19 @@ class ImportOptions:
     startup: tuple[str, ...] = ()
     task: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    limit_assignments: bool | None = None
 
     def chosen(self, keys: Collection[str]) -> bool:
         """Return whether a key is set of those that an importer takes, or the step."""
-        return any(getattr(self, part.name) for part in fields(self) if part.name in (*keys, "step"))
+        return any(is_chosen(getattr(self, part.name)) for part in fields(self) if part.name in (*keys, "step"))
 
 
 NO_OPTIONS = ImportOptions()
+
+
+def is_chosen(value: object) -> bool:
+    """Return True for the value of a key that is set: `false` is a choice, too."""
+    return value is False or bool(value)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
 from kennfeld.models.function_files import split_reference
-from kennfeld.models.importer import ImportOptions, ImportRequest
+from kennfeld.models.importer import ImportOptions, ImportRequest, is_chosen
 from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project.forms import (
@@ -117,7 +117,7 @@ class ModelEntry:
     methods: tuple[str, ...] = key(
         "the methods of the class that a step calls, in their order",
         (),
-        default_text="those of its task, or its only public method",
+        default_text="those of its task, or its public methods less those that start or reset it",
     )
     startup: tuple[str, ...] = key(
         "the methods of the class that run once before the first step", (), default_text="those of the application"
@@ -133,10 +133,17 @@ class ModelEntry:
         (),
         default_text="the states, if it has no outputs",
     )
+    limit_assignments: bool | None = key(
+        "`true`: real numbers of an ASCET model are limited to the [ranges of their types](ascet.md#ranges-of-reals) "
+        "when they are assigned; `false`: they are not",
+        None,
+        default_text="as generated code does",
+    )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield keys that the importer of the function does not take."""
-        used = [part.name for part in fields(ImportOptions) if part.name != "step" and getattr(self, part.name)]
+        options = (part.name for part in fields(ImportOptions) if part.name != "step")
+        used = [name for name in options if is_chosen(getattr(self, name))]
         if not self.file or not used:
             return
         importer = importer_of(split_reference(self.file)[0])
@@ -551,6 +558,7 @@ class ProjectFile(SectionsFile):
             entry.startup,
             entry.task,
             entry.outputs,
+            entry.limit_assignments,
         )
         values = {name: None if section.axes else section.initial for name, section in self.parameters.items()}
         # a name with a colon is a field of a block, `Path:Field`, which is a parameter because the project names it

@@ -241,16 +241,62 @@ def programs(draw):
     return text, ORACLE + indent(method)
 
 
-def run_oracle(code, columns):
-    """The values of all elements after each step, by name."""
+@dataclass(frozen=True)
+class SeveralMethods:
+    """A class with several public methods, the same class in Python, and those of its methods that a step calls."""
+
+    text: str
+    python: str
+    called: tuple[str, ...]
+
+
+@st.composite
+def classes_of_methods(draw):
+    """A class whose methods call each other, reset it, or only read it, in any order."""
+    names = draw(st.permutations(["calc", "update", "report", "track"]))[: draw(st.integers(2, 4))]
+    readers = draw(st.sets(st.sampled_from(["value", "isHigh"])))
+    starters = draw(st.sets(st.sampled_from(["reset", "LIB_Init", "initAll"])))
+    inner, written = set(), {}
+    for at, name in enumerate(names):
+        body = draw(st.lists(statements(1), min_size=1, max_size=2))
+        # of the methods behind it alone, so that none calls itself
+        callees = draw(st.sets(st.sampled_from(names[at + 1 :]), max_size=2)) if at + 1 < len(names) else ()
+        inner |= {*callees}
+        form = draw(st.sampled_from(["{}(x, y, on)", "this.{}(x, y, on)"]))
+        calls = [Pair(f"\t\ta = a + {form.format(own)};\n", f"s.a = s.a + s.{own}(x, y, on)\n") for own in callees]
+        if readers and draw(st.booleans()):
+            own = draw(st.sampled_from(sorted(readers)))
+            calls.append(Pair(f"\t\tb = {own}(x, y, on);\n", f"s.b = s.{own}(x, y, on)\n"))
+        written[name] = (*calls, *body), draw(reals(1))
+    for name in sorted(readers):
+        written[name] = (), pair("(a * 2.0)", "(s.a * 2.0)")
+    for name in sorted(starters):
+        # what it calls is not called by a step
+        callee = draw(st.sampled_from([*names, *sorted(readers)]))
+        written[name] = (Pair(f"\t\ta = 7.0 + {callee}(x, y, on);\n", "s.a = 7.0\n"),), pair("1.0")
+    order = draw(st.permutations(list(written)))
+    text, python = HEAD, ORACLE
+    for name in order:
+        body, result = written[name]
+        esdl = "".join(item.esdl for item in body)
+        head = "@no_side_effect public" if name in readers else "public"
+        text += f"\t{head} real {name}(real in x, real in y, boolean in on) {{\n{esdl}\t\treturn {result.esdl};\n\t}}\n"
+        lines = "".join(item.python for item in body) + f"return {result.python}\n"
+        python += indent(f"def {name}(s, x, y, on):\n{indent(lines)}")
+    called = tuple(name for name in order if name not in inner | starters)
+    return SeveralMethods(text + "}\n", python, called)
+
+
+def run_oracle(code, columns, methods=("calc",)):
+    """The values of all elements after each step, and the results of the methods that it calls, by name."""
     names = {}
     exec(code, names)
     own = names["Own"]()
     rows = []
     for x, y, on in zip(columns["x"], columns["y"], columns["on"], strict=True):
-        result = own.calc(x, y, bool(on))
+        results = [getattr(own, method)(x, y, bool(on)) for method in methods]
         rows.append(
-            [result, own.a, own.b, own.i, own.j, own.p, own.q, own.mode, *own.v, own.first.kept, own.second.count]
+            [*results, own.a, own.b, own.i, own.j, own.p, own.q, own.mode, *own.v, own.first.kept, own.second.count]
         )
-    order = ("calc", "a", "b", "i", "j", "p", "q", "mode", "v[0]", "v[1]", "v[2]", "first.kept", "second.count")
+    order = (*methods, "a", "b", "i", "j", "p", "q", "mode", "v[0]", "v[1]", "v[2]", "first.kept", "second.count")
     return dict(zip(order, zip(*rows, strict=True), strict=True))

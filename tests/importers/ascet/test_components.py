@@ -338,12 +338,18 @@ def test_a_loop_of_blocks_that_is_not_supported_is_reported(tmp_path):
     assert "the control block While is not supported" in str(report.findings[0])
 
 
+def test_the_history_of_a_state_without_inner_states_changes_nothing(tmp_path):
+    component = machine_component()
+    changed = replace(component, machine=component.machine.replace('history="false"', 'history="true"'))
+    values = calculated(tmp_path, changed, {"n": [0, 6, 4, 4, 2, 6]})
+    assert values["torque"].tolist() == [0.0, 1.0, 11.0, 21.0, 0.0, 1.0]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "part"),
     [
         ("<Actions>", "<DiagramElements/><Actions>", "states within states"),
         ("</State>", "</State><Junction/>", "the element Junction"),
-        ('history="false"', 'history="true"', "keeps its history"),
         ('<Start graphicOID="101"/>', '<Start graphicOID="7"/>', "does not join two states"),
         ('<Condition><MethodAction methodName="is_high"/>', "<Condition>", "a condition of a transition"),
     ],

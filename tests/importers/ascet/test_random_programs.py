@@ -16,7 +16,7 @@ from tests.clocks import even_clock
 from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.importers.ascet.esdl_projects import class_model, run
-from tests.importers.ascet.random_programs import programs, run_oracle
+from tests.importers.ascet.random_programs import classes_of_methods, programs, run_oracle
 
 SAMPLES = 12
 COLUMNS = {
@@ -32,13 +32,18 @@ def lowered(text):
         return class_model(Path(folder), text, class_name="Own")
 
 
+def columns_of(model):
+    """The column of each argument: those of a second method are named after it, `update.x`."""
+    return {name: COLUMNS[name.rpartition(".")[2]] for name in model.graph.inputs}
+
+
 def noisy(model):
     """Values of all named nodes with the change that rounding causes, and which of them can be compared."""
     low = lower_lookups(model.graph, model.values)
     interpreter = Interpreter(low, model.values)
 
     def names(each):
-        values = each.run(low.graph.nodes, low.graph.states, {**COLUMNS, **CLOCK})
+        values = each.run(low.graph.nodes, low.graph.states, {**COLUMNS, **columns_of(model), **CLOCK})
         return np.array([values[at] for at in low.graph.names.values()])
 
     exact = names(interpreter)
@@ -48,13 +53,8 @@ def noisy(model):
     return low, exact, change, np.logical_and.accumulate(sound.all(axis=0))[None, :] & sound
 
 
-@pytest.mark.slow
-@few_or_many(programs(), few=8, many=60)
-def test_a_program_runs_like_the_same_program_in_python(program):
-    text, code = program
-    model = lowered(text)
-    nodes = run(model, COLUMNS)
-    expected = run_oracle(code, COLUMNS)
+def assert_runs_like(model, expected):
+    nodes = run(model, {**COLUMNS, **columns_of(model)})
     _, _, _, sound = noisy(model)
     event("steady" if sound.all() else "unsteady")
     for at, name in enumerate(model.graph.names):
@@ -62,6 +62,20 @@ def test_a_program_runs_like_the_same_program_in_python(program):
             where = sound.all(axis=0) & sound[at]
             values = np.array(expected[name], dtype=float)
             np.testing.assert_allclose(nodes[name][where], values[where], rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.slow
+@few_or_many(programs(), few=8, many=60)
+def test_a_program_runs_like_the_same_program_in_python(program):
+    text, code = program
+    assert_runs_like(lowered(text), run_oracle(code, COLUMNS))
+
+
+@few_or_many(classes_of_methods(), few=8, many=60)
+def test_a_class_of_several_methods_runs_like_the_same_class_in_python(program):
+    model = lowered(program.text)
+    assert set(program.called) <= set(model.graph.outputs)
+    assert_runs_like(model, run_oracle(program.python, COLUMNS, program.called))
 
 
 @few_or_many(programs(), few=5, many=40)

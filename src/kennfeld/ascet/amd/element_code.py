@@ -72,7 +72,8 @@ class ElementCode:
         match element.basic_type:
             case "cont" | "dt":
                 limits = None if own is None else _limits(own.low, own.high)
-                return e.ScalarType("real", limits, unit=element.unit, place=place)
+                is_limited = own is not None and own.is_limited
+                return e.ScalarType("real", limits, unit=element.unit, is_limited=is_limited, place=place)
             case "udisc" | "sdisc":
                 low, high = _UNSIGNED if element.basic_type == "udisc" else _SIGNED
                 if own is not None and own.is_limited:

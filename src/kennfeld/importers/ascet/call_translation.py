@@ -1,17 +1,19 @@
 """Translation of calls: methods, functions, conversions, and the intrinsic methods of tables, arrays and states."""
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.importers.ascet.c_methods import c_body, changes_nothing, known_rule
 from kennfeld.importers.ascet.expression_translation import (
     ExpressionTranslation,
     arithmetic_type,
     call_of,
 )
-from kennfeld.importers.ascet.functions import EXTERNAL, FUNCTIONS
-from kennfeld.importers.ascet.instances import ClassInstance, searched_label
+from kennfeld.importers.ascet.functions import FUNCTIONS
+from kennfeld.importers.ascet.instances import ClassInstance, searched_label, searched_labels
 from kennfeld.importers.ascet.name_resolution import EnumerationLabel, MachineName, Named, state_place
 from kennfeld.importers.ascet.program_code import MethodCode, Operand, Place, leaf_names
 from kennfeld.importers.ascet.resolved_types import (
@@ -30,6 +32,7 @@ from kennfeld.importers.ascet.resolved_types import (
 )
 from kennfeld.importers.ascet.type_resolution import dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
+from kennfeld.importers.rules import RuleFunction
 from kennfeld.program import tree as m
 
 _INTRINSIC: Final = ("abs", "min", "max", "between", "sqrt", "exp", "log", "sin", "cos", "tan", "pow")
@@ -83,12 +86,20 @@ class CallTranslation(ExpressionTranslation):
         operand = self.operand(tree.arguments[0])
         if kind.kind == "real" and isinstance(operand.tree, m.Call) and operand.tree.of == m.Name("esdl:quotient"):
             # generated code divides integers as reals if the quotient is converted at once
-            return Operand(call_of("divide", *operand.tree.arguments), kind)
+            return Operand(call_of("ratio", *operand.tree.arguments), kind)
         return Operand(self.converted(operand, kind), kind)
 
     def converted(self, operand: Operand, kind: NumberType) -> m.Expression:
-        """Return a number converted to a type: integers are cut off towards 0 and limited to the range of the type."""
+        """Return a number converted to a type: integers are cut off towards 0 and limited to the range of the type.
+
+        In C they keep the lowest bits of the type instead. Reals are limited if generated code limits them.
+        """
         tree = operand.tree
+        if self.wraps and kind.kind == "boolean" and operand.type.kind != "boolean":
+            # C takes any other number than 0 as true
+            return m.Binary("~=", tree, m.Number(0.0))
+        if kind.is_limited and not self.wraps and not (kind.low <= operand.type.low and operand.type.high <= kind.high):
+            return _within(tree, kind)
         if not kind.is_whole or operand.type.kind == "boolean":
             return tree
         if operand.type.kind == "real":
@@ -96,6 +107,8 @@ class CallTranslation(ExpressionTranslation):
         # a sum of integers has an unlimited range, and is limited where it is converted
         elif kind.low <= operand.type.low and operand.type.high <= kind.high:
             return tree
+        if self.wraps:
+            return _wrapped(tree, kind)
         return call_of("limit", tree, m.Number(kind.low), m.Number(kind.high))
 
     def _method(self, instance: ClassInstance, name: str, tree: e.Call) -> Operand | Place | None:
@@ -104,11 +117,16 @@ class CallTranslation(ExpressionTranslation):
             known = [method.name for method in instance.declaration.methods]
             message = f"{instance.declared.name} has no method {name}"
             raise UnsupportedEsdlError(message, nearest(name, known), tree.place)
-        if method.body is None and not method.triggers:
-            return self._external(instance, method, tree)
         if len(method.arguments) != len(tree.arguments):
             expected = count_noun(len(method.arguments), "argument")
             raise UnsupportedEsdlError(f"{name} takes {expected}, got {len(tree.arguments)}", place=tree.place)
+        if method.is_in_c:
+            rule = known_rule(instance, method)
+            if rule is not None:
+                return self._external(instance, method, rule, tree)
+            if c_body(instance, method) is None:
+                self._skipped(instance, method, tree)
+                return None
         values = [self.value(argument) for argument in tree.arguments]
         kinds = [
             self._argument_type(instance, argument, value)
@@ -209,16 +227,18 @@ class CallTranslation(ExpressionTranslation):
             self.code.assigned |= names
             self.used |= names
 
-    def _external(self, instance: ClassInstance, method: e.Method, tree: e.Call) -> Operand:
-        """Translate a call of a function in C that is known: of the mathematics library, or of bits."""
-        symbol = method.annotation("symbol")
-        argument = symbol.arguments[0] if symbol is not None and symbol.arguments else None
-        name = argument.value if isinstance(argument, e.Text) else ""
-        label = f"{instance.declared.label}.{method.name}"
-        rule = EXTERNAL.get(label) or EXTERNAL.get(name)
-        if rule is None or rule.count != len(tree.arguments):
+    def _skipped(self, instance: ClassInstance, method: e.Method, tree: e.Call) -> None:
+        """Skip a call of a method in C that has nothing to change, such as an assertion."""
+        if not changes_nothing(instance, method):
             message = f"{instance.declared.name}.{method.name} is implemented in C, which is not supported"
             raise UnsupportedEsdlError(message, place=tree.place)
+        for argument in tree.arguments:
+            # methods that the arguments call run all the same
+            self.once(self.operand(argument).tree, tree.place)
+        self.code.skipped.setdefault(f"{instance.declared.label}.{method.name}")
+
+    def _external(self, instance: ClassInstance, method: e.Method, rule: RuleFunction, tree: e.Call) -> Operand:
+        """Translate a call of a function in C that is known: of the mathematics library, or of bits."""
         kind = self.program.types.resolve(method.result, instance.scope) if method.result is not None else REAL
         if not isinstance(kind, NumberType):
             raise UnsupportedEsdlError(f"{method.name} returns {describe_type(kind)}", place=tree.place)
@@ -233,10 +253,13 @@ class CallTranslation(ExpressionTranslation):
                 return self._state(instance, machine)
             case EnumerationLabel(value, _) if name == "value":
                 return Operand(m.Number(float(value)), INTEGER)
+            case Place(_, ResolvedTable(axes)) if name == "search" and len(tree.arguments) == len(axes):
+                self._search(searched_labels(self.program.tables[of.label]), tree)
+                return None
             case Place(_, ResolvedTable()):
                 return self._lookup(of, name, tree)
             case Place(_, ResolvedAxis()) if name == "search" and len(tree.arguments) == 1:
-                self._search(of, tree)
+                self._search((searched_label(of.label),), tree)
                 return None
             case Place(_, ResolvedArray(dimensions)) if name == "length":
                 return Operand(m.Number(float(dimensions[self._dimension(tree, dimensions)].size or 0)), INTEGER)
@@ -263,21 +286,39 @@ class CallTranslation(ExpressionTranslation):
         table = self.program.tables[of.label]
         if name == "getAt" and len(tree.arguments) == len(of.type.axes):
             coordinates = [self.operand(argument).tree for argument in tree.arguments]
-        elif name == "interpolate" and table.shared and not tree.arguments:
+        elif name == "interpolate" and not tree.arguments:
             # interpolate() takes no arguments: the axes keep what was searched on them
-            labels = [searched_label(axis) for axis in table.shared]
+            labels = searched_labels(table)
             self.used |= set(labels)
             coordinates = [m.Name(label) for label in labels]
         else:
             raise UnsupportedEsdlError(f"{dotted(tree.of)}() is not supported", "Use getAt.", tree.place)
         return Operand(call_of("lookup", m.Text(of.label), *coordinates), of.type.value)
 
-    def _search(self, of: Place, tree: e.Call) -> None:
-        """Translate `axis.search(x)`: group tables are interpolated at the last value searched."""
+    def _search(self, labels: Sequence[str], tree: e.Call) -> None:
+        """Translate `axis.search(x)` or `table.search(x, y)`: tables are interpolated at the last values searched."""
         if self._lazy:
             raise UnsupportedEsdlError("search within a condition", place=tree.place)
-        label = searched_label(of.label)
-        self.used.add(label)
-        self.code.assigned.add(label)
-        value = self.operand(tree.arguments[0])
-        self.pending.append(m.Assign((m.Name(label),), value.tree, place=tree.place))
+        self.used |= set(labels)
+        self.code.assigned |= set(labels)
+        for label, argument in zip(labels, tree.arguments, strict=True):
+            value = self.operand(argument)
+            self.pending.append(m.Assign((m.Name(label),), value.tree, place=tree.place))
+
+
+def _wrapped(tree: m.Expression, kind: NumberType) -> m.Expression:
+    """Return an integer with the bits of a type; unchanged for a range that is not that of a type of C."""
+    size = kind.high - kind.low + 1.0
+    is_word = size in (2.0**8, 2.0**16, 2.0**32) and kind.low in (0.0, -size / 2)
+    return call_of("wrap", tree, m.Number(kind.low), m.Number(size)) if is_word else tree
+
+
+def _within(tree: m.Expression, kind: NumberType) -> m.Expression:
+    """Return a real number limited to the ends of a range that are finite."""
+    if math.isfinite(kind.low) and math.isfinite(kind.high):
+        return call_of("limit", tree, m.Number(kind.low), m.Number(kind.high))
+    return (
+        call_of("max", tree, m.Number(kind.low))
+        if math.isfinite(kind.low)
+        else call_of("min", tree, m.Number(kind.high))
+    )

@@ -38,14 +38,15 @@ class ComponentMethodChooser(MethodChooser):
             raise InputError.of(location, message, "Name the methods of a step.")
         tree = open_components(self.path)
         self.warnings = tree.findings
+        # a module has one process for each task; a step of the engine needs those of several modules
         if not name and any("." in method for method in methods):
-            processes = self._of_components(tree, methods)
+            processes, remarks = self._of_components(tree, methods), tuple[Finding, ...]()
             first = self._of_components(tree, startup)
         else:
             instance = self.program.instance(choose_component(tree, self.path.name, name))
-            processes = self._named(instance, methods) if methods else self._default(instance, None)
+            processes, remarks = self._chosen(instance, methods)
             first = self._named(instance, startup)
-        return MethodSelection((ScheduledTask("", tuple(processes)),), tuple(first), self.step)
+        return MethodSelection((ScheduledTask("", tuple(processes)),), tuple(first), self.step, remarks)
 
     def _of_components(self, tree: ComponentTree, labels: Iterable[str]) -> list[Process]:
         """Return the methods of several components, named `Component.method`."""

@@ -132,6 +132,7 @@ def open_components(path: Path) -> ComponentTree:
     if not is_archive(path):
         files, main = open_folder(path)
         root = path.parents[main.count("/")]
+        # the folder that the name spaces begin in, from which references such as /Lib/Filter/DT1 count
         return ComponentTree(root, library=ComponentLibrary(files), main=main)
     with convert_errors(path, "cannot be read"), path.open("rb") as stream:
         raw = stream.read(4 * MAX_BYTES + 1)
@@ -158,6 +159,7 @@ def choose_component(tree: ComponentTree, file: str, name: str) -> Declared:
         InputError: it is unknown or ambiguous, or cannot be read.
     """
     components = code_components(tree)
+    # classes alone do nothing in a project; modules have the processes that tasks call
     path = tree.main if not name else _named(components, file, name)
     if not path:
         modules = [key for key, item in components.items() if item.kind == _MODULE] or list(components)

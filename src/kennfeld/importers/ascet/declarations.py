@@ -114,9 +114,11 @@ class SourceTree:
         if name not in self._packages:
             self._packages[name] = {}  # for files that import their own package
             result: dict[str, Declared] = {}
+            # a file outside its package folder, such as one copied alone, still knows the others beside it
             for folder in dict.fromkeys([*([own] if own is not None else []), *self._folders_of(name)]):
                 for path in _files_in(folder):
                     scope = self.scope(path)
+                    # the folder of a package may hold files of others, which the package clause decides
                     if scope.file.package == name:
                         result |= {
                             declaration.name: Declared(declaration, scope)
@@ -134,6 +136,7 @@ class SourceTree:
                 parsed = scan_esdl(read_source(path), path.name)
             except InputError as error:
                 self.broken[path] = error.findings
+                # kept although it is empty, so that a broken file is read and reported once
                 self._scopes[path] = FileScope(self, e.EsdlFile(path.name), path)
                 return self._scopes[path]
             if parsed.findings:
@@ -143,6 +146,7 @@ class SourceTree:
 
     def _folders_of(self, package: str) -> Iterator[Path]:
         parts = package.split(".") if package else []
+        # libraries such as SystemLib are projects of their own, exported beside the one that uses them
         roots = [self.root, *self.folders, *_subfolders(self.root.parent)]
         for root in dict.fromkeys(roots):
             folder = root.joinpath(*parts)
@@ -159,6 +163,7 @@ def read_source(path: Path) -> str:
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
+        # ASCET on Windows writes umlauts of comments in the code page of the system
         return raw.decode("cp1252", errors="replace")
 
 

@@ -44,6 +44,7 @@ class _DroppedFile:
             text = read_source(folder / name)
         except InputError:
             return _DroppedFile(name)
+        # cheaper than resolving names, and enough to tell which class no other one uses
         words = frozenset(_WORD.findall(text))
         if name.lower().endswith(APPLICATION):
             return _DroppedFile(name, words=words)
@@ -109,6 +110,7 @@ def place_by_package(folder: Path, present: Path | None, names: Iterable[str]) -
         ):
             target = within(folder, place.relative_to(folder))
         label = target.resolve().relative_to(folder.resolve()).as_posix()
+        # the file of another project, or an older copy: none is overwritten
         if target != folder / name and not _moved(folder / name, target):
             message = "exists with another content, which was kept"
             findings.append(Finding(Location(label), message, "Remove it first, or begin a new project."))

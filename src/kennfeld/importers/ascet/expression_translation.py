@@ -1,5 +1,6 @@
 """Translation of ESDL expressions to the shared syntax tree, with their types."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
@@ -29,6 +30,7 @@ from kennfeld.importers.ascet.resolved_types import (
 from kennfeld.importers.ascet.type_resolution import dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 from kennfeld.program import tree as m
+from kennfeld.program.traversal import calls_in
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor", "<<": "shift", ">>": "shift"}
@@ -43,8 +45,11 @@ def call_of(name: str, *arguments: m.Expression) -> m.Call:
 class ExpressionTranslation:
     """Translates expressions of the methods of an instance.
 
-    `pending` are statements that must run before the one that contains the expression.
+    `pending` are statements that must run before the one that contains the expression. In code of C, integers that a
+    type cannot hold wrap around (`wraps`).
     """
+
+    wraps = False
 
     def __init__(self, code: ProgramCode, instance: ClassInstance) -> None:
         self.code, self.program = code, code.program
@@ -114,6 +119,8 @@ class ExpressionTranslation:
                 return self._conditional(self.operand(condition), yes, no)
             case e.Choice():
                 return self._choice(tree)
+            case e.Cast(kind, operand):
+                return self._cast(kind, self.operand(operand), tree)
         raise UnsupportedEsdlError("this expression is not supported", place=tree.place)
 
     def named(self, tree: e.Expression) -> Named:
@@ -124,6 +131,7 @@ class ExpressionTranslation:
             case e.Name():
                 return self.names.name(tree)
             case e.Field(of, _):
+                # from the outside in: `a.b[i].c` may begin with a package, an interface or an instance
                 around = self.named(of)
                 return self.names.member(around, tree)
             case e.Index(of, index):
@@ -220,6 +228,9 @@ class ExpressionTranslation:
             case "!":
                 return Operand(m.Unary("~", operand.tree), BOOLEAN)
         self._require_whole(operand)
+        if self.wraps and not _is_unsigned(operand.type):
+            # C promotes smaller types to int before: ~(uint8) 1 is -2
+            return Operand(m.Binary("-", m.Unary("-", operand.tree), m.Number(1.0)), INTEGER)
         if operand.type.low >= 0:
             # ~x = mask - x, with as many bits as the largest number of the type needs
             mask = 2.0 ** max(1, int(operand.type.high).bit_length()) - 1.0
@@ -228,22 +239,33 @@ class ExpressionTranslation:
         return Operand(m.Binary("-", m.Unary("-", operand.tree), m.Number(1.0)), INTEGER)
 
     def _require_whole(self, *operands: Operand) -> None:
-        if not all(operand.type.kind in ("integer", "enumeration") for operand in operands):
+        kinds = ("integer", "enumeration", "boolean") if self.wraps else ("integer", "enumeration")
+        if not all(operand.type.kind in kinds for operand in operands):
             raise UnsupportedEsdlError("bit operators require integers")
+        # results of arithmetic have an unlimited range, and are those of 32 bits
+        if any(INTEGER.high * 2.0 + 1.0 < operand.type.high < math.inf for operand in operands):
+            raise UnsupportedEsdlError("bit operators of integers of more than 32 bits")
 
     def _binary(self, tree: e.Binary) -> Operand:
         operator = tree.operator
         left = self.operand(tree.left)
+        # the right operand may call a method, which must not run if the left one decides
         if operator in ("&&", "||"):
             right = self.lazily(lambda: self.operand(tree.right))
             return Operand(m.Binary(operator, left.tree, right.tree), BOOLEAN)
-        right = self.operand(tree.right)
-        place = tree.place
+        return self.combined(operator, left, self.operand(tree.right), tree.place)
+
+    def combined(self, operator: str, left: Operand, right: Operand, place: e.TextPosition) -> Operand:
+        """Return the result of an operator that evaluates both operands."""
         if operator in _COMPARISONS:
             return Operand(m.Binary(_COMPARISONS[operator], left.tree, right.tree, place=place), BOOLEAN)
         if operator in _BITS:
             return self._bits(operator, left, right)
         kind = arithmetic_type(left.type, right.type)
+        if kind.kind == "boolean":
+            # C counts truth values
+            kind = NumberType("integer")
+        self.code.has_integer_arithmetic |= kind.is_whole
         if operator == "/":
             return Operand(call_of("quotient" if kind.is_whole else "divide", left.tree, right.tree), kind)
         if operator == "%":
@@ -256,13 +278,29 @@ class ExpressionTranslation:
         self._require_whole(left, right)
         # one function shifts both ways: to the right by a negative number of bits
         by = m.Unary("-", right.tree) if operator == ">>" else right.tree
-        sign = m.Number(float(left.type.low < 0 or right.type.low < 0))
+        is_signed = left.type.low < 0 or right.type.low < 0
+        if self.wraps:
+            is_signed = not (_is_unsigned(left.type) or (_is_unsigned(right.type) and operator in "&|^"))
+        sign = m.Number(float(is_signed))
         kind = INTEGER if sign.value else NumberType("integer", 0.0, 2.0**32 - 1)
         return Operand(call_of(_BITS[operator], left.tree, by, sign), kind)
 
     def _between(self, operand: Operand, low: Operand, high: Operand) -> Operand:
-        above = m.Binary(">=", operand.tree, low.tree)
-        return Operand(m.Binary("&", above, m.Binary("<=", operand.tree, high.tree)), BOOLEAN)
+        # a function, as its arguments are evaluated once: the operand may be the call of a method
+        return Operand(call_of("between", operand.tree, low.tree, high.tree), BOOLEAN)
+
+    def once(self, tree: m.Expression, place: e.TextPosition) -> m.Expression:
+        """Return a tree that may be used several times: the name of a variable if the tree calls a method."""
+        if not any(name in self.code.functions for name, _ in calls_in(tree)):
+            return tree
+        # a statement before the expression would run although the condition does not hold
+        if self._lazy:
+            message = "the result of a method is used several times within a condition"
+            raise UnsupportedEsdlError(message, "Store it in a variable first.", place)
+        self._temporaries += 1
+        name = m.Name(f"%{self._temporaries}")
+        self.pending.append(m.Assign((name,), tree, place=place))
+        return name
 
     def lazily(self, translate: Callable[[], Result]) -> Result:
         """Translate an expression that is evaluated only under a condition."""
@@ -280,6 +318,7 @@ class ExpressionTranslation:
         if tree.otherwise is None:
             raise UnsupportedEsdlError("a switch expression without default", place=tree.place)
         subject = self.operand(tree.subject)
+        subject = replace(subject, tree=self.once(subject.tree, tree.place))
         result = self.lazily(partial(self.operand, tree.otherwise))
         # from the last case to the first, as each becomes the one that the conditions before it leave
         for keys, value in reversed(tree.cases):
@@ -307,7 +346,17 @@ class ExpressionTranslation:
             return Operand(m.Number(float(labels[key.name])), subject.type)
         return self.operand(key)
 
-    # calls, in `call_translation`
+    def _cast(self, kind: e.TypeExpression, operand: Operand, tree: e.Expression) -> Operand:
+        own = self.program.types.resolve(kind, self.instance.scope)
+        if not isinstance(own, NumberType):
+            raise UnsupportedEsdlError(f"a conversion to {describe_type(own)}", place=tree.place)
+        return Operand(self.converted(operand, own), own)
+
+    # calls and conversions, in `call_translation`
+
+    def converted(self, operand: Operand, kind: NumberType) -> m.Expression:
+        """Return a number converted to a type."""
+        raise NotImplementedError
 
     def _call(self, tree: e.Call) -> Operand | Place:
         result = self.call(tree)
@@ -331,6 +380,11 @@ def arithmetic_type(left: NumberType, right: NumberType) -> NumberType:
         return BOOLEAN
     is_real = "real" in (left.kind, right.kind)
     return REAL if is_real else NumberType("integer")
+
+
+def _is_unsigned(kind: NumberType) -> bool:
+    """Return True for a number that C keeps in an unsigned word, as it does not fit into a signed one."""
+    return kind.low >= 0.0 and kind.high > INTEGER.high
 
 
 def _literal(value: float) -> NumberType:

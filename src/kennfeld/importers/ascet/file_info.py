@@ -39,6 +39,7 @@ def describe_components(file: DescribedFile) -> FileInfo:
     """Describe ASCET 5 or 6 components: their methods, their values, and one of them as a model if it is selected."""
     from kennfeld.calfiles.file_info import describe_calibration
 
+    # a file of values is one for itself, unless the user asks for its component as a model
     if file.path.name.lower().endswith(DATA) and not file.options.chosen(IMPORTER.keys):
         return describe_calibration(file)
     model = describe_esdl(file)

@@ -8,7 +8,7 @@ IMPORTER = Importer(
     "an ASCET project",
     (ESDL, APPLICATION, AMD),
     imports="kennfeld.importers.ascet.importing:import_requested",
-    keys=("class_name", "methods", "startup", "task", "folders"),
+    keys=("class_name", "methods", "startup", "task", "folders", "limit_assignments"),
     shared_keys=("folders",),
     describes=(
         (ESDL, "kennfeld.importers.ascet.file_info:describe_esdl"),

@@ -34,6 +34,7 @@ def esdl(
     parameters: ParameterSet | None = None,
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    limit_assignments: bool | None = None,
 ) -> Model:
     """Import a class, or tasks of an application, of an ASCET project.
 
@@ -42,8 +43,8 @@ def esdl(
             of components or an `.amd` file of one, whose other files are beside it.
         class_name: name of the class or module; needed if the file has several.
         methods: methods of the class that a step calls, in their order; by default those that the task of an
-            application beside the file calls, or its only public method. Those of several components of an archive
-            are named `Component.method`.
+            application beside the file calls, or its public methods less those that start or reset it. Those of several
+            components of an archive are named `Component.method`.
         startup: methods that run once before the first step; by default those of the application.
         task: name of the task, or several names, or `*` for all periodic tasks; needed if the application has several
             that call methods. Each of several tasks runs at its own period and with its own time difference; messages
@@ -52,6 +53,9 @@ def esdl(
             `SOCClasses.SOC.accu.temp_curve`, keep that name.
         folders: folders with further projects, such as that of the SystemLib; those beside the project are searched.
         step: time step in s; by default the period of the task, or the longest that hits the periods of several.
+        limit_assignments: whether real numbers are limited to the ranges of their types when they are assigned, as
+            integers always are; by default where generated code does, that is for types with a resolution (`delta`),
+            and for elements of ASCET 5 and 6 whose implementation limits assignments.
 
     Returns:
         The model. Its inputs are the arguments of the methods and the messages that no method writes.
@@ -63,7 +67,7 @@ def esdl(
     >>> model.graph.inputs, model.graph.parameters["leak"]
     (('current', 'ambient'), 2)
     """
-    arguments = (class_name, methods, startup, task, parameters, folders, step)
+    arguments = (class_name, methods, startup, task, parameters, folders, step, limit_assignments)
     return _import(path, *arguments).require_model()
 
 
@@ -77,6 +81,7 @@ def import_esdl(
     parameters: ParameterSet | None = None,
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    limit_assignments: bool | None = None,
 ) -> EsdlImport:
     """Import a class or a task and report on it; the model is None if a part of it is not supported.
 
@@ -92,7 +97,7 @@ def import_esdl(
     >>> result.model is not None, result.report.classes
     (True, ('Cell.Plant',))
     """
-    return _import(path, class_name, methods, startup, task, parameters, folders, step)
+    return _import(path, class_name, methods, startup, task, parameters, folders, step, limit_assignments)
 
 
 def import_requested(request: ImportRequest) -> EsdlImport:
@@ -107,6 +112,7 @@ def import_requested(request: ImportRequest) -> EsdlImport:
         parameters=request.initial,
         folders=options.folders,
         step=options.step,
+        limit_assignments=options.limit_assignments,
     )
 
 
@@ -124,11 +130,13 @@ def _import(
     parameters: ParameterSet | None,
     folders: Iterable[str | Path],
     step: float | None,
+    limit_assignments: bool | None,
 ) -> EsdlImport:
     if step is not None and not 0 < step < float("inf"):
         raise ArgumentError(f"step must be a finite time in s > 0, got {step!r}")
     file = Path(path)
-    chooser = ComponentMethodChooser(file, [Path(folder) for folder in folders], TaskChoice.of(task), step)
+    others = [Path(folder) for folder in folders]
+    chooser = ComponentMethodChooser(file, others, TaskChoice.of(task), step, limit_assignments)
     try:
         if file.suffix.lower() == APPLICATION:
             choices = {"class": class_name, "methods": tuple(methods), "startup": tuple(startup or ())}
@@ -142,6 +150,7 @@ def _import(
     except UnsupportedEsdlError as error:
         line, name = (error.place.line, error.place.file) if error.place is not None else (0, "")
         raise InputError.of(Location(name or file.name, line), error.message, error.remedy) from None
+    # each part has a limit of its depth, but expressions in methods of instances within instances add up
     except RecursionError:
         raise InputError.of(Location(file.name), "the program is nested too deeply", "Split its expressions.") from None
     result = _with_remarks(result, chooser.findings)
@@ -172,6 +181,7 @@ def _origin(path: Path, classes: tuple[str, ...]) -> object | None:
     if holds_components(path):
         data = path if is_archive(path) else path.with_name(component_stem(path.name) + DATA)
         return AmdReference(data, classes[0] if len(classes) == 1 else "")
+    # the text of the class itself: only its numbers are replaced when values are written
     return read_esdl(CalibrationSource(path.name, path.read_bytes(), path)).parameters.origin
 
 

@@ -42,6 +42,7 @@ class InitialValues:
 
     def leaves(self, kind: Type, value: e.Expression | None) -> Leaves:
         """Return the numbers of a type that an expression defines; those that it leaves out have their default."""
+        # `Speeds copy = other;`: the values are those of the other element, whatever its type
         known = self.elements(dotted(value)) if isinstance(value, e.Name) else None
         if known is not None:
             return known
@@ -69,6 +70,7 @@ class InitialValues:
         return result
 
     def _array(self, kind: ResolvedArray, value: e.Expression | None) -> Leaves:
+        # one dimension at a time, so that rows may be left out at the end as numbers may
         size = kind.dimensions[0].size
         if size is None:
             if not isinstance(value, e.Braces):

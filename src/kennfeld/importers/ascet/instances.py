@@ -24,7 +24,7 @@ from kennfeld.importers.ascet.resolved_types import (
     leaves_of,
     with_sizes,
 )
-from kennfeld.importers.ascet.state_machines import start_leaf, state_numbers
+from kennfeld.importers.ascet.state_machines import histories, start_leaf, state_numbers
 from kennfeld.importers.ascet.type_resolution import TypeResolver, dotted
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
 
@@ -117,10 +117,10 @@ class ClassInstance:
 
 
 class Program:
-    """All instances of a program with their variables, built when first needed."""
+    """All instances of a program with their variables, built when first needed; `limits` as for `TypeResolver`."""
 
-    def __init__(self) -> None:
-        self.types = TypeResolver()
+    def __init__(self, limits: bool | None = None) -> None:
+        self.types = TypeResolver(limits)
         self.variables: dict[str, ProgramVariable] = {}
         self.tables: dict[str, TableElement] = {}
         self.axes: dict[str, GroupAxis] = {}
@@ -178,8 +178,10 @@ class Program:
             instance.parts[element.name] = self._part(label, kind.declared, value, depth)
             return
         storage: Storage = _STORAGE.get(element.kind, "variable")
+        # no state: the time difference follows from the samples
         if element.has("dT"):
             storage = "step"
+        # a dependent parameter has no number of its own
         if element.formula is None:
             kind = self._store(instance, Holder(label, kind, storage, element, instance.scope), value)
         instance.holders[element.name] = Holder(label, kind, storage, element, instance.scope)
@@ -189,6 +191,7 @@ class Program:
         # one instance for all that name the class
         if declared.declaration.modifiers & {"singleton", "static"}:
             return self.instance(declared)
+        # variables of its own for each element of the class, which methods are inlined for
         part = ClassInstance(label, declared)
         self._fill(part, _initializer_values(declared.declaration, value), depth + 1)
         return part
@@ -201,12 +204,14 @@ class Program:
         match holder.type:
             case ResolvedTable():
                 shared = self._shared_axes(instance, holder)
+                # a group table states values alone: its breakpoints are those of the axes it shares
                 points = tuple(self.axes[label].breakpoints for label in shared) if shared else None
                 values = reader.table(holder.type, value, points)
                 is_constant = holder.storage != "characteristic"
-                self.tables[holder.label] = TableElement(
-                    holder.label, holder.type, values, place, description, shared, is_constant
-                )
+                table = TableElement(holder.label, holder.type, values, place, description, shared, is_constant)
+                self.tables[holder.label] = table
+                if not shared:
+                    self._store_searched(table)
                 return holder.type
             case ResolvedAxis():
                 self._store_axis(holder, reader.axis(value), place)
@@ -223,12 +228,18 @@ class Program:
             )  # fmt: skip
         return kind
 
+    def _store_searched(self, table: TableElement) -> None:
+        """Store the variables that hold the last values searched in a table, at first its first breakpoints."""
+        for label, kind, points in zip(searched_labels(table), table.type.axes, table.values.axes, strict=True):
+            self.variables[label] = ProgramVariable(label, kind, "variable", np.array(float(points[0])), table.location)
+
     def _store_axis(self, holder: Holder, breakpoints: Float, place: Location) -> None:
         """Store an axis, with the variable that holds the last value searched on it."""
         assert isinstance(holder.type, ResolvedAxis)
         if breakpoints.ndim != 1 or np.any(np.diff(breakpoints) <= 0):
             raise UnsupportedEsdlError("the breakpoints of an axis do not increase")
         self.axes[holder.label] = GroupAxis(holder.label, holder.type, breakpoints, place)
+        # before any search(), interpolate() takes the first breakpoint
         label, first = searched_label(holder.label), np.array(float(breakpoints[0]))
         self.variables[label] = ProgramVariable(label, holder.type.element, "variable", first, place)
 
@@ -278,6 +289,10 @@ class Program:
         place = instance.scope.location(machine.place, machine.name)
         kind = NumberType("enumeration", 0.0, float(max(numbers.values(), default=0)))
         self.variables[label] = ProgramVariable(label, kind, "variable", np.array(float(first)), place)
+        for state, start in histories(machine).items():
+            own = history_label(instance, machine, state)
+            number = np.array(float(numbers.get(start, 0)))
+            self.variables[own] = ProgramVariable(own, kind, "variable", number, place)
 
     # interfaces and constants
 
@@ -346,10 +361,22 @@ def searched_label(axis: str) -> str:
     return f"{axis}.search"
 
 
+def searched_labels(table: TableElement) -> tuple[str, ...]:
+    """Return the labels of the variables that hold the last values searched in a table, or on the axes it shares."""
+    if table.shared:
+        return tuple(map(searched_label, table.shared))
+    return tuple(f"{searched_label(table.label)}.{axis}" for axis in "xyzu"[: len(table.type.axes)])
+
+
 def state_label(instance: ClassInstance, machine: e.StateMachine) -> str:
     """Return the label of the variable that holds the state of a state machine."""
     alone = len(instance.declaration.machines) == 1
     return f"{instance.label}.sm" if alone else f"{instance.label}.{machine.name}.sm"
+
+
+def history_label(instance: ClassInstance, machine: e.StateMachine, state: str) -> str:
+    """Return the label of the variable that holds the inner state in which a state was left."""
+    return f"{state_label(instance, machine)}.{state}"
 
 
 def _sized(kind: Type, leaves: Leaves) -> Type:

@@ -13,6 +13,7 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.importers.ascet.component_tree import holds_components
 from kennfeld.importers.ascet.declarations import Declared, SourceTree, package_of, root_of
+from kennfeld.importers.ascet.default_methods import default_methods
 from kennfeld.importers.ascet.instances import ClassInstance, Program
 from kennfeld.importers.ascet.method_selection import MethodSelection, Process, ScheduledTask
 from kennfeld.importers.ascet.task_choice import ALL_TASKS, TaskChoice, skipped_tasks, step_of_tasks
@@ -30,11 +31,14 @@ class MethodChooser:
         folders: folders with further projects.
         tasks: the tasks.
         step: the step in s, None for that of the tasks.
+        limits: whether reals are limited to the ranges of their types when they are assigned; None as generated code.
     """
 
-    def __init__(self, path: Path, folders: list[Path], tasks: TaskChoice, step: float | None) -> None:
+    def __init__(
+        self, path: Path, folders: list[Path], tasks: TaskChoice, step: float | None, limits: bool | None = None
+    ) -> None:
         self.path, self.folders, self.tasks, self.step = path, folders, tasks, step
-        self.program = Program()
+        self.program = Program(limits)
 
     # classes
 
@@ -44,6 +48,7 @@ class MethodChooser:
         scope = tree.scope(self.path)
         if self.path in tree.broken:
             raise InputError(tree.broken[self.path])
+        # the file alone tells how deep its package lies, and only then can others be found
         tree.root = root_of(self.path, scope.file.package)
         declared = self._class(scope.file, name, [Declared(item, scope) for item in scope.file.declarations])
         instance = self.program.instance(declared)
@@ -53,10 +58,11 @@ class MethodChooser:
         if self.tasks.is_several and not methods:
             tasks, skipped = self._tasks_of(instance, schedules)
             return self._scheduled(tasks, first, skipped)
+        # methods that the user names need no task, whose ambiguity would be an error
         own = self._own_task(schedules, declared.label) if not methods else None
-        processes = self._named(instance, methods) if methods else self._default(instance, own)
+        processes, remarks = self._chosen(instance, methods, own)
         step = self.step if self.step is not None else self._period(processes, schedules)
-        return MethodSelection((ScheduledTask("", tuple(processes)),), tuple(first), step)
+        return MethodSelection((ScheduledTask("", tuple(processes)),), tuple(first), step, remarks)
 
     def _tasks_of(
         self, instance: ClassInstance, schedules: list[Schedule]
@@ -67,7 +73,7 @@ class MethodChooser:
             tasks = [task for task in schedule.tasks if any(_owner(process) == label for process in task.processes)]
             if tasks:
                 chosen = self.tasks.tasks(tasks, location, [task.name for task in schedule.tasks])
-                return [(task, self._default(instance, task)) for task in chosen], skipped_tasks(self.tasks, tasks)
+                return [(task, self._of_task(instance, task)) for task in chosen], skipped_tasks(self.tasks, tasks)
         raise InputError.of(location, f"no task calls methods of {label}", "Name the methods of a step.")
 
     def _scheduled(
@@ -114,26 +120,22 @@ class MethodChooser:
             )
         return [Process(instance, known[name]) for name in names]
 
-    def _default(self, instance: ClassInstance, own: Task | None) -> list[Process]:
-        """Return the methods that a task calls, or the only public method."""
-        if own is not None:
-            prefix = f"{instance.declared.label}."
-            names = [process.removeprefix(prefix) for process in own.processes if process.startswith(prefix)]
-            return self._named(instance, names)
-        own_methods = instance.declaration.methods
-        methods = [method for method in own_methods if "public" in method.modifiers] or list(own_methods)
-        threads = [method for method in methods if method.annotation("thread") is not None]
-        called = [method for method in methods if method.triggers]
-        # the only method, else the only one annotated as a thread, else the only trigger of a state machine
-        for candidates in (methods, threads, called):
-            if len(candidates) == 1:
-                return [Process(instance, candidates[0])]
-        location = instance.scope.location(instance.declaration.place, instance.declaration.name)
-        names = [method.name for method in methods]
-        if not names:
-            raise InputError.of(location, "the class has no public method", "Name the methods of a step.")
-        remedy = f"Name those of a step in their order, of {join_names(names, 8)}."
-        raise InputError.of(location, "the class has several methods", remedy)
+    def _of_task(self, instance: ClassInstance, task: Task) -> list[Process]:
+        """Return the methods of a class that a task calls."""
+        # a task calls processes of many classes; those of this one run in their order within it
+        prefix = f"{instance.declared.label}."
+        return self._named(instance, [name.removeprefix(prefix) for name in task.processes if name.startswith(prefix)])
+
+    def _chosen(
+        self, instance: ClassInstance, methods: list[str], task: Task | None = None
+    ) -> tuple[list[Process], tuple[Finding, ...]]:
+        """Return the named methods, or those of a task, or the default ones with a remark on them."""
+        if methods:
+            return self._named(instance, methods), ()
+        if task is not None:
+            return self._of_task(instance, task), ()
+        default = default_methods(instance)
+        return [Process(instance, method) for method in default.methods], default.remarks
 
     def _startup(self, instance: ClassInstance, names: list[str] | None, schedules: list[Schedule]) -> list[Process]:
         if names is not None:
@@ -160,6 +162,7 @@ class MethodChooser:
         for path in paths:
             try:
                 result.append(read_schedule(path))
+            # an application beside the class is a help, not an input: its errors are none of the class
             except InputError:
                 continue
         return result

@@ -1,13 +1,15 @@
 """Translation of ESDL methods to functions of the shared syntax tree."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Final
 
 from kennfeld.ascet import syntax as e
+from kennfeld.importers.ascet.c_methods import c_body, c_file, known_rule
 from kennfeld.importers.ascet.call_translation import CallTranslation
 from kennfeld.importers.ascet.expression_translation import call_of
-from kennfeld.importers.ascet.instances import ClassInstance, state_label
+from kennfeld.importers.ascet.instances import ClassInstance, history_label, state_label
 from kennfeld.importers.ascet.name_resolution import EnumerationName
 from kennfeld.importers.ascet.program_code import RESULT, MethodCode, Operand, Place, ProgramCode, leaf_names
 from kennfeld.importers.ascet.resolved_types import (
@@ -22,7 +24,7 @@ from kennfeld.importers.ascet.resolved_types import (
     leaves_of,
     with_sizes,
 )
-from kennfeld.importers.ascet.state_machines import STATE, machine_statements, state_numbers
+from kennfeld.importers.ascet.state_machines import STATE, histories, history_name, machine_statements, state_numbers
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 from kennfeld.program import tree as m
 
@@ -49,6 +51,7 @@ class MethodTranslation(CallTranslation):
         parameters: list[str] = []
         for at, argument in enumerate(self.method.arguments):
             kind = arguments[at] if at < len(arguments) else None
+            # numbers keep the type of the declaration; arrays have the sizes of this call
             place = self._declare(argument.name, kind or types.resolve(argument.type, scope))
             parameters += leaf_names(place.label, place.type)
         outputs = tuple(at for at, argument in enumerate(self.method.arguments) if argument.direction != "in")
@@ -67,9 +70,8 @@ class MethodTranslation(CallTranslation):
         return MethodCode(self.name, definition, scope, self._result, outputs, self._is_complete)
 
     def _body(self) -> m.Statements:
-        if not self.method.triggers and self.method.body is None:
-            message = f"{self._path()} is implemented in C, which is not supported"
-            raise UnsupportedEsdlError(message, place=self.method.place)
+        if self.method.is_in_c:
+            return self._body_in_c()
         if not self.method.triggers:
             return self.statements(self.method.body or (), is_last=True)
         machine = self.instance.machine(self.method.triggers)
@@ -79,7 +81,24 @@ class MethodTranslation(CallTranslation):
         numbers = state_numbers(self.program.types, self.instance.scope, machine)
         variable = self.program.variables[state_label(self.instance, machine)]
         self.names.locals[0][STATE] = Place(variable.label, variable.type)
+        for state in histories(machine):
+            label = history_label(self.instance, machine, state)
+            self.names.locals[0][history_name(state)] = Place(label, variable.type)
         return self.statements(machine_statements(machine, numbers, self.method.name))
+
+    def _body_in_c(self) -> m.Statements:
+        rule = known_rule(self.instance, self.method)
+        if rule is not None:
+            names = (e.Name(argument.name, place=argument.place) for argument in self.method.arguments)
+            called = e.Call(e.Name(self.method.name), tuple(names), place=self.method.place)
+            return self.statements((e.Return(called, place=self.method.place),), is_last=True)
+        path, body = c_file(self.instance, self.method), c_body(self.instance, self.method)
+        if path is None or body is None:
+            message = f"{self._path()} is implemented in C, which is not supported"
+            raise UnsupportedEsdlError(message, place=self.method.place)
+        self.wraps = True
+        self.code.files.setdefault(path)
+        return self.statements(body, is_last=True)
 
     # statements
 
@@ -169,6 +188,7 @@ class MethodTranslation(CallTranslation):
         first, last, kind = self._bounds(statement.values)
         self.names.locals.append({})
         try:
+            # in a scope of its own: the variable of a loop hides others of its name until its end
             variable = self._declare(statement.name, kind)
             body = self._block(statement.body)
         finally:
@@ -279,9 +299,12 @@ class MethodTranslation(CallTranslation):
         if target.is_fixed:
             message = f"{target.leaf()} is a constant or characteristic; it cannot be assigned"
             raise UnsupportedEsdlError(message, place=statement.target.place)
-        value: e.Expression = statement.value
+        value = statement.value
         if statement.operator:
-            value = e.Binary(statement.operator, statement.target, statement.value, place=statement.place)
+            # v[next()] += 1 calls next() once: it is read and assigned at one index
+            target = replace(target, indices=tuple(self.once(index, statement.place) for index in target.indices))
+            left, right = self.read(target, statement.target), self.operand(value)
+            return self.assign(target, self.combined(statement.operator, left, right, statement.place), value)
         return self.assign(target, self.value(value), value)
 
     def assign(self, target: Place, value: Operand | Place | e.Braces, tree: e.Expression) -> m.Statements:
@@ -304,6 +327,7 @@ class MethodTranslation(CallTranslation):
 
     def _copy(self, target: Place, source: Place, tree: e.Expression) -> m.Statements:
         """Return the statements that copy structs and arrays."""
+        # by fields and not by order: a struct of another name may have the same fields
         theirs = {path: dimensions for path, _, dimensions in leaves_of(source.type)}
         result: list[m.Statement] = []
         for path, _, dimensions in leaves_of(target.type):
@@ -381,8 +405,32 @@ def _sizes(dimensions: Sequence[Dimension]) -> list[int | None]:
 
 
 def _without_break(body: e.Statements) -> e.Statements:
-    """Return the statements of a case without the `break` that ends it."""
-    return body[:-1] if body and isinstance(body[-1], e.Jump) and body[-1].kind == "break" else body
+    """Return the statements of a case without the `break` that ends it, perhaps within a block."""
+    if body and isinstance(body[-1], e.Jump) and body[-1].kind == "break":
+        body = body[:-1]
+    elif body and isinstance(body[-1], e.Block):
+        body = (*body[:-1], replace(body[-1], statements=_without_break(body[-1].statements)))
+    if (place := _break_in(body)) is not None:
+        # it ends the case, which no statement of the graph does; it would end a loop around the switch
+        message = "a break that does not end its case is not supported"
+        raise UnsupportedEsdlError(message, "Put the other statements of the case under a condition.", place)
+    return body
+
+
+def _break_in(body: e.Statements) -> e.TextPosition | None:
+    """Return the place of a `break` that is not one of a loop or a switch within the statements."""
+    for statement in body:
+        place: e.TextPosition | None = None
+        match statement:
+            case e.Jump("break"):
+                place = statement.place
+            case e.If(_, inner, otherwise):
+                place = _break_in((*inner, *otherwise))
+            case e.Block(inner):
+                place = _break_in(inner)
+        if place is not None:
+            return place
+    return None
 
 
 def _leaves_pass(statements: m.Statements) -> bool:

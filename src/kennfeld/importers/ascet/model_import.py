@@ -14,6 +14,7 @@ from kennfeld.graph import GraphBuilder
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
 from kennfeld.importers.ascet.display_names import DisplayNames
 from kennfeld.importers.ascet.functions import library
+from kennfeld.importers.ascet.import_remarks import import_remarks
 from kennfeld.importers.ascet.import_report import EsdlImport, EsdlReport, TaskSummary
 from kennfeld.importers.ascet.instances import Program, ProgramVariable
 from kennfeld.importers.ascet.method_selection import MethodSelection, Process, ScheduledTask
@@ -34,9 +35,6 @@ from kennfeld.models.quantities import Quantity, calibratable
 from kennfeld.models.sample_times import sample_hit
 from kennfeld.program import tree as m
 
-_TYPES_NOTE: Final = (
-    "real numbers are calculated in double precision: representations, and ranges of reals, are ignored"
-)
 _MAX_SHOWN: Final = 200  # elements of an array that become nodes
 
 
@@ -113,16 +111,13 @@ class EsdlModelImport:
             selection.step,
             tasks=_task_summaries(selection),
             missing=tuple(sorted({name for p in selection.processes for name in p.instance.scope.tree.missing})),
-            sources=self.program.sources(),
+            sources=(*self.program.sources(), *self.code.files),
             findings=tuple(dict.fromkeys(self.findings)),
             remarks=self._remarks(),
         )
 
     def _remarks(self) -> tuple[Finding, ...]:
-        sentences = [
-            _TYPES_NOTE,
-            *(f"{text} depends on characteristics, which are constant there" for text in self.frozen),
-        ]
+        sentences = import_remarks(self.program, self.code, self.frozen)
         own = tuple(Finding(Location(), text, severity="remark") for text in sentences)
         others = () if self.findings else (replace(f, severity="warning") for f in self.program.findings)
         return (*self.selection.remarks, *own, *others)
@@ -159,11 +154,13 @@ class EsdlModelImport:
     # lowering
 
     def _lowered(self, main: Sequence[MethodCode], startup: Sequence[MethodCode]) -> EsdlImport:
+        # bounded: loops are unrolled, and a program of a few lines may ask for millions of nodes
         builder = self.builder = BoundedGraphBuilder()
         self._nodes: dict[str, Nodes] = {}
         self.units: dict[str, str] = {}
         # startup begins with the initial values; a step with those after startup, those of the last step in states
         fixed = {label: self._fixed(label) for label in sorted(self.code.read | self.code.assigned)}
+        # a variable that only startup assigns is one of them: it may differ from its initial value
         mutable = [label for label in fixed if label in self.code.assigned]
         first = {**fixed, **{label: self._initial(label) for label in mutable}}
         begin = self._call_all(startup, [ScheduledTask("", self.selection.startup)], first)[0] if startup else first
@@ -237,6 +234,7 @@ class EsdlModelImport:
     ) -> tuple[dict[str, Nodes], list[MethodResult]]:
         """Run tasks one after the other; return the variables afterwards and the results of each method."""
         interpreter = StatementInterpreter(self._context(self.builder))
+        # kept as globals: methods of several instances share the messages, and see what the one before wrote
         interpreter.state.kept.update({(GLOBAL, label): nodes for label, nodes in values.items()})
         results: list[MethodResult] = []
         remaining = iter(codes)
@@ -372,6 +370,7 @@ class EsdlModelImport:
         names = _Names()
         labels = [label for label in self.program.variables if label in self.assigned]
         chosen = self.display.choose(labels)
+        # outputs first and in groups, as users look for them, whatever order the methods assign them in
         messages = [label for label in labels if self.program.variables[label].storage == "message"]
         own = [label for label in labels if label not in messages and label.rpartition(".")[0] in self.roots]
         others = [label for label in labels if label not in messages and label not in own]

@@ -79,6 +79,7 @@ class NameResolver:
                 return scope[tree.name]
         if tree.name == "this":
             return self.instance
+        # before declarations: an element may have the name of a class or of an enumeration
         own = self._of_instance(self.instance, tree.name)
         if own is not None:
             return own
@@ -87,6 +88,7 @@ class NameResolver:
             return self._declared(declared)
         if self.instance.scope.tree.has_package(tree.name):
             return PackageName(tree.name)
+        # only names that the method could mean: those of packages would offer too many alike
         known = [*self.locals[0], *self.instance.holders, *self.instance.parts]
         remedy = self.instance.scope.remedy_for(tree.name) or nearest(tree.name, known)
         raise UnsupportedEsdlError(f"unknown name {tree.name}", remedy, tree.place)
@@ -152,6 +154,7 @@ class NameResolver:
         raise UnsupportedEsdlError(f"unknown name {qualified}", place=tree.place)
 
     def _field(self, of: Place, tree: e.Field) -> Place:
+        # indices stay as they are: of an array of structs, each field is an array of its own
         if isinstance(of.type, StructType):
             kind = dict(of.type.elements).get(tree.name)
             if kind is not None:

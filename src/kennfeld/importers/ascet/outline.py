@@ -31,6 +31,7 @@ def read_outline(path: Path) -> ProgramOutline:
     return ProgramOutline(
         tuple(
             ClassOutline(
+                # those that `methods` may name: private ones run where others call them
                 item.name,
                 tuple(method.name for method in item.methods if "public" in method.modifiers or len(item.methods) == 1),
             )

@@ -69,6 +69,7 @@ def _sources(folder: Path, files: Sequence[Path]) -> list[dict[str, str]]:
             text = "" if path.suffix.lower() == ARCHIVE else read_source(path)
         except InputError:
             text = ""
+        # the page shows what fits; names of the others stay, so that places keep their numbers
         room -= len(text)
         rows.append({"file": label, "text": text if room >= 0 else ""})
     return rows

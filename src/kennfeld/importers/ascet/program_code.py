@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import field
+from pathlib import Path
 from typing import Final, TypeAlias
 
 from kennfeld.ascet import syntax as e
@@ -92,6 +93,9 @@ class ProgramCode:
         findings: what is not supported, in all translated methods.
         assigned: labels of the variables that a method assigns.
         read: labels of all variables that a method uses.
+        skipped: labels of methods in C whose calls are left out.
+        files: files with code in C.
+        has_integer_arithmetic: True if a method adds, subtracts or multiplies integers.
     """
 
     program: Program
@@ -101,6 +105,9 @@ class ProgramCode:
     findings: list[Finding] = field(default_factory=list)
     assigned: set[str] = field(default_factory=set)
     read: set[str] = field(default_factory=set)
+    skipped: dict[str, None] = field(default_factory=dict)
+    files: dict[Path, None] = field(default_factory=dict)
+    has_integer_arithmetic: bool = False
     _open: list[str] = field(default_factory=list)
 
     def method(self, instance: ClassInstance, method: e.Method, arguments: Sequence[Type | None] = ()) -> MethodCode:

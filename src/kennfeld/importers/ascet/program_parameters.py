@@ -37,6 +37,7 @@ class ProgramParameters:
         for at, (kind, points) in enumerate(zip(table.type.axes, table.values.axes, strict=True)):
             shared = self.axis_names.get(table.shared[at], "") if table.shared else ""
             axes.append(Axis(points, unit=kind.unit, name=shared))
+        # a table that is no characteristic is part of the program: its lookup needs a parameter, no fit may move it
         attributes = _attributes(table.type.value, table.description) | {"locked": np.array(table.is_constant)}
         return parameter(name, table.values.values, axes, **attributes)
 
@@ -54,6 +55,7 @@ class ProgramParameters:
     def number(self, name: str, place: tuple[int, ...]) -> float | None:
         """Return a number of a parameter where a constant is required; None for a table."""
         own = self.by_name.get(name)
+        # a size or a number of passes is a number or an element of an array, never one of a table
         if own is None or own.axes:
             return None
         other = self._values.get(name)

@@ -15,7 +15,10 @@ Kind: TypeAlias = Literal["real", "integer", "boolean", "enumeration"]
 
 @dataclass(frozen=True)
 class NumberType:
-    """A number; the labels are those of an enumeration, with their numbers."""
+    """A number; the labels are those of an enumeration, with their numbers.
+
+    `is_limited` is True for a real number that is limited to its range when it is assigned, as integers always are.
+    """
 
     kind: Kind
     low: float = -math.inf
@@ -23,6 +26,7 @@ class NumberType:
     unit: str = ""
     labels: tuple[tuple[str, int], ...] = ()
     name: str = field(default="", compare=False)
+    is_limited: bool = field(default=False, compare=False)
 
     @property
     def default(self) -> float:

@@ -4,6 +4,9 @@ As in generated code, a trigger first tests the transitions of the outermost act
 transition runs the exit actions from the inner to the outer state, its own action, and the entry actions from the outer
 to the inner state; states that stay active around it then run their static actions. Without a transition, the static
 actions run from the inner to the outer state. The first state is entered without its entry action.
+
+A state that keeps its history is entered with the inner state that was active when it was left last, at first with its
+start. The inner state decides on its own inner ones in the same way.
 """
 
 from collections.abc import Iterator, Mapping
@@ -74,15 +77,31 @@ def _inner(state: e.State) -> tuple[e.State, ...]:
 
 
 def _entered(path: _StatePath) -> _StatePath:
-    """Return the innermost state that is entered with a state."""
-    while inner := _inner(path.states[-1]):
-        start = path.states[-1].start
-        following = next((state for state in inner if state.name == start), None)
-        if following is None:
-            raise UnsupportedEsdlError(f"the state {path.name} has no start", place=path.states[-1].place)
-        # down to a state without inner states, which alone has a number
-        path = _StatePath((*path.states, following))
+    """Return the innermost state that is entered with a state at first."""
+    # down to a state without inner states, which alone has a number
+    while _inner(path.states[-1]):
+        path = _started(path)
     return path
+
+
+def _started(path: _StatePath) -> _StatePath:
+    """Return the inner state that a state starts with."""
+    state = path.states[-1]
+    following = next((inner for inner in _inner(state) if inner.name == state.start), None)
+    if following is None:
+        raise UnsupportedEsdlError(f"the state {path.name} has no start", place=state.place)
+    return _StatePath((*path.states, following))
+
+
+def history_name(state: str) -> str:
+    """Return the name of the variable within the statements that keeps the inner state a state was left in."""
+    return f"%history {state}"
+
+
+def histories(machine: e.StateMachine) -> dict[str, str]:
+    """Return the states that keep their history, with the innermost state that each is entered with at first."""
+    paths = [path for path in _paths(machine.states) if path.states[-1].keeps_history and _inner(path.states[-1])]
+    return {path.name: _entered(path).name for path in paths}
 
 
 def machine_statements(machine: e.StateMachine, numbers: Mapping[str, int], trigger: str) -> e.Statements:
@@ -94,7 +113,7 @@ def machine_statements(machine: e.StateMachine, numbers: Mapping[str, int], trig
         trigger: name of the method that triggers it.
 
     Raises:
-        UnsupportedEsdlError: a target is unknown, or a state keeps its history.
+        UnsupportedEsdlError: a target is unknown.
     """
     return _MachineCode(machine, numbers, trigger).statements()
 
@@ -108,11 +127,6 @@ class _MachineCode:
 
     def statements(self) -> e.Statements:
         place = self.machine.place
-        for path in self.by_name.values():
-            if path.states[-1].keeps_history:
-                message = f"the state {path.name} keeps its history, which is not supported"
-                remedy = "Keep the last state in a variable, and enter it by the conditions of transitions."
-                raise UnsupportedEsdlError(message, remedy, path.states[-1].place)
         leaves = [path for path in self.by_name.values() if path.name in self.numbers]
         cases = tuple(
             ((e.Number(float(self.numbers[leaf.name]), False, place=place),), self._active(leaf)) for leaf in leaves
@@ -189,28 +203,53 @@ class _MachineCode:
         """Return the statements of a transition that leaves the state at `depth` of the active ones."""
         if target not in self.by_name:
             raise UnsupportedEsdlError(f"the transition leads to an unknown state {target}", place=place)
-        end = _entered(self.by_name[target])
-        if end.name not in self.numbers:
-            raise UnsupportedEsdlError(f"the state {end.name} has no number", place=place)
-        named = len(self.by_name[target].states)
+        end = self.by_name[target]
         common = 0
-        limit = min(depth, named - 1)
+        limit = min(depth, len(end.states) - 1)
         # states around both ends stay active, but the state that is left and the target are never among them: a
         # transition to itself, or from or to a state around, leaves and enters them
         while common < limit and leaf.states[common] is end.states[common]:
             common += 1
-        left = reversed(leaf.states[common:])
+        left = leaf.states[common:]
         entered = end.states[common:]
         around = reversed(leaf.states[:common])
+        statics = tuple(statement for state in around for statement in _block(state.static, state))
+        kept = (state for state in left if state.keeps_history and _inner(state))
         return (
-            *(statement for state in left for statement in _block(state.exit, state)),
+            *(statement for state in reversed(left) for statement in _block(state.exit, state)),
+            # before a state is entered: a transition to the state itself enters what it leaves
+            *(self._assigned(history_name(state.name), leaf.name, place) for state in kept),
             *(statement for action in actions for statement in action),
             *(statement for state in entered for statement in _block(state.entry, state)),
-            *(statement for state in around for statement in _block(state.static, state)),
-            e.Assign(
-                e.Name(STATE, place=place), e.Number(float(self.numbers[end.name]), False, place=place), place=place
-            ),
+            *self._within(end, statics, place),
         )
+
+    def _within(self, path: _StatePath, statics: e.Statements, place: e.TextPosition) -> e.Statements:
+        """Return the statements that enter the inner states of a state, and then run the static actions around."""
+        state = path.states[-1]
+        inner = _inner(state)
+        if not inner:
+            return (*statics, self._assigned(STATE, path.name, place))
+        if not state.keeps_history:
+            return self._inner_entry(_started(path), statics, place)
+        children = [_StatePath((*path.states, child)) for child in inner]
+        cases = tuple((self._keys(child, place), self._inner_entry(child, statics, place)) for child in children)
+        return (e.Switch(e.Name(history_name(state.name), place=place), cases, place=place),)
+
+    def _inner_entry(self, path: _StatePath, statics: e.Statements, place: e.TextPosition) -> e.Statements:
+        return (*_block(path.states[-1].entry, path.states[-1]), *self._within(path, statics, place))
+
+    def _keys(self, path: _StatePath, place: e.TextPosition) -> tuple[e.Expression, ...]:
+        """Return the numbers of the states without inner states within a state, or its own."""
+        own = path.states[-1]
+        names = [inner.name for inner in _paths((own,)) if inner.name in self.numbers]
+        return tuple(e.Number(float(self.numbers[name]), False, place=place) for name in names)
+
+    def _assigned(self, variable: str, state: str, place: e.TextPosition) -> e.Statement:
+        if state not in self.numbers:
+            raise UnsupportedEsdlError(f"the state {state} has no number", place=place)
+        number = e.Number(float(self.numbers[state]), False, place=place)
+        return e.Assign(e.Name(variable, place=place), number, place=place)
 
 
 def _block(statements: e.Statements, state: e.State) -> e.Statements:

@@ -33,9 +33,14 @@ _MAX_REFERENCES: Final = 40  # types that are defined by each other
 
 
 class TypeResolver:
-    """Resolves types, each declared one once."""
+    """Resolves types, each declared one once.
 
-    def __init__(self) -> None:
+    Args:
+        limits: whether reals are limited to the ranges of their types when they are assigned; None as generated code.
+    """
+
+    def __init__(self, limits: bool | None = None) -> None:
+        self._limits_reals = limits
         self._known: dict[int, Type] = {}
         self._open: list[str] = []
 
@@ -115,9 +120,15 @@ class TypeResolver:
         # `using` states the representation, whose range holds unless one is written
         if kind.using in _DATATYPES and base.kind == "integer":
             low, high = _DATATYPES[kind.using]
+        is_limited = base.is_limited
         if kind.range is not None:
             low, high = self._limits(kind.range, scope, base)
-        return NumberType(base.kind, low, high, kind.unit or base.unit, base.labels, name)
+        if kind.range is not None and base.kind == "real":
+            # generated code keeps a real with a range and a resolution as an integer, and limits it there
+            has_resolution = kind.delta is not None or base.is_limited
+            by_default = has_resolution if kind.is_limited is None else kind.is_limited
+            is_limited = by_default if self._limits_reals is None else self._limits_reals
+        return NumberType(base.kind, low, high, kind.unit or base.unit, base.labels, name, is_limited)
 
     def _limits(self, limits: e.Range, scope: FileScope, base: NumberType) -> tuple[float, float]:
         low = base.low if limits.first is None else self.constant(limits.first, scope)

@@ -74,6 +74,7 @@ def is_floating(source: SignalSource | None) -> bool:
             continue
         if _specified_type(flat) or not output_type_of(flat).floating:
             return False
+        # a variable of the workspace may be an integer, which the model file does not say
         if flat.type == "Constant" and not _LITERAL.fullmatch(flat.block.value("Value") or "1"):
             return False
         waiting += flat.inputs
@@ -109,6 +110,7 @@ def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
     kind = output_type(flat.block, flat.scope)
     if isinstance(kind, FixedPointType):
         return IntegerType(kind.bits, kind.signed, _rounding(flat), is_saturating(flat)) if kind.is_integer else None
+    # `int16(3)` as the value of a constant gives its type without any field
     cast = _CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
     return integer_type_named(cast[1]) if cast is not None and kind is None else None
 

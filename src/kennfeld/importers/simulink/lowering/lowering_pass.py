@@ -83,6 +83,7 @@ class LoweringPass(ABC):
 
     def value(self, source: SignalSource) -> SignalOrBus:
         """Return the signal or bus of a block that is lowered, or at its state port."""
+        # such an output needs no order: it is known before any block of the step is lowered
         if is_known_at_step_start(source):
             return self.ports.signal(source.flat)
         if source.flat not in self.visits.values:
@@ -92,6 +93,7 @@ class LoweringPass(ABC):
             self.failures.note(source.flat, "its state port is used, which is not supported")
             return placeholder_signal(self.builder)
         port = len(outputs) - 1 if source.port == STATE_PORT else source.port  # a state port is the last output
+        # a block that is not supported has fewer outputs; it is reported, and those behind it are still checked
         return outputs[port] if port < len(outputs) else placeholder_signal(self.builder)
 
     def signal(self, source: SignalSource) -> Signal:

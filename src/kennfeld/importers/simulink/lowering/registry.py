@@ -98,6 +98,7 @@ def has_continuous_states(flat: FlatBlock) -> bool:
 def field_text(flat: FlatBlock, name: str) -> str | None:
     """Return a field as written, else its default, None if there is none."""
     written = flat.block.value(name)
+    # order: the block itself, its mask, the link to a library, the default of the type
     if written is None and flat.block.mask is not None:
         written = next((p.expression for p in flat.block.mask.parameters if p.name == name), None)
     if written is None and flat.block.reference is not None:

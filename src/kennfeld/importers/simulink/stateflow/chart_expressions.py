@@ -36,6 +36,7 @@ from kennfeld.program import tree as m
 from kennfeld.program.traversal import expressions_in, field_path, map_children
 
 _LIBRARIES: Final[Mapping[str, Mapping[str, LibraryFunction]]] = {
+    # charts with C have the functions of block fields alone, not those of MATLAB on arrays
     "C": {**FIELD_FUNCTIONS, **{name: SYMBOLIC_FUNCTIONS[name] for name in ("cast", "isnan")}},
     "MATLAB": {**SYMBOLIC_FUNCTIONS, **C_FUNCTIONS},
 }
@@ -93,6 +94,7 @@ class ChartExpressions(ChartPart):
         names, plain = self._indices(key, indices, context, guard)
         with _reporting(context):
             changed = as_array(assign_part(self._evaluator(names), names[key], [m.Call(m.Name(key), plain)], new))
+        # MATLAB would extend the array; the data of a chart have a fixed size
         if changed.shape != names[key].shape:
             raise UnsupportedError(f"{context.place}: assignment out of range of {key}")
         return np.asarray(changed)
@@ -129,9 +131,11 @@ class ChartExpressions(ChartPart):
 
     def key(self, name: str, context: ActionContext) -> str | None:
         """Return the key of the variable of a name; None if there is none."""
+        # locals of a function hide data of the chart
         if context.frame and (local := f"{context.frame}.{name}") in self.variables:
             return local
         data = self.diagram.datum(name, context.scope)
+        # a parameter is no variable: block fields find it in the workspace or mask
         if data is None or data.written.scope == "PARAMETER_DATA":
             return None
         return data.key if data.key in self.variables else None
@@ -181,11 +185,13 @@ class ChartExpressions(ChartPart):
     def _named(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Nodes | None:
         key = self.resolve_key(tree, context)
         if key is not None:
+            # with the declared type, since arithmetic of integers saturates or wraps by it
             return integers(self.variables.get(key, guard), self._declared_type(key))
         # parameters and workspace variables are left to the evaluator of fields; MATLAB requires the names of classes
         if not isinstance(tree, m.Name) or self.diagram.chart.language != "C" or self.scope.find(tree.name) is not None:
             return None
         # the time, unless something else has this name
+        # actions in C know the time by this name
         if tree.name == "t":
             return self._array(self.machine.time)
         member = unqualified_member(self.scope.variables, tree.name, self.diagram.types)
@@ -207,6 +213,7 @@ class ChartExpressions(ChartPart):
         first = self.scalar(left, context, guard)
         rest = self.logic.narrow(guard, first, holds=operator == "&&")
         decided = self.builder.const(0.0 if operator == "&&" else 1.0)
+        # a right side that runs nowhere may not even have a value
         if rest is None:
             return self._array(decided)
         second = self.scalar(right, context, rest)
@@ -224,6 +231,7 @@ class ChartExpressions(ChartPart):
             return self._array(self.machine.counting.evaluate(name, arguments, context, guard))
         if name in CHANGES:
             return self._array(self._change_operator(name, arguments, context, guard))
+        # with other arguments it is a function of the user
         if name == "in" and len(arguments) == 1:
             return self._array(self.machine.activity.active(self.state(arguments[0], context), guard))
         return None

@@ -95,6 +95,7 @@ class ChartMachine:
     `time` and `dt` are nodes in s. `called` receives the output events that call functions.
     """
 
+    # set after all parts exist: each of them calls the others by way of the machine
     values: ExpressionPart
     statements: StatementPart
     activity: StatePart
@@ -114,7 +115,9 @@ class ChartMachine:
         self.diagram, self.builder, self.logic = diagram, builder, GuardLogic(builder)
         self.variables = GuardedVariables(self.logic, values, sized)
         self.time, self.dt = clock
+        # replaced by the block of the chart, which alone knows the subsystems that are called
         self.called: Callable[[ChartEvent, Guard], None] = lambda event, guard: None
+        # once for the chart: the search asks for it at each meeting of paths
         self.reach = {junction: _reachable(junction) for junction in diagram.junctions}
         self._done = self._depth = 0
 
@@ -142,6 +145,7 @@ def _reachable(junction: JunctionNode) -> frozenset[JunctionNode]:
         for transition in waiting.pop().transitions:
             if isinstance(transition.target, JunctionNode) and transition.target not in seen:
                 seen.add(transition.target)
+                # states end a path, so that only junctions are followed
                 waiting.append(transition.target)
     return frozenset(seen)
 

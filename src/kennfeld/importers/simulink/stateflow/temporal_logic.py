@@ -40,6 +40,7 @@ class Timer(NamedTuple):
     @property
     def key(self) -> str:
         """The name of the memory."""
+        # equal conditions of a state share a memory, whatever line they are written in
         more = self.event.key if self.event is not None else repr(self.condition) if self.condition is not None else ""
         return f"{self.kind} {self.state.id} {more}".rstrip()
 
@@ -48,6 +49,7 @@ def temporal_unit(name: str, arguments: m.Expressions) -> str:
     """Return the event or the unit of time that a temporal operator counts."""
     if name in ("elapsed", "et") and not arguments:
         return "sec"
+    # after(n, unit), but temporalCount(unit)
     wanted = 1 if name in ("temporalCount", "elapsed", "et") else 2
     if len(arguments) != wanted or not isinstance(arguments[-1], m.Name):
         raise UnsupportedError(f"this use of {name} is not supported")
@@ -91,6 +93,7 @@ class ChartTimers:
         for name, arguments in calls_in(tree):
             if name in TEMPORAL and self.diagram.function(name, state) is None:
                 timer = self.timer(name, arguments, state)
+                # before the first step: a memory must exist to be counted, and to be a state of the graph
                 self.all[timer.key] = timer
             elif name in CHANGES and arguments:
                 self._watch(arguments[0], state)
@@ -126,6 +129,7 @@ class TemporalLogic(ChartPart):
     def count(self, event: str, guard: Guard) -> None:
         """Count an event, or a wake-up of the chart."""
         for key, timer in self.timers.all.items():
+            # events that the chart sends to itself are no ticks
             waking = timer.kind == "ticks" and self.machine.events.is_waking(event)
             if waking or (timer.kind == "events" and timer.event is not None and timer.event.key == event):
                 more = self.builder.call("add", self.variables.scalar(key, guard), self.builder.const(1.0))
@@ -144,10 +148,12 @@ class TemporalLogic(ChartPart):
             if timer.kind != "true" or timer.condition is None:
                 continue
             where = self.logic.narrow(guard, self.machine.activity.active(timer.state, guard))
+            # a condition in a state that cannot be active here would be evaluated in vain
             if where is None:
                 continue
             here = replace(context, scope=timer.state, owner=timer.state, place=f"state {timer.state.path}")
             holds = self.machine.values.scalar(timer.condition, here, where)
+            # since and the truth value are kept apart: 0 s is a time, too
             was_true = self.variables.scalar(key, where)
             # since = t in the step in which the condition becomes true
             begun = self.builder.call("and", holds, self.builder.call("not", was_true))
@@ -193,6 +199,7 @@ class TemporalLogic(ChartPart):
         if name == "before":
             return call("not", reached)
         if self.builder.value(near) != 0.0:
+            # a time that is hit within rounding would be hit twice, or not at all
             raise UnsupportedError(f"{name} with a time is not supported", "Use ticks.")
         if name == "at":
             return call("eq", count, wanted)

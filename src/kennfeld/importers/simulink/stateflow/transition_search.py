@@ -48,6 +48,7 @@ class EventDispatch(ChartPart):
             return self._timed(name, tree.arguments, context, guard)
         if isinstance(tree, m.Call) and (name in _IMPLICIT or name in _CHANGED):
             return guard if context.event == self._implied(name, tree, context) else None
+        # an event of the user may have the name of a tick
         if isinstance(tree, m.Name) and tree.name in TICKS and self.diagram.event(tree.name, context.scope) is None:
             return guard if self.is_waking(context.event) else None
         sent = self.machine.values.event(tree, context)
@@ -81,13 +82,16 @@ class EventDispatch(ChartPart):
 
     def notify_state(self, kind: str, state: StateNode, guard: Guard) -> None:
         """Broadcast the entry or exit of a state, if a label waits for it."""
+        # by name, as labels name states: a broadcast costs a pass over the chart, and few labels wait for one
         if (kind, state.name) in self._implicit:
             self._broadcast(f"{kind} {state.id}", self.diagram.root, guard)
 
     def notify_change(self, key: str, old: Nodes, guard: Guard) -> None:
         """Broadcast the change of a variable, if a label waits for it."""
+        # the same for variables, whose keys begin with the state that declares them
         if ("change", key.rpartition(".")[2]) not in self._implicit:
             return
+        # an array changes element by element, and each change is an event of its own
         pairs = zip(self.variables.get(key, guard).ravel(), self.logic.simplify_all(old, guard).ravel(), strict=True)
         for new, before in pairs:
             differs = self.builder.call("ne", int(new), int(before)) if new != before else self.builder.const(0.0)
@@ -102,6 +106,7 @@ class EventDispatch(ChartPart):
             return
         if event.written.scope != "LOCAL_EVENT":
             raise UnsupportedError(f"{context.place}: event {event.written.name} is an input and cannot be sent")
+        # counted before it is processed, so that after(1, E) holds in its first processing
         self.machine.counting.count(event.key, guard)
         self._broadcast(event.key, to or event.owner, guard)
 
@@ -172,6 +177,7 @@ class JunctionSearch:
         remaining = self._try(transitions, guard, _Path())
         while (meeting := self._next()) is not None:
             guards = self._waiting.pop(meeting)
+            # paths that meet here are one from now on: the rest of the flow chart is built once
             begun = self.machine.logic.any_of(guards)
             if begun is not None and isinstance(meeting[0], JunctionNode):
                 self._count_pass(meeting[0])
@@ -224,6 +230,7 @@ class JunctionSearch:
         actions = (*path.actions, (transition.after, transition.place)) if transition.after else path.actions
         path = _Path(actions, path.holders | {transition.holder})
         target = transition.target
+        # entering a state by its history junction is entering the state, which remembers
         if isinstance(target, JunctionNode) and target.history:
             target = target.holder
         if isinstance(target, StateNode) or target in self.committed:
