@@ -14,10 +14,10 @@ from kennfeld.importers.simulink.lowering.registry import maskable_types, opaque
 from kennfeld.importers.simulink.reader.document import read_document
 from kennfeld.importers.simulink.reader.library_links import LibraryResolver
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, ModelDocument, System, join_path, split_path
+from kennfeld.importers.simulink.variables.file_search import FileSearch
 from kennfeld.importers.simulink.variables.m_files import FunctionFiles
 from kennfeld.importers.simulink.variables.mask_scope import Scope, Variable, VariableTable
 from kennfeld.importers.simulink.variables.model_variables import (
-    FileSearch,
     ParameterSource,
     collect_variables,
     model_properties,

@@ -8,14 +8,14 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location, Severity
-from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.file_state import note_opened
 from kennfeld.importers.simulink.variables.enumerations import enumeration_variable
+from kennfeld.importers.simulink.variables.file_search import read_file
 from kennfeld.importers.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -36,10 +36,10 @@ from kennfeld.models.imperative.evaluation_errors import EvaluationError, Progra
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import names_read
 
+Load: TypeAlias = Callable[[str], "bytes | None"]
+
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _MAX_FILE_BYTES = 2_000_000  # bytes
-
-_SCRIPT_NAME = re.compile(r"[\w. -]{1,128}\Z")  # of a file or a folder
 
 
 class FunctionFiles:
@@ -176,11 +176,11 @@ def _struct(value: MatlabStruct) -> ParameterValue:
     return elements[0] if len(elements) == 1 else tuple(elements)
 
 
-def run_parameter_script(variables: VariableTable, path: Path) -> None:
+def run_parameter_script(variables: VariableTable, path: Path, load: Load) -> None:
     """Run a parameter script and add its variables to `variables`; raise `InputError` if it cannot be read."""
     text = read_file(path).decode("utf-8", "replace")
     if not is_class(text):
-        run_text(variables, text, path.name, path.parent)
+        run_text(variables, text, path.name, load)
     elif (enumeration := enumeration_of(text)) is not None:
         variables[enumeration[0]] = enumeration_variable(enumeration[1], path.name)
     else:
@@ -188,21 +188,15 @@ def run_parameter_script(variables: VariableTable, path: Path) -> None:
         raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")
 
 
-def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> None:
+def run_text(variables: VariableTable, text: str, name: str, load: Load) -> None:
     """Run MATLAB code and add its variables to `variables`; variables it leaves without a value are removed.
 
-    Variables given by the user stay, so that they can replace what a script cannot compute. Files are loaded from
-    `folder` and the folders below it.
+    Variables given by the user stay, so that they can replace what a script cannot compute. `load` returns the content
+    of a file that the code loads or calls, None if there is none.
     """
     values = {key: _script_value(variable) for key, variable in variables.items()}
-
-    def load(file: str) -> bytes | None:
-        content = _load_file(folder, file)
-        if content is None and file.casefold().endswith(".mat"):
-            variables.missing_files[file] = name
-        return content
-
     outcome = run_script(text, name, values, load)
+    variables.missing_files.update(dict.fromkeys(outcome.missing_files, name))
     for finding in outcome.findings:  # a script skips plots, and what follows an error
         severity: Severity = "warning" if finding.severity == "warning" else "remark"
         variables.findings.append(replace(finding, severity=severity))
@@ -230,17 +224,3 @@ def _script_value(variable: Variable) -> Any:
     if not (variable.fixed and isinstance(variable.value, Mapping)):
         return variable.value
     return MatlabStruct.of({name: from_python(value) for name, value in variable.value.items()}, ENUMERATION)
-
-
-def _load_file(folder: Path, name: str) -> bytes | None:
-    parts = name.replace("\\", "/").removeprefix("./").split("/")
-    if not all(_SCRIPT_NAME.match(part) and part.strip(".") for part in parts):  # a path could name any local file
-        return None
-    path = folder.joinpath(*parts)
-    return read_file(path) if path.is_file() else None
-
-
-def read_file(path: Path) -> bytes:
-    """Read the content of a file; raise `InputError` if it cannot be read."""
-    with convert_errors(path, "the file cannot be read", missing="file not found", advice="Check the path."):
-        return path.read_bytes()
