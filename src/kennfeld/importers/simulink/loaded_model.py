@@ -29,7 +29,8 @@ from kennfeld.models.imperative.evaluation_errors import EvaluationError
 class LoadedModel:
     """A model file with its links resolved.
 
-    `models` are the names that referenced models see; `files` are function files next to the model that code may call.
+    `models` are the names that referenced models see; `files` are function files next to the model that code may call;
+    `search` finds the files of variables.
     """
 
     path: Path
@@ -38,6 +39,7 @@ class LoadedModel:
     models: Mapping[str, Scope]
     remarks: tuple[Finding, ...]
     files: FunctionFiles
+    search: FileSearch
 
     @staticmethod
     def of(
@@ -56,7 +58,7 @@ class LoadedModel:
         remarks = (*document.warnings, *resolved.problems, *variables.findings)
         variables.update(model_properties(document, variables))
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
-        return LoadedModel(Path(path), document, variables, models, remarks, files)
+        return LoadedModel(Path(path), document, variables, models, remarks, files, search)
 
     def cuts(self, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
         """Return the formulas of bound blocks by path within the imported system, whose path is `prefix`."""

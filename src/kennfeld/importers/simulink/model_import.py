@@ -33,6 +33,7 @@ from kennfeld.importers.simulink.reader.model_tree import System
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus
 from kennfeld.importers.simulink.solver_selection import SolverSelection
 from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
+from kennfeld.importers.simulink.value_proposals import propose_files
 from kennfeld.importers.simulink.variables.mask_scope import Scope
 from kennfeld.importers.simulink.variables.model_variables import solver_settings
 from kennfeld.models.formula.frontend import expression
@@ -136,7 +137,9 @@ class ModelImport:
         """Return a report with the undefined variables as parameters to define."""
         failed, reasons = tuple(compiler.failures), self.variables.undefined
         definitions = undefined_parameters(failed, compiler.expressions, report.undefined, reasons)
-        return replace(report, definitions=definitions, missing_files=dict(self.variables.missing_files))
+        missing = dict(self.variables.missing_files) if report.undefined else {}
+        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), reasons, missing)
+        return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
 
     @property
     def asked(self) -> int:

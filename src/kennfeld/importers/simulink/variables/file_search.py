@@ -1,9 +1,8 @@
 """Search for the files of a model's variables: dictionaries, enumerations, scripts and data files that these load."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import field
-from functools import partial
 from pathlib import Path
 
 from kennfeld.base.file_errors import convert_errors
@@ -50,24 +49,27 @@ class FileSearch:
         return enumerations
 
     def loader(self, *folders: Path) -> Callable[[str], bytes | None]:
-        """Return `load` for scripts in the first of some folders."""
-        return partial(self.load, folders=tuple(dict.fromkeys((*folders, *self.folders))))
+        """Return the function that loads files for scripts in the first of some folders, None for what is not found."""
 
-    def load(self, name: str, folders: Iterable[Path]) -> bytes | None:
-        """Read a file that a script loads or calls, None if it is not found.
+        def load(name: str) -> bytes | None:
+            path = self.find(name, *folders)
+            return None if path is None else read_file(path)
 
-        As written, it is searched in `folders`. Without the folders in its name, which may be those of another machine,
-        it is searched among the files of the user and in the further folders.
+        return load
+
+    def find(self, name: str, *folders: Path) -> Path | None:
+        """Find a file that a script loads or runs.
+
+        As written, it is searched in `folders` and in the further ones. Without the folders in its name, which may be
+        those of another machine, it is searched among the files of the user and in the further folders.
         """
         plain = file_name(name)
-        paths = [folder.joinpath(*parts) for folder in folders if (parts := _parts(name))]
+        paths = [folder.joinpath(*parts) for folder in (*folders, *self.folders) if (parts := _parts(name))]
         paths += [path for path in self.given if path.name == plain]
         paths += [folder / plain for folder in self.folders if _parts(plain)]
         for path in paths:
             note_opened(path)
-            if path.is_file():
-                return read_file(path)
-        return None
+        return next((path for path in paths if path.is_file()), None)
 
 
 def _parts(name: str) -> list[str]:
