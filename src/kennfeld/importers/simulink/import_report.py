@@ -1,6 +1,7 @@
 """Import report: supported and unsupported blocks with reasons, substitutions, and parameters."""
 
 import os
+from collections.abc import Callable
 from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -65,28 +66,28 @@ class FileProposal:
     others: tuple[Path, ...] = ()
 
     @property
-    def value(self) -> Path:
-        """What the user adds to the key."""
-        return self.path if self.key == "parameters" else self.path.parent
+    def values(self) -> tuple[Path, ...]:
+        """What the user adds to the key: the first, or one of the others instead."""
+        return (self.path, *self.others) if self.key == "parameters" else (self.path.parent,)
+
+    def message(self, shown: Callable[[Path], str]) -> str:
+        """Return what the file supplies, with paths as `shown` writes them."""
+        variables = f"{join_names(self.names, _MAX_NAMED)} {'is' if len(self.names) == 1 else 'are'} set in"
+        if not self.needed_by:
+            return f"{variables} {shown(self.values[0])}"
+        message = f"needs {self.path.name}, which is in {shown(self.path.parent)}"
+        return f"{message}; {variables} it" if self.names else message
 
     @property
     def finding(self) -> Finding:
         """The proposal as a finding with the option that accepts it."""
         option = {"parameters": "--parameters", "folders": "--folder"}[self.key]
-        value = _shown(self.value)
+        value, *others = map(_shown, self.values)
         quoted = f'"{value}"' if " " in value else value
         remedy = f"Add it with {option} {quoted}, or to {self.key} under [model] of a project."
-        if self.others:
-            remedy += f" Also in {join_names([*map(_shown, self.others)])}: choose one."
-        return Finding(Location(self.needed_by), self._message, remedy)
-
-    @property
-    def _message(self) -> str:
-        variables = f"{join_names(self.names, _MAX_NAMED)} {'is' if len(self.names) == 1 else 'are'} set in"
-        if not self.needed_by:
-            return f"{variables} {_shown(self.value)}"
-        message = f"needs {self.path.name}, which is in {_shown(self.path.parent)}"
-        return f"{message}; {variables} it" if self.names else message
+        if others:
+            remedy += f" Also in {join_names(others)}: choose one."
+        return Finding(Location(self.needed_by), self.message(_shown), remedy)
 
 
 def _shown(path: Path) -> str:
