@@ -4,7 +4,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from kennfeld.base.formatting import join_names
+from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.import_report import FileProposal
+from kennfeld.importers.simulink.reader.model_tree import split_path
 from kennfeld.importers.simulink.reader.project_files import ProjectFiles
 from kennfeld.importers.simulink.variables.assigned_names import DATA_ENDINGS, AssignedNames, defines
 from kennfeld.importers.simulink.variables.data_dictionary import file_name
@@ -30,8 +33,10 @@ def propose_files(
         search: where the import has searched.
         undefined: the variables without a value; fields of structs as `a.b`.
         reasons: by variable, why scripts could not assign it a value.
-        missing_files: files that were not found, with what needs them.
+        missing_files: files that were not found, with what needs them; libraries and models without extension.
     """
+    if not undefined and not missing_files:
+        return ()
     files = ProjectFiles.around(model, search.folders)
     names = AssignedNames(undefined, search, model.parent)
     needed = [
@@ -49,10 +54,22 @@ def propose_files(
     return tuple(sorted((*needed, *chosen), key=lambda proposal: -len(proposal.names)))
 
 
+def missing_links(failed: Iterable[FlatBlock]) -> dict[str, str]:
+    """Return the libraries, models and subsystem files that blocks link to in vain, with the paths of the blocks."""
+    paths: dict[str, list[str]] = {}
+    for flat in failed:
+        block = flat.block
+        if block.searched:
+            link = (split_path(block.reference.source) or ("",))[0] if block.reference is not None else ""
+            paths.setdefault(block.elsewhere or block.model or link, []).append(flat.path)
+    return {name: join_names(users, 1) for name, users in paths.items()}
+
+
 def _locate(files: ProjectFiles, missing_files: Mapping[str, str]) -> Iterator[FileProposal]:
     """Yield the missing files that the project has in other folders; what the user passes are these folders."""
     for name, source in missing_files.items():
-        path = next(iter(files.named([file_name(name)])), None)
+        plain = file_name(name)
+        path = next(iter(files.named([plain] if "." in plain else [f"{plain}.slx", f"{plain}.mdl"])), None)
         if path is not None:
             yield FileProposal(path, "folders", needed_by=source)
 

@@ -266,7 +266,8 @@ class ModelBlock:
     without the model name. `parameters` are the fields specified for this block, `defaults` those for all blocks of the
     type. `ports` is None if the file leaves them to the type. `script` is the code of a MATLAB
     Function, `chart` that of any Stateflow block; `model` is the file name of a referenced model. `signals` are names
-    of output ports; `lists` are the fields that are lists of texts.
+    of output ports; `lists` are the fields that are lists of texts. `searched` are the folders in which the file that a
+    link leads to was not found.
     """
 
     type: str
@@ -284,6 +285,7 @@ class ModelBlock:
     model: str = ""
     signals: Mapping[int, str] = field(default_factory=dict)
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    searched: tuple[str, ...] = ()
 
     def listed(self, name: str) -> tuple[str, ...]:
         """Read a field that is a list of texts, () if not specified.
