@@ -133,6 +133,9 @@ class SimulinkReport(ImportReport):
         proposals: files of the project that define undefined variables or are missing files.
         stopped: errors that prevent lowering altogether.
         unreached: paths of blocks whose inputs come from unsupported ones; they count as neither.
+        results: paths of the blocks whose signals are the outputs: outports; without any, blocks that record or
+            display signals.
+        has_outports: True if they are outports.
     """
 
     total: int
@@ -155,6 +158,8 @@ class SimulinkReport(ImportReport):
     proposals: tuple[FileProposal, ...] = ()
     stopped: tuple[Finding, ...] = ()
     unreached: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()
+    has_outports: bool = True
 
     @property
     def whole(self) -> bool:
@@ -180,11 +185,10 @@ class SimulinkReport(ImportReport):
     @property
     def sentences(self) -> list[str]:
         """Sentences on how much of the model can be calibrated, and what behaves differently than in Simulink."""
-        coverage = "all outputs can be calibrated" if self.whole else "not all outputs can be calibrated"
         step = "the step of the data" if self.step is None else f"a step of {number_text(self.step)} s"
         unreached = f", {len(self.unreached)} not reached behind others" if self.unreached else ""
         return [
-            f"{self.supported} of {count_noun(self.total, 'block')} supported{unreached}; {coverage}",
+            f"{self.supported} of {count_noun(self.total, 'block')} supported{unreached}; {self._coverage}",
             *map(str, self.stopped),
             *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in self.loops),
             *map(str, self._supplies),
@@ -195,6 +199,16 @@ class SimulinkReport(ImportReport):
             *self.remark_sentences,
             *([f"{_SECTIONS}\n\n{self._sections(self.unsupplied)}"] if self.unsupplied else []),
         ]
+
+    @property
+    def _coverage(self) -> str:
+        if not self.results:
+            return "it has no outputs"
+        if not self.whole:
+            return "not all outputs can be calibrated"
+        if self.has_outports:
+            return "all outputs can be calibrated"
+        return f"it has no outport: its outputs, what {join_names(self.results, _MAX_PATHS)} gets, can be calibrated"
 
     @property
     def project_sections(self) -> str:

@@ -268,6 +268,7 @@ class ModelImport:
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
             reasons=dict(self.variables.undefined), unreached=unreached,
+            results=tuple(flat.path for flat in self.flat.results), has_outports=bool(self.flat.outports),
         )  # fmt: skip
 
     def _model(self, compiler: BlockCompiler, report: SimulinkReport) -> Model:
