@@ -70,6 +70,20 @@ def test_a_diagram_without_binding_and_script_names_the_missing_values(sensor: S
 
 
 @pytest.mark.guests
+def test_the_file_that_defines_what_is_missing_is_proposed_by_its_path_in_the_project(sensor: Session) -> None:
+    folder = sensor.path.parent / "scripts"
+    folder.mkdir()
+    (sensor.path.parent / "exhaust.m").rename(folder / "exhaust.m")
+    set_keys(sensor, (("model", "parameters"), None))
+    (proposal,) = QUESTIONS["diagram"](sensor, {}).head["proposals"]
+    assert (proposal["key"], proposal["values"]) == ("parameters", ["scripts/exhaust.m"])
+    assert proposal["text"].endswith("and 2 more are set in scripts/exhaust.m")
+    set_keys(sensor, (("model", proposal["key"]), proposal["values"]))
+    own = QUESTIONS["diagram"](sensor, {}).head
+    assert (own["whole"], own["proposals"]) == (True, [])
+
+
+@pytest.mark.guests
 def test_a_part_can_be_imported_alone(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None))
     [part] = QUESTIONS["parts"](sensor, {}).head["parts"]

@@ -115,6 +115,19 @@ def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
 
 @pytest.mark.guests
 @pytest.mark.slow
+def test_a_proposed_file_is_taken_by_its_button(tmp_path: Path) -> None:
+    shutil.copytree(EXAMPLE, tmp_path / "sensor")
+    project = tmp_path / "sensor" / "kennfeld.toml"
+    project.write_text(project.read_text("utf-8").replace('parameters = "exhaust.m"\n', ""), "utf-8")
+    with project_page(project, "function") as page:
+        page.wait_for_selector("[data-missing=TauSensor]")
+        page.click("[data-proposal='exhaust.m'] button:text-is('Use exhaust.m')")
+        page.wait_for_selector(".chip:has-text('exhaust.m')")
+        page.wait_for_selector("[data-missing], [data-proposal]", state="detached")
+
+
+@pytest.mark.guests
+@pytest.mark.slow
 def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
     with started(None, tmp_path) as (address, _), browser_page(address) as page:
         page.set_input_files("#drop input", str(EXAMPLE / "exhaust.mdl"))

@@ -275,6 +275,11 @@ def test_files_that_are_not_there_are_findings():
     ]
 
 
+def test_files_that_a_script_needs_and_does_not_find_are_listed():
+    script = "load('nothing.mat')\nrun other\nother2\nplot(K)\nx = unknown + K;\naxes"
+    assert run_script(script, files=FILES.get).missing_files == ("nothing.mat", "other.m", "other2.m")
+
+
 def test_scripts_that_call_each_other_come_to_an_end():
     assert "calls itself" in findings("loop", files=FILES.get)[0]
     assert "calls itself" in findings("one", files=FILES.get)[0]

@@ -11,6 +11,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.base.errors import InputError
 from kennfeld.domain.rbf import Expansion
+from kennfeld.files.file_info import FileInfo
 from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
 from kennfeld.terminal.file_info import describe_file, text_lines
 from tests.measurement.bus_files import DBC, drive, write_mf4
@@ -360,3 +361,22 @@ def test_a_function_of_a_file_is_described_without_running_it(tmp_path):
     assert contents.as_json["inputs"][1] == {"name": "b", "unit": "", "default": 2.0}
     assert contents.as_json["outputs"] == [{"name": "eta", "unit": ""}]
     assert "line 3 cannot be translated" in contents.notes[0]
+
+
+def test_lines_in_a_pipe_are_broken_between_words(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    names = ", ".join(f"input{at}" for at in range(100))
+    path = "/".join(["A_long_subsystem"] * 20)
+    tables = [[("subsystem", "inputs", "blocks"), (path, names, "7"), ("Gas", "n", "12")]]
+    lines = text_lines(FileInfo("engine.slx", tables, [f"warning: {names}", "[parameters.K]\ninitial = nan"], {}))
+    assert max(map(len, lines)) < len(path) + 60
+    assert sum(path in line for line in lines) == 1
+    assert " ".join(" ".join(lines).split()).count("input99") == 2
+    assert lines[-1] == "[parameters.K]\ninitial = nan"
+    table = [line for line in lines if line.startswith("Gas")]
+    assert table[0].split() == ["Gas", "n", "12"]
+
+
+def test_a_terminal_folds_lines_by_itself(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert text_lines(FileInfo("engine.slx", [], ["word " * 100], {}))[-1] == "word " * 100

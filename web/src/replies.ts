@@ -838,6 +838,8 @@ export interface ImportedFunction {
   solver?: string;
   blocking?: BlockingBlock[];
   undefined?: UndefinedVariable[];
+  /** Files that supply what is missing. */
+  proposals?: FileProposal[];
   /** Paths of blocks that depend on each other. */
   loops?: string[][];
   stopped?: ImportProblem[];
@@ -944,6 +946,13 @@ export interface UndefinedVariable {
   name: string;
   paths: string[];
   reason: string;
+}
+
+/** A file or folder that supplies what is missing, with the key of `[model]` that takes it; one of the values. */
+export interface FileProposal {
+  key: "parameters" | "folders";
+  values: string[];
+  text: string;
 }
 
 /** A class with the methods that a step can call. */

@@ -80,7 +80,7 @@ def identify_package(content: bytes) -> ForeignContent | None:
         return ForeignContent(description, remedy or "Name the recording instead, as MDF or CSV.")
     if any(f"{name}\0".encode("utf-16-le") in content for name in _WORKBOOKS):
         return None
-    return ForeignContent("an OLE package without a workbook", "Save its content as CSV or .xlsx.")
+    return ForeignContent("an OLE package without a workbook", "Save its content without encryption, as CSV or .xlsx.")
 
 
 def _plain_text(head: bytes) -> bytes:

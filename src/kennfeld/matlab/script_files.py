@@ -13,16 +13,25 @@ Files: TypeAlias = Callable[[str], "bytes | str | Mapping[str, Any] | None"]
 
 
 class ScriptFiles:
-    """Reads the files of a script; files of functions are parsed once."""
+    """Reads the files of a script; files of functions are parsed once.
+
+    `missing` are the names of files that the script needs and that do not exist.
+    """
 
     def __init__(self, files: Files) -> None:
         self._files = files
+        self.missing: dict[str, None] = {}
         self._parsed: dict[str, m.Script | None] = {}
 
     def text(self, name: str) -> str | None:
         """Return the text of a script file; None if there is no such file."""
         content = self._files(name)
         return _decode(content) if isinstance(content, bytes | str) else None
+
+    def not_found(self, name: str) -> MatlabValueError:
+        """Record a file that the script needs and that does not exist; return the error to raise."""
+        self.missing[name] = None
+        return MatlabValueError(f"file {name} not found")
 
     def functions(self, name: str) -> tuple[m.FunctionDefinition, ...]:
         """Return the functions that `name.m` defines; none if it is a script or does not exist."""
@@ -51,7 +60,7 @@ class ScriptFiles:
     def _variables(self, name: str) -> dict[str, Value]:
         content = self._files(name)
         if content is None:
-            raise MatlabValueError(f"file {name} not found")
+            raise self.not_found(name)
         if isinstance(content, Mapping):
             return {key: from_python(value) for key, value in content.items()}
         if isinstance(content, str):

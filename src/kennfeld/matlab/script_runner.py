@@ -46,8 +46,8 @@ class ScriptResult:
     """The variables that a script leaves, and the findings on it.
 
     `comments` are those behind the last assignment to a variable or to a field of it (`Map.x`), `lines` the first line
-    that assigns each variable, `undefined` the reasons why others have no value. A finding is an error if the script
-    ends early.
+    that assigns each variable, `undefined` the reasons why others have no value, `missing_files` the files that it
+    loads or runs and that do not exist. A finding is an error if the script ends early.
     """
 
     variables: dict[str, v.Value]
@@ -55,6 +55,7 @@ class ScriptResult:
     comments: dict[str, str] = field(default_factory=dict)
     undefined: dict[str, str] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
+    missing_files: tuple[str, ...] = ()
 
 
 def run_script(
@@ -95,7 +96,8 @@ def run_script(
         location = Location(name, runner.place.line, column=runner.place.column)
         shared.report(location, f"{reason}; the rest of the script is skipped", "", "error")
     undefined = {key: why for key, why in runner.undefined.items() if key not in runner.variables}
-    return ScriptResult(runner.variables, tuple(shared.findings.values()), runner.comments, undefined, runner.lines)
+    findings, missing = tuple(shared.findings.values()), tuple(shared.files.missing)
+    return ScriptResult(runner.variables, findings, runner.comments, undefined, runner.lines, missing)
 
 
 @dataclass
@@ -278,6 +280,8 @@ class _ScriptRunner(NumericEvaluator):
                 return
             if not steps and self._run_script_file(base.name):
                 return
+            if not steps and not self.knows(base.name):
+                self.shared.files.missing[f"{base.name}.m"] = None
             if base.name == "Simulink" and self._define_types(steps, statement):
                 return
         self.values(statement.expression, 0)
@@ -460,7 +464,7 @@ def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.TextPosition)
     name = name if name.casefold().endswith(".m") else f"{name}.m"
     content = runner.shared.files.text(name)
     if content is None:
-        raise v.MatlabValueError(f"file {name} not found")
+        raise runner.shared.files.not_found(name)
     runner.follow(name, content)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from shutil import get_terminal_size
 
 from kennfeld.base.errors import InputError, Location
 from kennfeld.calfiles.file_info import describe_calibration
@@ -13,7 +14,9 @@ from kennfeld.models.function_info import describe_function
 from kennfeld.models.importer import NO_OPTIONS, ImportOptions
 from kennfeld.models.importer_registry import describer_of, importer_of, importer_of_format
 from kennfeld.terminal.describers import describe_recording
-from kennfeld.terminal.output import align, separate
+from kennfeld.terminal.output import UNLIMITED_WIDTH, align, fold, separate, wrap_words
+
+LINE_WIDTH = 200  # characters, if the output is no terminal
 
 
 def describe_file(
@@ -49,6 +52,16 @@ def describe_file(
 
 
 def text_lines(info: FileInfo) -> list[str]:
-    """Return the contents of a file as text for a person."""
-    blocks = [[info.summary], *(align(table) for table in info.tables if len(table) > 1), info.notes]
+    """Return the contents of a file as text for a person; a terminal folds long lines by itself."""
+    if get_terminal_size((UNLIMITED_WIDTH, 24)).columns != UNLIMITED_WIDTH:
+        tables, notes = list(info.tables), list(info.notes)
+    else:
+        tables = [fold(table, LINE_WIDTH) for table in info.tables if len(table) > 1]
+        notes = [line for note in info.notes for line in _wrapped(note)]
+    blocks = [[info.summary], *(align(table) for table in tables if len(table) > 1), notes]
     return separate(filter(None, blocks))
+
+
+def _wrapped(note: str) -> list[str]:
+    """Return the lines of a note; what has several lines is text to copy."""
+    return [note] if "\n" in note else wrap_words(note, LINE_WIDTH, "  ")

@@ -22,7 +22,7 @@ _OPTIONS = (
     ),
     option(
         "--folder folders",
-        "Additional folder to search for libraries of a model. Repeatable.",
+        "Additional folder to search for files that a model or its scripts need. Repeatable.",
         "FOLDER",
         type=PATH,
         multiple=True,

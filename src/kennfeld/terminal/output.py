@@ -3,9 +3,11 @@
 import json
 import os
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from errno import EIO, EPIPE
+from itertools import zip_longest
 from shutil import get_terminal_size
 from typing import TextIO
 
@@ -14,6 +16,7 @@ from kennfeld.base.errors import Finding, Location, is_plain, visible
 COLUMN_GAP = "  "
 MAX_FINDINGS = 20  # that are printed at once
 SEVERITIES = ("error", "warning", "remark")
+_NARROWEST = 30  # characters of a column whose cells are folded
 UNLIMITED_WIDTH = 10_000  # characters, without a terminal
 
 
@@ -131,6 +134,38 @@ def align(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
     numeric = [all(map(_is_number, column)) for column in zip(*rows[1:], strict=True)] or [False] * len(widths)
     padded = COLUMN_GAP.join(f"{{:{'>' if right else '<'}{wide}}}" for wide, right in zip(widths, numeric, strict=True))
     return [padded.format(*row).rstrip() for row in rows]
+
+
+def fold(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
+    """Return the rows of a table with long cells in several rows, so that lines of the table have `width` characters.
+
+    Words stay whole, so that paths can be copied.
+
+    >>> fold([("name", "inputs"), ("Gas", "speed, load, ignition, temperature")], 36)
+    [['name', 'inputs'], ['Gas', 'speed, load, ignition,'], ['', 'temperature']]
+    """
+    columns = [*zip(*rows, strict=True)]
+    widths = [max(map(len, column)) for column in columns]
+    words = [max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
+    room = width - len(COLUMN_GAP) * (len(widths) - 1)
+    while sum(widths) > room:
+        wide = [at for at, each in enumerate(widths) if each > max(words[at], _NARROWEST)]
+        if not wide:
+            break
+        widest = max(wide, key=lambda at: widths[at])
+        # not below the next wide column, which then shares what is left
+        least = max((widths[at] for at in wide if at != widest), default=0)
+        own = max(room - sum(widths) + widths[widest], min(least, widths[widest] - 1))
+        widths[widest] = max(own, words[widest], _NARROWEST)
+    parts = ([wrap_words(cell, wide) for cell, wide in zip(row, widths, strict=True)] for row in rows)
+    return [list(cells) for row in parts for cells in zip_longest(*row, fillvalue="")]
+
+
+def wrap_words(text: str, width: int, indent: str = "") -> list[str]:
+    """Return the lines of a text, broken between words; all but the first begin with `indent`."""
+    if len(text) <= width:
+        return [text]
+    return textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def _escaped(row: Sequence[str]) -> list[str]:

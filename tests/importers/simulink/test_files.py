@@ -272,7 +272,7 @@ def diagram(inside):
 @pytest.mark.parametrize(
     ("raw", "message"),
     [
-        (b"", "is not a Simulink file"),
+        (b"", "is empty"),
         (b"Name = 1\n", "is not a Simulink file"),
         (b"PK\3\4" + b"\0" * 60, "damaged zip archive"),
         (zipped({"a.txt": "b"}), "part simulink/blockdiagram.xml is missing"),

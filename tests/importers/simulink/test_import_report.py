@@ -90,3 +90,22 @@ def test_the_axes_of_a_table_that_is_undefined_are_reported_with_it(tmp_path):
     drawn.line("v", "T:2")
     drawn.line("T", "y")
     assert set(inspect_simulink(drawn.write(tmp_path, "slx parts")).undefined) == {"MapT", "nAxis", "axes.load"}
+
+
+@pytest.mark.parametrize(
+    ("sink", "sentence"),
+    [
+        ("Terminator", "it has no outputs"),
+        ("Scope", "it has no outport: its outputs, what T gets, can be calibrated"),
+        ("ToWorkspace", "it has no outport: its outputs, what T gets, can be calibrated"),
+        ("Outport", "all outputs can be calibrated"),
+    ],
+)
+def test_the_coverage_says_what_the_outputs_are(sink, sentence, tmp_path):
+    drawn = Model()
+    drawn.inport("u")
+    drawn.block("Gain", "G", Gain="2")
+    drawn.block(sink, "T", ports=(1, 0))
+    drawn.chain("u", "G", "T")
+    report = inspect_simulink(drawn.write(tmp_path))
+    assert report.sentences[0] == f"3 of 3 blocks supported; {sentence}"

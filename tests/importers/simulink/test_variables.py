@@ -12,7 +12,8 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Block, Map, Scalar
 from kennfeld.importers.simulink.importing import import_simulink
 from kennfeld.importers.simulink.reader.document import document
-from kennfeld.importers.simulink.variables.model_variables import FileSearch, collect_variables
+from kennfeld.importers.simulink.variables.file_search import FileSearch
+from kennfeld.importers.simulink.variables.model_variables import collect_variables
 from tests.importers.simulink.simulink_data import Thing, entry, matfile, sldd
 from tests.importers.simulink.simulink_files import Model
 from tests.importers.simulink.simulink_runs import alone, imported, run

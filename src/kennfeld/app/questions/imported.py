@@ -96,6 +96,15 @@ class UndefinedVariable:
 
 
 @dataclass(frozen=True)
+class FileProposal:
+    """A file or folder that supplies what is missing, with the key of `[model]` that takes it; one of the values."""
+
+    key: Literal["parameters", "folders"]
+    values: Sequence[str]
+    text: str
+
+
+@dataclass(frozen=True)
 class ClassChoice:
     """A class with the methods that a step can call."""
 
@@ -151,6 +160,7 @@ class ImportedFunction:
         step: in s.
         total: number of blocks.
         unreached: number of blocks that no output depends on.
+        proposals: files that supply what is missing.
         loops: paths of blocks that depend on each other.
         missing: names that are not declared.
         calls: methods in the order of their calls.
@@ -180,6 +190,7 @@ class ImportedFunction:
     solver: str | Absent = ABSENT
     blocking: Sequence[BlockingBlock] | Absent = ABSENT
     undefined: Sequence[UndefinedVariable] | Absent = ABSENT
+    proposals: Sequence[FileProposal] | Absent = ABSENT
     loops: Sequence[Sequence[str]] | Absent = ABSENT
     stopped: Sequence[ImportProblem] | Absent = ABSENT
     classes: Sequence[ClassChoice] | Absent = ABSENT

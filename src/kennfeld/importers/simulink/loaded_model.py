@@ -14,10 +14,10 @@ from kennfeld.importers.simulink.lowering.registry import maskable_types, opaque
 from kennfeld.importers.simulink.reader.document import read_document
 from kennfeld.importers.simulink.reader.library_links import LibraryResolver
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, ModelDocument, System, join_path, split_path
+from kennfeld.importers.simulink.variables.file_search import FileSearch
 from kennfeld.importers.simulink.variables.m_files import FunctionFiles
 from kennfeld.importers.simulink.variables.mask_scope import Scope, Variable, VariableTable
 from kennfeld.importers.simulink.variables.model_variables import (
-    FileSearch,
     ParameterSource,
     collect_variables,
     model_properties,
@@ -29,7 +29,8 @@ from kennfeld.models.imperative.evaluation_errors import EvaluationError
 class LoadedModel:
     """A model file with its links resolved.
 
-    `models` are the names that referenced models see; `files` are function files next to the model that code may call.
+    `models` are the names that referenced models see; `files` are function files next to the model that code may call;
+    `search` finds the files of variables.
     """
 
     path: Path
@@ -38,6 +39,7 @@ class LoadedModel:
     models: Mapping[str, Scope]
     remarks: tuple[Finding, ...]
     files: FunctionFiles
+    search: FileSearch
 
     @staticmethod
     def of(
@@ -56,7 +58,7 @@ class LoadedModel:
         remarks = (*document.warnings, *resolved.problems, *variables.findings)
         variables.update(model_properties(document, variables))
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
-        return LoadedModel(Path(path), document, variables, models, remarks, files)
+        return LoadedModel(Path(path), document, variables, models, remarks, files, search)
 
     def cuts(self, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
         """Return the formulas of bound blocks by path within the imported system, whose path is `prefix`."""

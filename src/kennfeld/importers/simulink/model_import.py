@@ -29,10 +29,12 @@ from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
 from kennfeld.importers.simulink.lowering.scheduling import ModelClock
 from kennfeld.importers.simulink.lowering.type_effects import ignored_effects
 from kennfeld.importers.simulink.model_assembly import NodeNames
+from kennfeld.importers.simulink.physical_networks import with_network_binds
 from kennfeld.importers.simulink.reader.model_tree import System
 from kennfeld.importers.simulink.signals import InputWidth, Signal, SignalOrBus, width_note
 from kennfeld.importers.simulink.solver_selection import SolverSelection
 from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
+from kennfeld.importers.simulink.value_proposals import missing_links, propose_files
 from kennfeld.importers.simulink.variables.mask_scope import Scope, signal_unit
 from kennfeld.importers.simulink.variables.model_variables import solver_settings
 from kennfeld.models.formula.frontend import expression
@@ -136,7 +138,10 @@ class ModelImport:
         """Return a report with the undefined variables as parameters to define."""
         failed, reasons = tuple(compiler.failures), self.variables.undefined
         definitions = undefined_parameters(failed, compiler.expressions, report.undefined, reasons)
-        return replace(report, definitions=definitions, missing_files=dict(self.variables.missing_files))
+        missing = dict(self.variables.missing_files) if report.undefined else {}
+        needed = missing | missing_links(failed)
+        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), reasons, needed)
+        return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
 
     @property
     def asked(self) -> int:
@@ -262,12 +267,14 @@ class ModelImport:
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return SimulinkReport(
-            len(blocks), len(blocks) - len(unsupported) - len(unreached), tuple(unsupported.values()), loops,
+            len(blocks), len(blocks) - len(unsupported) - len(unreached),
+            with_network_binds(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
             tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
             reasons=dict(self.variables.undefined), unreached=unreached,
+            results=tuple(flat.path for flat in self.flat.results), has_outports=bool(self.flat.outports),
         )  # fmt: skip
 
     def _model(self, compiler: BlockCompiler, report: SimulinkReport) -> Model:

@@ -1,5 +1,6 @@
 """Contents of the app's screen of a Simulink model: its blocks, its formula text, and what stops its import."""
 
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.importers.simulink.diagram import Diagram, read_diagram
 from kennfeld.importers.simulink.formula_export import formula_lines
-from kennfeld.importers.simulink.import_report import ImportableSubsystem, SimulinkReport
+from kennfeld.importers.simulink.import_report import FileProposal, ImportableSubsystem, SimulinkReport
 from kennfeld.importers.simulink.importable_subsystems import find_subsystems
 from kennfeld.importers.simulink.importing import arguments_of
 from kennfeld.models.import_view import problem_views, report_view
@@ -29,11 +30,11 @@ def view(request: ImportRequest, folder: Path) -> dict[str, Any]:
         "subsystems": list(own.subsystems),
         "lines": [] if own.model is None else [asdict(line) for line in formula_lines(own.model, each_block=True)],
         "problems": problem_views(own.findings),
-        **({} if own.report is None else _of_report(own.report, own.model)),
+        **({} if own.report is None else _of_report(own.report, own.model, folder)),
     }
 
 
-def _of_report(report: SimulinkReport, model: Model | None) -> dict[str, Any]:
+def _of_report(report: SimulinkReport, model: Model | None, folder: Path) -> dict[str, Any]:
     integrates = model is None or model.equations is not None  # without continuous states, no solver is used
     return report_view(report) | {
         "total": report.total,
@@ -45,10 +46,24 @@ def _of_report(report: SimulinkReport, model: Model | None) -> dict[str, Any]:
             {"name": name, "paths": list(paths), "reason": report.reasons.get(name, "")}
             for name, paths in report.undefined.items()
         ],
+        "proposals": [_proposal(each, folder) for each in report.proposals],
         "loops": [list(loop) for loop in report.loops],
         "stopped": problem_views((*report.stopped, *report.missing)),
         "notes": [*report.substitutions, *report.fixed, *map(str, report.remarks)],
     }
+
+
+def _proposal(proposal: FileProposal, folder: Path) -> dict[str, Any]:
+    """Return a proposal with paths as the project file writes them."""
+
+    def shown(path: Path) -> str:
+        try:
+            return Path(os.path.relpath(path, folder)).as_posix()
+        except ValueError:  # on another drive
+            return path.as_posix()
+
+    text = f"{proposal.needed_by} {proposal.message(shown)}".strip()
+    return {"key": proposal.key, "values": [*map(shown, proposal.values)], "text": text}
 
 
 def parts(request: ImportRequest, folder: Path) -> list[dict[str, Any]]:

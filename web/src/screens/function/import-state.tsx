@@ -3,7 +3,7 @@
 
 import { parseNumber, plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
-import type { BlockingBlock, ImportedFunction } from "../../replies";
+import type { BlockingBlock, FileProposal, ImportedFunction } from "../../replies";
 import { setKeys } from "../../settings";
 import { Binding, Bindings, binding } from "./bindings";
 import { reveal } from "./block-tree";
@@ -25,6 +25,9 @@ export function ImportState() {
           <Icon name="warning" />
           <span>{problem.text}</span>
         </div>
+      ))}
+      {(own.proposals ?? []).map((proposal) => (
+        <Proposal key={proposal.text} proposal={proposal} />
       ))}
       {grouped(stops).map((blocks) => (
         <Stop key={blocks[0]!.path} blocks={blocks} />
@@ -60,6 +63,32 @@ export function ImportState() {
         </details>
       )}
       <Notes own={own} />
+    </div>
+  );
+}
+
+/** A file or folder of the project that supplies what is missing, with a button for it and for each alternative. */
+function Proposal({ proposal }: { proposal: FileProposal }) {
+  const path = ["model", proposal.key];
+  const values = textsAt(path).filter((each) => !proposal.values.includes(each));
+  return (
+    <div class="note warn" data-proposal={proposal.values[0]}>
+      <Icon name="find" />
+      <span class="grow">
+        {proposal.text}.
+        <span class="row">
+          {proposal.values.map((value) => (
+            <button
+              key={value}
+              class="btn small"
+              title={`Import the model with ${value}\n[model] ${proposal.key}`}
+              onClick={() => setTexts(path, [...values, value], `Also read: ${value}`)}
+            >
+              Use {value}
+            </button>
+          ))}
+        </span>
+      </span>
     </div>
   );
 }

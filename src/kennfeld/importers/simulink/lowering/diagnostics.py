@@ -8,12 +8,17 @@ from dataclasses import replace
 from types import TracebackType
 from typing import NamedTuple
 
+from kennfeld.base.formatting import join_names
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.reader.library_links import is_of_simulink
 from kennfeld.importers.simulink.reader.model_tree import split_path
+from kennfeld.importers.simulink.reader.toolbox_libraries import toolbox_of
 from kennfeld.importers.simulink.signals import Signal, constant
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
+
+PHYSICAL_NETWORK = "it belongs to a physical network of Simscape, which cannot be calibrated"
+_PHYSICAL_TYPES = ("Simscape", "PMComponent", "PMIOPort")  # begin the types of their blocks
 
 # raised by numpy and by expressions if the settings of a block do not fit its signals
 PARAMETER_ERRORS = (ValueError, IndexError, TypeError, ArithmeticError, EvaluationError)
@@ -108,11 +113,30 @@ def unsupported_reason(flat: FlatBlock) -> tuple[str, str]:
         message = f"its content is in the file {elsewhere}, which was not found or does not match"
         return message, f"Put {stem}.slx next to the model, or bind it."
     if flat.block.type == "ModelReference":
-        message = f"it references the model {flat.block.model}, which was not found"
+        message = f"it references the model {flat.block.model}, which was not found{_searched(flat)}"
         return message, "Put that file next to the model, or bind the block."
+    if flat.type.startswith(_PHYSICAL_TYPES):
+        return PHYSICAL_NETWORK, ""
     link = flat.block.reference
     if link is not None and not is_of_simulink(link.source):
-        library = (split_path(link.source) or ("",))[0]
-        message = f"it links to the library {library}, which was not found"
-        return message, f"Put {library}.slx next to the model, or add its folder to `folders`."
+        return _missing_library((split_path(link.source) or ("",))[0], flat)
     return f"blocks of type {flat.type} are not supported", ""
+
+
+def _missing_library(library: str, flat: FlatBlock) -> tuple[str, str]:
+    """Return reason and remedy for a block of a library that was not found."""
+    toolbox = toolbox_of(library)
+    if toolbox is None:
+        message = f"it links to the library {library}, which was not found{_searched(flat)}"
+        return message, f"Put {library}.slx next to the model, or add its folder to `folders`."
+    if toolbox.physical:
+        return PHYSICAL_NETWORK, ""
+    message = f"it links to the library {library} of {toolbox.product}, which was not found"
+    place = f"matlabroot/toolbox/{toolbox.folder}"
+    return message, f"Add its folder below {place} to `folders` if MATLAB is installed; otherwise bind the block."
+
+
+def _searched(flat: FlatBlock) -> str:
+    """Return the folders in which the file of a link was searched, as the end of a sentence."""
+    folders = ["the folder of the model" if folder == "." else folder for folder in flat.block.searched]
+    return f" in {join_names(folders)}" if folders else ""

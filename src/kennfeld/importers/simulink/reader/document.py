@@ -25,6 +25,7 @@ from kennfeld.importers.simulink.reader.model_package import (
     zip_package,
 )
 from kennfeld.importers.simulink.reader.model_tree import ModelDocument, StoredSolver, StoredWorkspace, System
+from kennfeld.importers.simulink.reader.odd_files import EXTENSION_REMEDY, PROTECTED_MODEL, odd_file_error
 from kennfeld.importers.simulink.reader.section_tree import (
     FileRejectedError,
     ReadDiagnostics,
@@ -53,7 +54,6 @@ _NEW_ROOT = "simulink/blockDiagram.json"  # of R2026b and later, whose systems r
 _NEW_DIAGRAM = "BlockDiagram"
 _FIRST_CONFIGURATION = "simulink/configSet0.xml"
 _RELEASES = ("metadata/mwcoreProperties.xml", "metadata/mwcorePropertiesReleaseInfo.xml")
-_EXTENSION_REMEDY = "Simulink files end in .slx or .mdl."
 _MAX_BYTES = 1_000_000_000  # bytes
 
 
@@ -198,12 +198,16 @@ def read_document(path: str | Path) -> ModelDocument:
 def document(raw: bytes, path: Path) -> ModelDocument:
     """Read a model from bytes; `path` is only its name. Raises `InputError` like `read_document`."""
     diagnostics = ReadDiagnostics(path.name)
-    read, parse = None, _packed if is_zip(raw) or PART_BEGIN.encode() in raw else _classic
+    packed = is_zip(raw) or PART_BEGIN.encode() in raw
+    # latin-1 decodes any bytes; the encoding that the file names follows further down
+    if not packed and not CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf").decode("latin-1")):
+        raise odd_file_error(raw, path)
+    read, parse = None, _packed if packed else _classic
     with contextlib.suppress(FileRejectedError):
         read = parse(raw, path, diagnostics)
     diagnostics.raise_if_errors()
     if read is None:
-        raise InputError.of(Location(path.name), "is not a Simulink file", _EXTENSION_REMEDY)
+        raise odd_file_error(raw, path)
     return replace(read, warnings=tuple(diagnostics.warnings))
 
 
@@ -216,9 +220,6 @@ def _bytes(path: Path) -> bytes:
 
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
-    # latin-1 decodes any bytes; the encoding that the file names follows further down
-    if not CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf").decode("latin-1")):
-        raise diagnostics.refuse("", "is not a Simulink file", _EXTENSION_REMEDY)
     top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), diagnostics)
     model = next((section for section in top if section.kind in _DIAGRAMS), None)
     if model is None:
@@ -248,19 +249,17 @@ def _packed(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocume
         return None
     model = root if root.kind in (*_DIAGRAMS, _NEW_DIAGRAM) else root.first(*_DIAGRAMS)
     if model is None:
-        raise diagnostics.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _EXTENSION_REMEDY)
+        raise diagnostics.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", EXTENSION_REMEDY)
     return _of_package(package, model, path, diagnostics)
 
 
 def _no_diagram(package: ModelPackage, diagnostics: ReadDiagnostics) -> FileRejectedError:
     names = list(package.names())
     if any("encrypted" in name.lower() or name.endswith(".slxp") for name in names):
-        return diagnostics.refuse(
-            "", "is a protected model, whose blocks cannot be read", "Ask its supplier for the unprotected model."
-        )
+        return diagnostics.refuse("", *PROTECTED_MODEL)
     if any(name.startswith("data/chunk") for name in names):
         return diagnostics.refuse("", "is a data dictionary, not a model", "Give it as parameters.")
-    return diagnostics.refuse("", f"is not a Simulink model: part {_ROOT} is missing", _EXTENSION_REMEDY)
+    return diagnostics.refuse("", f"is not a Simulink model: part {_ROOT} is missing", EXTENSION_REMEDY)
 
 
 def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument:

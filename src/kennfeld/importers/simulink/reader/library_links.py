@@ -156,7 +156,9 @@ class _LinkCopier:
         names = split_path(source)
         alone = replace(block, path=path)
         library = self._document(names[0] if names else "", source, path, place)
-        if library is None or self._is_cyclic(source, path, place):
+        if library is None:
+            return replace(alone, searched=self._searched(place))
+        if self._is_cyclic(source, path, place):
             return alone
         target = library.root.at(source.partition("/")[2])
         if target is None:
@@ -203,7 +205,9 @@ class _LinkCopier:
 
     def _model(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
         document = self._document(block.model, block.model, path, place)
-        if document is None or self._is_cyclic(block.model, path, place):
+        if document is None:
+            return replace(block, path=path, searched=self._searched(place))
+        if self._is_cyclic(block.model, path, place):
             return replace(block, path=path)
         self.models[block.model] = document
         inner = _Place(document, path, "", (*place.chain, block.model), place.depth + 1)
@@ -213,7 +217,9 @@ class _LinkCopier:
         """Return a subsystem with the content of its file, whose mask it takes if it has none."""
         name, alone = block.elsewhere, replace(block, path=path)
         document = self._document(name, name, path, place)
-        if document is None or self._is_cyclic(name, path, place):
+        if document is None:
+            return replace(alone, searched=self._searched(place))
+        if self._is_cyclic(name, path, place):
             return alone
         if document.kind != "subsystem":
             remedy = f"Save its content as the subsystem file {name}.slx."
@@ -223,6 +229,11 @@ class _LinkCopier:
         mask = block.mask or (_set_mask(document.mask, block.parameters) if document.mask is not None else None)
         inner = _Place(document, path, "", (*place.chain, name), place.depth + 1)
         return replace(alone, mask=mask, system=self.system(document.root, inner))
+
+    def _searched(self, place: _Place) -> tuple[str, ...]:
+        """Return the folders in which the files of a document's links are searched."""
+        folders = (place.document.path.parent, *self.libraries.folders)
+        return tuple(dict.fromkeys(Location.of_file(folder).file for folder in folders))
 
     def _document(self, name: str, source: str, path: str, place: _Place) -> ModelDocument | None:
         # a file may link to itself by its own name

@@ -273,7 +273,7 @@ class ModelBlock:
     type. `ports` is None if the file leaves them to the type. `script` is the code of a MATLAB
     Function, `chart` that of any Stateflow block; `model` is the file name of a referenced model. `signals` are names
     of output ports; `lists` are the fields that are lists of texts. `recording` holds the signals of a Signal Builder,
-    in the form of a workspace.
+    in the form of a workspace. `searched` are the folders in which the file that a link leads to was not found.
     """
 
     type: str
@@ -292,6 +292,7 @@ class ModelBlock:
     signals: Mapping[int, str] = field(default_factory=dict)
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     recording: "StoredWorkspace | None" = None
+    searched: tuple[str, ...] = ()
 
     def listed(self, name: str) -> tuple[str, ...]:
         """Read a field that is a list of texts, () if not specified.

@@ -8,14 +8,14 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location, Severity
-from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.file_state import note_opened
 from kennfeld.importers.simulink.variables.enumerations import class_variable
+from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
 from kennfeld.importers.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -37,10 +37,10 @@ from kennfeld.models.imperative.evaluation_errors import EvaluationError, Progra
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import names_read
 
+Load: TypeAlias = Callable[[str], "bytes | None"]
+
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _MAX_FILE_BYTES = 2_000_000  # bytes
-
-_SCRIPT_NAME = re.compile(r"[\w. -]{1,128}\Z")  # of a file or a folder
 
 
 class FunctionFiles:
@@ -67,8 +67,8 @@ class FunctionFiles:
         plain = name.replace("\\", "/").rpartition("/")[2]
         if plain in self._given:
             return read_file(self._given[plain])
-        contents = (_load_file(folder, wanted) for folder in self._folders for wanted in (name, plain))
-        return next((content for content in contents if content is not None), None)
+        path = FileSearch(self._folders).find(name)
+        return None if path is None else read_file(path)
 
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):
@@ -196,11 +196,11 @@ def _struct(value: MatlabStruct) -> ParameterValue:
     return elements[0] if len(elements) == 1 else tuple(elements)
 
 
-def run_parameter_script(variables: VariableTable, path: Path) -> None:
+def run_parameter_script(variables: VariableTable, path: Path, load: Load) -> None:
     """Run a parameter script and add its variables to `variables`; raise `InputError` if it cannot be read."""
     text = read_file(path).decode("utf-8", "replace")
     if not is_class(text):
-        run_text(variables, text, path.name, path.parent)
+        run_text(variables, text, path.name, load)
     elif (enumeration := enumeration_of(text)) is not None:
         variables[enumeration.name] = class_variable(enumeration, path.name)
     else:
@@ -208,21 +208,15 @@ def run_parameter_script(variables: VariableTable, path: Path) -> None:
         raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")
 
 
-def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> None:
+def run_text(variables: VariableTable, text: str, name: str, load: Load) -> None:
     """Run MATLAB code and add its variables to `variables`; variables it leaves without a value are removed.
 
-    Variables given by the user stay, so that they can replace what a script cannot compute. Files are loaded from
-    `folder` and the folders below it.
+    Variables given by the user stay, so that they can replace what a script cannot compute. `load` returns the content
+    of a file that the code loads or calls, None if there is none.
     """
     values = {key: _script_value(variable) for key, variable in variables.items()}
-
-    def load(file: str) -> bytes | None:
-        content = _load_file(folder, file)
-        if content is None and file.casefold().endswith(".mat"):
-            variables.missing_files[file] = name
-        return content
-
     outcome = run_script(text, name, values, load)
+    variables.missing_files.update(dict.fromkeys(outcome.missing_files, name))
     for finding in outcome.findings:  # a script skips plots, and what follows an error
         severity: Severity = "warning" if finding.severity == "warning" else "remark"
         variables.findings.append(replace(finding, severity=severity))
@@ -265,17 +259,3 @@ def _type_object(variable: Variable) -> MatlabStruct:
         names = tuple(dict.fromkeys(name for part in structs for name in part))
         fields["Elements"] = MatlabStruct(object_array(structs, (len(structs), 1)), names, BUS_ELEMENT)
     return MatlabStruct.of(fields, variable.kind)
-
-
-def _load_file(folder: Path, name: str) -> bytes | None:
-    parts = name.replace("\\", "/").removeprefix("./").split("/")
-    if not all(_SCRIPT_NAME.match(part) and part.strip(".") for part in parts):  # a path could name any local file
-        return None
-    path = folder.joinpath(*parts)
-    return read_file(path) if path.is_file() else None
-
-
-def read_file(path: Path) -> bytes:
-    """Read the content of a file; raise `InputError` if it cannot be read."""
-    with convert_errors(path, "the file cannot be read", missing="file not found", advice="Check the path."):
-        return path.read_bytes()

@@ -1,26 +1,21 @@
 """Collection of a model's variables and solver settings from workspace, dictionaries, scripts and given values."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location
-from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.importers.simulink.reader.model_tree import ModelDocument, StoredSolver
-from kennfeld.importers.simulink.variables.data_dictionary import (
-    Dictionary,
-    file_name,
-    find_beside,
-    read_dictionary,
-)
+from kennfeld.importers.simulink.variables.data_dictionary import file_name, find_beside
 from kennfeld.importers.simulink.variables.datasets import is_timeseries, timeseries_points
-from kennfeld.importers.simulink.variables.enumerations import enumeration_files, enumeration_variable, members_of
-from kennfeld.importers.simulink.variables.m_files import read_file, run_parameter_script, run_text
+from kennfeld.importers.simulink.variables.enumerations import enumeration_variable, members_of
+from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
+from kennfeld.importers.simulink.variables.m_files import run_parameter_script, run_text
 from kennfeld.importers.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -50,40 +45,6 @@ _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
 _NAMES: Final = ("bdroot", "gcs", "gcb")
 
 
-@dataclass(frozen=True)
-class FileSearch:
-    """Where the files of a model are found: in its own folder and in `folders`; `given` are files of the user.
-
-    Each dictionary and each folder is read once, since referenced models share them.
-    """
-
-    folders: tuple[Path, ...] = ()
-    given: tuple[Path, ...] = ()
-    _dictionaries: dict[Path, Dictionary] = field(default_factory=dict, repr=False)
-    _enumerations: dict[Path, dict[str, Variable]] = field(default_factory=dict, repr=False)
-
-    @property
-    def given_names(self) -> frozenset[str]:
-        """Names of the user's files, which need not be found elsewhere."""
-        return frozenset(path.name for path in self.given)
-
-    def dictionary(self, path: Path) -> Dictionary:
-        """Read a data dictionary with those it refers to, once."""
-        return read_dictionary(
-            path, folders=self.folders, given=self.given_names - {path.name}, known=self._dictionaries
-        )
-
-    def enumerations(self, folder: Path) -> dict[str, Variable]:
-        """Read the enumerations whose class files are given, in a folder or in the further ones, in this order."""
-        enumerations = enumeration_files((), [path for path in self.given if path.suffix == ".m"])
-        for place in (folder, *self.folders):
-            if place not in self._enumerations:
-                self._enumerations[place] = enumeration_files([place])
-            # earlier places take precedence
-            enumerations = {**self._enumerations[place], **enumerations}
-        return enumerations
-
-
 def collect_variables(
     document: ModelDocument, sources: Iterable[ParameterSource], search: FileSearch | None = None
 ) -> VariableTable:
@@ -98,9 +59,10 @@ def collect_variables(
     variables = VariableTable()
     _add_adjacent_files(variables, document, search)
     parameter_sets: list[ParameterSet] = []
+    load = search.loader(document.path.parent)
     for name in _CALLBACKS:
         if name in document.callbacks:
-            run_text(variables, document.callbacks[name], f"{document.name} {name}", document.path.parent)
+            run_text(variables, document.callbacks[name], f"{document.name} {name}", load)
     for source in sources:
         if isinstance(source, ParameterSet):
             parameter_sets.append(source)
@@ -108,7 +70,7 @@ def collect_variables(
             for name, value in _values_by_name(source).items():
                 variables[name] = Variable(value, source=USER_SOURCE)
         else:
-            parameter_sets += _add_file(variables, Path(source), search)
+            parameter_sets += _add_file(variables, Path(source), document, search)
     # taken before the workspace is read, which may override them
     by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
     _workspace(variables, document, search)
@@ -170,7 +132,7 @@ def _values_by_name(values_by_name: Mapping[str, object]) -> dict[str, Parameter
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[ParameterSet]:
+def _add_file(variables: VariableTable, path: Path, document: ModelDocument, search: FileSearch) -> list[ParameterSet]:
     """Add the variables of a file; parameter sets of a calibration file are returned."""
     ending = path.suffix.casefold()
     if ending == ".sldd":
@@ -179,7 +141,7 @@ def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[
     elif ending == ".mat":
         _add(variables, mat_variables(read_file(path)), path.name)
     elif ending == ".m":
-        run_parameter_script(variables, path)
+        run_parameter_script(variables, path, search.loader(path.parent, document.path.parent))
     else:
         from kennfeld.calfiles import read
 
@@ -214,7 +176,7 @@ def _add_workspace(variables: VariableTable, document: ModelDocument, search: Fi
     kind = document.workspace.kind
     if kind == "m-code":
         before = dict(variables)
-        run_text(variables, document.workspace.text, "model workspace", document.path.parent)
+        run_text(variables, document.workspace.text, "model workspace", search.loader(document.path.parent))
         for name in before.keys() - variables.keys():  # the user may give what is missing
             variables[name] = before[name]
         return document.workspace.text
@@ -222,7 +184,7 @@ def _add_workspace(variables: VariableTable, document: ModelDocument, search: Fi
         # next to the model, whatever folder the file names
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
-            _add_file(variables, path, search)
+            _add_file(variables, path, document, search)
             return read_file(path).decode("utf-8", "replace") if path.suffix.casefold() == ".m" else ""
         message = f"its workspace is in {path.name}, which was not found"
         variables.findings.append(Finding(Location(document.name), message))
