@@ -1,4 +1,4 @@
-"""What integer and fixed-point types do to values: their limits are kept where they saturate, the rest is reported.
+"""Effects of integer and fixed-point types: limits of those that saturate are kept, other effects are reported.
 
 Values stay physical and are not rounded: a rounded model has derivatives of 0 almost everywhere, with which nothing
 can be calibrated.

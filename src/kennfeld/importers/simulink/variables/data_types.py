@@ -143,9 +143,16 @@ def _type_of_older_fields(block: ModelBlock, scope: Scope) -> DataType | None:
     """Return the type that a file before R2009b specifies, in several fields."""
     if block.value("UseBusObject") == "on":
         return data_type(f"Bus: {block.value('BusObject') or ''}", scope)
-    mode = (block.value("OutDataTypeMode") or block.value("DataType") or "").strip()
-    if mode not in ("Specify via dialog", "Specify"):
-        return data_type(mode, scope)
+    for field in ("OutDataTypeMode", "DataType"):
+        mode = (block.value(field) or "").strip()
+        kind = _type_of_dialog(block, scope) if mode.startswith("Specify") else data_type(mode, scope)
+        if kind is not None:
+            return kind
+    return None
+
+
+def _type_of_dialog(block: ModelBlock, scope: Scope) -> DataType | None:
+    """Return the type of the fields for bits and scaling, which count if the mode says so."""
     kind = data_type(block.value("OutDataType") or "", scope)
     scaling = _evaluate(block.value("OutScaling") or "", scope)
     if isinstance(kind, FixedPointType) and isinstance(scaling, np.ndarray) and scaling.size in (1, 2):
