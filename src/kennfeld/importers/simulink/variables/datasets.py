@@ -12,6 +12,7 @@ from kennfeld.models.imperative.node_arrays import Numbers
 # a signal: times in s, Float[points], and values, Float[points, elements]; or a bus of such signals by name
 Recorded: TypeAlias = Union["tuple[Numbers, Numbers]", "dict[str, Recorded]"]
 
+_MAX_POINTS: Final = 100_000_000
 _SECONDS: Final[Mapping[str, float]] = {
     "": 1.0, "seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0,
     "hours": 3600.0, "days": 86400.0,
@@ -53,11 +54,12 @@ def _times(stored: StoredVariable) -> Numbers:
     listed = [fields.get("Time_"), stored.properties.get("Time_")]
     times = next((part for part in listed if isinstance(part, np.ndarray) and part.size), None)
     if times is not None:
-        return np.asarray(times, dtype=np.float64).ravel() * scale
+        return np.asarray(times.ravel() * scale, dtype=np.float64)
     start, increment, length = (_scalar(fields.get(key)) for key in ("Start_", "Increment_", "Length"))
-    if increment is None or length is None:
+    # a length that a damaged file states could take all memory
+    if increment is None or length is None or not 0 <= length <= _MAX_POINTS:
         raise EvaluationError("its timeseries has no times")
-    return ((start or 0.0) + increment * np.arange(int(length))) * scale
+    return np.asarray(((start or 0.0) + increment * np.arange(int(length))) * scale, dtype=np.float64)
 
 
 def _flag(value: Value) -> bool:

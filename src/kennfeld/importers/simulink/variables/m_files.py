@@ -51,6 +51,7 @@ class FunctionFiles:
         self._files = {path.stem: path for path in self._given.values() if path.suffix == ".m"}
         self._folders = tuple(folders)
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
+        self._data: dict[str, bytes | None] = {}
 
     def find(self, name: str) -> Mapping[str, m.FunctionDefinition]:
         """Read the functions of the file `name.m`, its first one under that name; {} for a script."""
@@ -64,6 +65,12 @@ class FunctionFiles:
 
         Folders within the name are followed below those of the model, and ignored if they lead elsewhere.
         """
+        # several passes over a model ask for the same file
+        if name not in self._data:
+            self._data[name] = self._data_of(name)
+        return self._data[name]
+
+    def _data_of(self, name: str) -> bytes | None:
         plain = name.replace("\\", "/").rpartition("/")[2]
         if plain in self._given:
             return read_file(self._given[plain])
