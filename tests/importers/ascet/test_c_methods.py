@@ -179,6 +179,15 @@ def test_calls_of_methods_in_c_that_change_nothing_are_skipped_with_a_remark(tmp
     assert sum("Own.Assert.assertNear is in C and returns nothing" in str(remark) for remark in model.remarks) == 1
 
 
+def test_calls_of_a_log_whose_code_is_not_supported_are_skipped(tmp_path):
+    text = "package Own;\nstateless class L { @c_code public void log(real x); }\n"
+    text += "class C { L l; public real calc(real in x) { l.log(x); return x; } }"
+    code = {"Own/Own/C.esdl": text, "Own/Own/L_c_code_snippets/log.c": 'FILE *fp;\nfprintf(fp, "%f", x);'}
+    model = esdl(write_project(tmp_path, code) / "Own/Own/C.esdl", "C")
+    assert run(model, {"x": [2.0]})["calc"].tolist() == [2.0]
+    assert any("Own.L.log is in C and returns nothing" in str(remark) for remark in model.remarks)
+
+
 def test_a_method_in_c_that_may_change_a_variable_is_not_skipped(tmp_path):
     path = write_project(tmp_path, {"Own/Own/C.esdl": ASSERTS.replace("BODY", "port.write(x);")}) / "Own/Own/C.esdl"
     with pytest.raises(InputError, match=r"Port\.write is implemented in C"):

@@ -6,7 +6,7 @@ from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.base.formatting import count_noun, nearest
-from kennfeld.importers.ascet.c_methods import c_body, changes_nothing, known_rule
+from kennfeld.importers.ascet.c_methods import c_body, changes_nothing, is_calculated, known_rule
 from kennfeld.importers.ascet.expression_translation import (
     ExpressionTranslation,
     arithmetic_type,
@@ -124,9 +124,13 @@ class CallTranslation(ExpressionTranslation):
             rule = known_rule(instance, method)
             if rule is not None:
                 return self._external(instance, method, rule, tree)
-            if c_body(instance, method) is None:
+            # code that writes a log or drives hardware cannot be translated, and need not be
+            if changes_nothing(instance, method) and not is_calculated(instance, method):
                 self._skipped(instance, method, tree)
                 return None
+            if c_body(instance, method) is None:
+                message = f"{instance.declared.name}.{method.name} is implemented in C, which is not supported"
+                raise UnsupportedEsdlError(message, place=tree.place)
         values = [self.value(argument) for argument in tree.arguments]
         kinds = [
             self._argument_type(instance, argument, value)
@@ -229,9 +233,6 @@ class CallTranslation(ExpressionTranslation):
 
     def _skipped(self, instance: ClassInstance, method: e.Method, tree: e.Call) -> None:
         """Skip a call of a method in C that has nothing to change, such as an assertion."""
-        if not changes_nothing(instance, method):
-            message = f"{instance.declared.name}.{method.name} is implemented in C, which is not supported"
-            raise UnsupportedEsdlError(message, place=tree.place)
         for argument in tree.arguments:
             # methods that the arguments call run all the same
             self.once(self.operand(argument).tree, tree.place)
