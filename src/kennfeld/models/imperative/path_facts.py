@@ -140,6 +140,9 @@ class _IntervalAnalysis:
         if op in ("gt", "ge", "lt", "le"):
             x, limit = sides if op in ("gt", "ge") else sides[::-1]  # the condition is x > limit
             a, b = self._bounded(a, yes, x, limit, depth), self._bounded(b, no, limit, x, depth)
+        # a side that is NaN, where code fails, is within any bounds
+        if math.isnan(a.low) or math.isnan(b.low):
+            return b if math.isnan(a.low) else a
         return Interval(min(a.low, b.low), max(a.high, b.high))
 
     def _bounded(self, result: Interval, node: int, greater: int, less: int, depth: int) -> Interval:
