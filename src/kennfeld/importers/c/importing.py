@@ -19,7 +19,7 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
     """
     with optional_package(Location(path.name), "c"):
         from kennfeld.importers.c.reading import read_c_file, unknown_function
-        from kennfeld.importers.c.translated import translate
+        from kennfeld.importers.c.translated import OPEN_PASSES, translate
 
     file = read_c_file(path)
     declarations, source = file.declarations, file.source
@@ -36,6 +36,11 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         raise InputError.of(place, "it is nested too deeply", "Split its expressions.") from None
     if translated.problems:
         raise InputError(Finding(source.location(problem.line), problem.message) for problem in translated.problems)
+    remarks = [Finding(place, remark, severity="remark") for remark in translated.remarks]
+    endless = (
+        f"the end of this loop depends on signals: it is followed for {OPEN_PASSES} passes, and results are NaN beyond"
+    )
+    remarks += [Finding(source.location(line), endless, severity="remark") for line in translated.open_loops]
     spell = _plain if name else str
     return ModelFunction(
         name or function,
@@ -45,7 +50,7 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         memory=bool(translated.interface.states),
         values=translated.values,
         source=str(path),
-        remarks=tuple(Finding(place, remark, severity="remark") for remark in translated.remarks),
+        remarks=tuple(remarks),
         states=tuple(translated.states),
     )
 

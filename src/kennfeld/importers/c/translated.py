@@ -1,6 +1,6 @@
 """A C function as nodes of a graph: its arguments, its results, and what it keeps between calls as states."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -34,6 +34,7 @@ from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
 from kennfeld.program import tree as m
 
+OPEN_PASSES: Final = 50  # such as whole turns that `while (angle > pi) angle -= 2 * pi` takes off
 _NUMBER: Final = "number"
 _UNKNOWN: Final = "unknown name "
 
@@ -51,6 +52,7 @@ class TranslatedFunction:
         prefix: text that precedes the names of calibration values.
         remarks: what is computed differently from C.
         problems: why it cannot be a graph, with lines; empty if it can.
+        open_loops: lines of loops whose end is not known, which are followed for `OPEN_PASSES` passes.
     """
 
     function: CFunctionDeclaration
@@ -61,10 +63,15 @@ class TranslatedFunction:
     prefix: str = ""
     remarks: tuple[str, ...] = ()
     problems: tuple[UnsupportedCError, ...] = ()
+    open_loops: tuple[int, ...] = ()
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> list[int]:
         """Add the nodes of a call to a graph; return those of the results."""
-        call = _FunctionCall(self, builder)
+        return self.write_noting(builder, arguments, lambda line: None)
+
+    def write_noting(self, builder: GraphBuilder, arguments: Sequence[int], note: Callable[[int], None]) -> list[int]:
+        """Write the same; call `note` with the lines of loops whose end is not known."""
+        call = _FunctionCall(self, builder, note)
         last = call.run(arguments)
         for number in self.interface.written:
             if number.name in self.interface.states:
@@ -96,9 +103,13 @@ class TranslatedFunction:
 class _FunctionCall:
     """One call of a function, with its states open in a graph."""
 
-    def __init__(self, translated: TranslatedFunction, builder: GraphBuilder) -> None:
+    def __init__(
+        self, translated: TranslatedFunction, builder: GraphBuilder, note: Callable[[int], None] = lambda line: None
+    ) -> None:
         self.translated, self.builder = translated, builder
-        context = EvaluationContext(builder, functions=dict(translated.functions), library=LIBRARY)
+        context = EvaluationContext(
+            builder, functions=dict(translated.functions), library=LIBRARY, open_passes=OPEN_PASSES, open_loop=note
+        )
         self.interpreter = StatementInterpreter(context)
         self.first: dict[str, Nodes] = {}
         self.reads: dict[str, Nodes] = {}
@@ -305,7 +316,10 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
             message = f"{whole.function.name} has no result: it returns and writes nothing"
             raise ProgramError(message, line=whole.function.line)
         builder = BoundedGraphBuilder()
-        whole.write(builder, [builder.input(name) for name in whole.inputs])
+        lines: dict[int, None] = {}
+        whole.write_noting(
+            builder, [builder.input(name) for name in whole.inputs], lambda line: lines.update({line: None})
+        )
     except ProgramError as error:
         problem = UnsupportedCError(error.message, error.line or whole.function.line)
     except UnsupportedCError as error:
@@ -315,7 +329,7 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
     except (GraphTooLargeError, RecursionError):
         problem = UnsupportedCError("it is too large or nested too deeply", whole.function.line)
     else:
-        return whole
+        return replace(whole, open_loops=tuple(sorted(lines)))
     return replace(whole, problems=(problem,))
 
 

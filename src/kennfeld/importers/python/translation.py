@@ -12,8 +12,8 @@ from kennfeld.graph.builder import BoundedGraphBuilder, GraphBuilder, GraphTooLa
 from kennfeld.importers.python.mathematics import LIBRARY
 from kennfeld.importers.python.reading import PythonFunction, number_of, returns_of
 from kennfeld.importers.python.scope import (
-    InnerFunction,
     FunctionScope,
+    InnerFunction,
     UntranslatableError,
     as_function,
     element_name,
