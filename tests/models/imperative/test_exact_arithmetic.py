@@ -13,6 +13,7 @@ from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.imperative import exact_arithmetic as exact
 from kennfeld.models.imperative.path_facts import bound_of
+from kennfeld.native.simulator import Simulator
 
 SIZES = [0.0, 1e-300, 1e-17, 1e-10, 1e-3, 0.3, 0.9999, 1.0, 1.5, 7.3, 1e7, 1e9, 1e155, 1e300, math.inf]
 ONE = {
@@ -88,3 +89,17 @@ def test_a_side_that_is_nan_leaves_the_bounds_of_a_decision():
     limited = b.call("min", b.input("x"), b.const(5.0))
     for sides in ((limited, b.const(math.nan)), (b.const(math.nan), limited)):
         assert bound_of(b, b.call("select", b.input("c"), *sides), True) == 5.0
+
+
+def test_machine_code_is_as_exact_as_the_interpreter():
+    b = GraphBuilder()
+    x, y = (np.array([[b.input(name)]]) for name in "xy")
+    graph = b.finish({"r": exact.remainder(b, x, y).item(), "l": exact.log1p(b, x).item()})
+    low = lower_lookups(graph, ParameterSet(), ())
+    simulator = Simulator(low, [graph.names["r"], graph.names["l"]], ParameterSet())
+    rng = np.random.default_rng(5)
+    columns = {"x": np.abs(rng.normal(0, 1e3, 200)), "y": rng.integers(1, 9, 200) / 10}
+    rests, logarithms = simulator.over(columns, 200, ParameterSet())
+    # a product that is fused with the difference behind it would be exact, and its error be taken off twice
+    np.testing.assert_array_equal(rests, np.fmod(columns["x"], columns["y"]))
+    np.testing.assert_allclose(logarithms, np.log1p(columns["x"]), rtol=4e-16)

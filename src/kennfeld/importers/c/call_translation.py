@@ -63,6 +63,14 @@ class CCallTranslation(CExpressionTranslation):
         kind = INT if plain in TESTS else DOUBLE
         return COperand(call_of(plain, *(operand.tree for operand in operands)), kind)
 
+    def returned_address(self, tree: c_ast.FuncCall) -> CPlace:
+        function = self.file.functions.get(getattr(tree.name, "name", ""))
+        if function is None or not function.passed_back:
+            raise UnsupportedCError("only addresses of variables and arrays are supported", line_of(tree))
+        names = [argument.variable.name for argument in function.arguments]
+        self.call(tree, wants_result=False)
+        return self.address(tree.args.exprs[names.index(function.passed_back)])
+
     def called_struct(self, tree: c_ast.FuncCall) -> CPlace:
         """Return the place of a result that is a struct."""
         function = self.file.functions.get(getattr(tree.name, "name", ""))

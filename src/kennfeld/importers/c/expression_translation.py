@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeVar
 from pycparser import c_ast
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.c.declarations import CFile, line_of
+from kennfeld.importers.c.declarations import CFile, CVariable, line_of
 from kennfeld.importers.c.number_types import (
     BOOL,
     DOUBLE,
@@ -24,6 +24,7 @@ from kennfeld.importers.c.number_types import (
     promoted,
 )
 from kennfeld.importers.c.places import CPlace, PlaceTranslation, kind_of, parts_of
+from kennfeld.importers.c.sizes import size_of
 from kennfeld.importers.c.struct_types import TAG, CStructType, DeclaredType, integer_literal
 from kennfeld.program import tree as m
 
@@ -129,10 +130,15 @@ class CExpressionTranslation(PlaceTranslation):
     def _bytes(self, tree: c_ast.Node) -> int:
         """Return the size in bytes of a type, or of what an expression names."""
         declared: DeclaredType | CPlace
-        declared = self.file.types.declared(tree) if isinstance(tree, c_ast.Typename) else self.place(tree)
-        if declared.is_pointer or not isinstance(declared.type, CType) or 0 in declared.sizes:
-            raise UnsupportedCError("sizeof is supported of numbers and arrays of known size only")
-        return declared.type.bytes * math.prod(declared.sizes)
+        if isinstance(tree, c_ast.Typename):
+            declared = self.file.types.declared(tree)
+        elif _is_number(tree):
+            return self.operand(tree).type.bytes
+        else:
+            declared = self.place(tree)
+        if 0 in declared.sizes:
+            raise UnsupportedCError("sizeof of an array of unknown size")
+        return size_of(declared.type, declared.sizes, is_pointer=declared.is_pointer)
 
     def apart(self, translate: Callable[[], _Value]) -> tuple[_Value, list[m.Statement]]:
         """Translate an expression that is evaluated only under a condition; return it with its statements."""
@@ -270,8 +276,32 @@ class CExpressionTranslation(PlaceTranslation):
 
     # operators
 
+    def condition(self, tree: c_ast.Node) -> COperand:
+        """Translate a condition; an address holds, as none of those that a function gets is assumed to be null."""
+        return COperand(m.Number(1.0), INT) if self._is_address(tree) else self.operand(tree)
+
+    def _is_address(self, tree: c_ast.Node) -> bool:
+        match tree:
+            case c_ast.UnaryOp(op="&"):
+                return True
+            case c_ast.ID(name=name) if any(name in scope for scope in self.scopes):
+                place = self.lookup(name, tree)
+                is_array = isinstance(place, CPlace) or (not isinstance(place, int) and bool(place.sizes))
+                return is_array or (isinstance(place, CVariable) and place.is_pointer)
+            case c_ast.StructRef():
+                place = self.place(tree)
+                return place.is_pointer or bool(place.sizes)
+        return False
+
+    def _null_test(self, op: str, left: c_ast.Node, right: c_ast.Node) -> COperand | None:
+        """Translate the comparison of an address with NULL; None for other operators."""
+        for address, other in ((left, right), (right, left)):
+            if op in ("==", "!=") and _is_null(other) and self._is_address(address):
+                return COperand(m.Number(float(op == "!=")), INT)
+        return None
+
     def _unary(self, op: str, expr: c_ast.Node) -> COperand:
-        operand = self.operand(expr)
+        operand = self.condition(expr) if op == "!" else self.operand(expr)
         kind = promoted(operand.type)
         match op:
             case "+":
@@ -293,16 +323,15 @@ class CExpressionTranslation(PlaceTranslation):
         if kind.word is None:
             return COperand(tree, kind)
         if kind.word.bits > 32:
-            self.remarks["64-bit integers are exact up to 2^53"] = None
-            # wrapping needs all 64 bits, which a double does not have; unsigned numbers are checked to be at least 0
-            return COperand(tree if kind.word.signed else _wrapped("wrap", kind, tree), kind)
+            self.remarks["64-bit integers are exact up to 2^53, and NaN beyond"] = None
         return COperand(_wrapped("wrap", kind, tree), kind)
 
     def _binary(self, tree: c_ast.BinaryOp) -> COperand:
         if tree.op not in ("&&", "||"):
-            return self._combined(tree.op, self.operand(tree.left), self.operand(tree.right))
-        left = self.operand(tree.left)
-        right, statements = self.apart(lambda: self.operand(tree.right))
+            tested = self._null_test(tree.op, tree.left, tree.right)
+            return tested or self._combined(tree.op, self.operand(tree.left), self.operand(tree.right))
+        left = self.condition(tree.left)
+        right, statements = self.apart(lambda: self.condition(tree.right))
         if not statements:
             # evaluates the right side only if the left one does not decide
             return COperand(m.Binary(tree.op, left.tree, right.tree), INT)
@@ -342,14 +371,14 @@ class CExpressionTranslation(PlaceTranslation):
 
     def _shifted(self, op: str, left: COperand, right: COperand) -> COperand:
         kind = promoted(left.type)
-        if kind.word is None or right.type.word is None or kind.word.bits > 32:
+        if kind.word is None or right.type.word is None:
             raise UnsupportedCError(f"{op} of {left.type.name} is not supported")
         # C11, 6.5.7: the type is that of the left operand, promoted
         name = "left" if op == "<<" else "right"
         return self._fitted(call_of(name, left.tree, right.tree), kind)
 
     def _conditional(self, condition: c_ast.Node, yes: c_ast.Node, no: c_ast.Node) -> COperand:
-        first = self.operand(condition)
+        first = self.condition(condition)
         sides = [self.apart(lambda side=side: self.operand(side)) for side in (yes, no)]  # type: ignore[misc]
         kind = common_type(sides[0][0].type, sides[1][0].type)
         values = [converted(side, kind) for side, _ in sides]
@@ -374,6 +403,18 @@ class CExpressionTranslation(PlaceTranslation):
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
         """Translate a call of a function of the file or of the C library."""
         raise NotImplementedError
+
+
+def _is_number(tree: c_ast.Node) -> bool:
+    """Return True for an expression of which `sizeof` needs the type only, not a place."""
+    return isinstance(tree, c_ast.Constant | c_ast.BinaryOp | c_ast.Cast)
+
+
+def _is_null(tree: c_ast.Node) -> bool:
+    """Return True for 0, and for NULL as it is written or as headers define it."""
+    if isinstance(tree, c_ast.Cast):
+        return _is_null(tree.expr)
+    return (isinstance(tree, c_ast.ID) and tree.name == "NULL") or getattr(tree, "value", "") in ("0", "0L", "0U")
 
 
 def _literal(kind: str, text: str) -> COperand:

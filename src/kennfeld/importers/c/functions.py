@@ -74,9 +74,19 @@ def _wrap(evaluator: SymbolicEvaluator, x: Nodes, bits: Nodes, signed: Nodes) ->
     fits = all(bound_of(builder, n, True) <= word.most and bound_of(builder, n, False) >= word.least for n in nodes)
     if word.bits <= EXACT:
         return x if fits else wrap_to_type(builder, x, word)
-    if not (fits or word.signed):
-        raise ProgramError("an unsigned 64-bit integer may be negative, which is not supported", "Use a signed type.")
-    return x
+    return _known_exactly(builder, x, word)
+
+
+def _known_exactly(builder: GraphBuilder, x: Nodes, word: IntegerType) -> Nodes:
+    """Return 64-bit integers, or NaN where they are beyond 2^53, or below 0 and wrap to such numbers.
+
+    Wrapping needs all 64 bits, which a double does not have.
+    """
+    apply, least = Elementwise(builder), -(2.0**53) if word.signed else 0.0
+    nodes = [int(node) for node in x.ravel()]
+    if all(bound_of(builder, n, True) <= 2.0**53 and bound_of(builder, n, False) >= least for n in nodes):
+        return x
+    return apply("select", apply("and", apply("ge", x, least), apply("le", x, 2.0**53)), x, math.nan)
 
 
 def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:

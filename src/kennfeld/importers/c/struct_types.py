@@ -1,7 +1,7 @@
 """Structs and unions of C: their members, and the numbers that they consist of."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from typing import Final, NamedTuple, TypeAlias
 
@@ -168,6 +168,7 @@ class TypeTable:
         default_factory=lambda: {name: DeclaredType(kind) for name, kind in KNOWN_TYPES.items()}
     )
     structs: dict[str, CStructType] = field(default_factory=dict)
+    sizeof: "Callable[[c_ast.Node], int] | None" = None  # evaluates `sizeof` in constant integers
     constants: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -190,7 +191,7 @@ class TypeTable:
             case c_ast.TypeDecl():
                 return _qualified(self.declared(tree.type, depth + 1), tree.quals or ())
             case c_ast.ArrayDecl():
-                size = 0 if tree.dim is None else constant_integer(tree.dim, self.constants)
+                size = 0 if tree.dim is None else constant_integer(tree.dim, self.constants, self.sizeof)
                 inner = self.declared(tree.type, depth + 1)
                 if inner.is_pointer:
                     return DeclaredType(OpaqueType("an array of pointers"))
@@ -353,23 +354,27 @@ def enumeration_constants(tree: c_ast.Enum, known: Mapping[str, int]) -> dict[st
     return result
 
 
-def constant_integer(tree: c_ast.Node | None, known: Mapping[str, int]) -> int:
-    """Return a constant integer, such as the size of an array."""
+def constant_integer(
+    tree: c_ast.Node | None, known: Mapping[str, int], sizeof: "Callable[[c_ast.Node], int] | None" = None
+) -> int:
+    """Return a constant integer, such as the size of an array; `sizeof` returns the size of a type or a variable."""
     if type(tree).__name__ == "ArrayDesignator":  # which some versions of pycparser put around an index
-        return constant_integer(next(child for _, child in tree.children()), known)  # type: ignore[union-attr]
+        return constant_integer(next(child for _, child in tree.children()), known, sizeof)  # type: ignore[union-attr]
     match tree:
         case c_ast.Constant(type=kind, value=text) if "int" in kind or kind == "char":
             return integer_literal(text)
         case c_ast.ID(name=name) if name in known:
             return known[name]
         case c_ast.Cast(expr=operand):
-            return constant_integer(operand, known)
+            return constant_integer(operand, known, sizeof)
+        case c_ast.UnaryOp(op="sizeof", expr=of) if sizeof is not None:
+            return sizeof(of)
         case c_ast.UnaryOp(op="-", expr=operand):
-            return -constant_integer(operand, known)
+            return -constant_integer(operand, known, sizeof)
         case c_ast.UnaryOp(op="+", expr=operand):
-            return constant_integer(operand, known)
+            return constant_integer(operand, known, sizeof)
         case c_ast.BinaryOp(op=("+" | "-" | "*" | "/" | "<<" | ">>") as op, left=left, right=right):
-            a, b = constant_integer(left, known), constant_integer(right, known)
+            a, b = constant_integer(left, known, sizeof), constant_integer(right, known, sizeof)
             if op in ("<<", ">>") and not 0 <= b < 63:
                 raise UnsupportedCError(f"a shift by {b}", _line(tree))
             # // rounds down, / of C towards 0

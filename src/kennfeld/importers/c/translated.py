@@ -37,6 +37,7 @@ from kennfeld.program import tree as m
 OPEN_PASSES: Final = 50  # such as whole turns that `while (angle > pi) angle -= 2 * pi` takes off
 _NUMBER: Final = "number"
 _UNKNOWN: Final = "unknown name "
+_UNNAMED: Final = (_UNKNOWN, "unknown function ")  # how problems begin that one declaration solves
 
 
 @dataclass(frozen=True)
@@ -208,10 +209,12 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     called = [translations[name] for name in _called(function.name, translations)]
     problems = [problem for translation in called for problem in translation.problems]
     reasons = {f"{_UNKNOWN}{problem.name}": problem for problem in unreadable}
-    problems = list(
-        # several functions may use the same variable that cannot be read
-        {id(problem): problem for problem in (reasons.get(each.message, each) for each in problems)}.values()
-    )
+    # several functions, or places of one, may use what is not known, or a variable that cannot be read
+    distinct: dict[tuple[str, int], UnsupportedCError] = {}
+    for problem in (reasons.get(each.message, each) for each in problems):
+        line = 0 if problem.message.startswith(_UNNAMED) else problem.line
+        distinct.setdefault((problem.message, line), problem)
+    problems = list(distinct.values())
     statics = [static_numbers(part, file) for part in parts]
     statics += [static_numbers(part, file) for translation in called for part in translation.statics]
     arguments = list(argument_numbers(function))
@@ -234,7 +237,14 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
         return whole
     whole = _completed(whole, usage)
     own = {f"{name}()" for name in _called(function.name, translations)}
-    return replace(whole, remarks=(*whole.remarks, *_initializations(whole, own)))
+    return replace(whole, remarks=(*whole.remarks, *_kept_arguments(whole), *_initializations(whole, own)))
+
+
+def _kept_arguments(whole: TranslatedFunction) -> Iterator[str]:
+    """Yield remarks about numbers that a function reads and writes through their addresses."""
+    for number in whole.interface.written:
+        if number.is_result and number.name in whole.interface.states:
+            yield f"{number.label} is read and written through its address: it keeps its value between calls, from 0 on"
 
 
 def _initializations(whole: TranslatedFunction, own: Collection[str]) -> Iterator[str]:
@@ -335,8 +345,11 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
 
 def _settled(whole: TranslatedFunction, usage: Usage) -> CInterface:
     """Return the interface with outputs and states: a value matters if the graph of the next values reads it."""
-    everything = frozenset(number.name for number in whole.interface.written if not number.is_result)
-    # all that is written is a state at first; those stay whose values before the call reach a value after it
+    # all that is written is a state at first; those stay whose values before the call reach a value after it.
+    # A number behind a pointer that is only written is none: where it is not assigned, a result is missing
+    everything = frozenset(
+        number.name for number in whole.interface.written if not number.is_result or number.name in usage.reads
+    )
     trial = replace(whole, interface=replace(whole.interface, states=everything))
     builder = BoundedGraphBuilder()
     call = _FunctionCall(trial, builder)

@@ -16,7 +16,7 @@ from kennfeld.importers.c.functions import LIBRARY as C_LIBRARY
 from kennfeld.importers.c.functions import MATHEMATICS, TESTS
 from kennfeld.importers.rules import RuleFunction, elementwise, known_integer
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
-from kennfeld.models.imperative.exact_arithmetic import atanh, log1p, log2, product_error, remainder, round_to_even
+from kennfeld.models.imperative.exact_arithmetic import atanh, log1p, log2, remainder, round_to_even, rounded_product
 from kennfeld.models.imperative.graph_operators import ONE, Rule, expm1
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 from kennfeld.models.imperative.path_facts import bound_of
@@ -124,13 +124,14 @@ def _round_to_digits(builder: GraphBuilder, x: Nodes, digits: Nodes) -> Nodes:
     """Round to decimal places as Python does: by the exact decimal number, which a product x 10^n may miss."""
     apply = Elementwise(builder)
     places = int(builder.value(int(digits.item())) or 0)
-    factor = np.asarray(builder.const(10.0 ** abs(places)))
+    factor, size = np.asarray(builder.const(10.0 ** abs(places))), apply("abs", x)
     if places < 0:
         # the remainder tells exactly on which side of a half x is
-        scaled = apply("div", x, factor)
-        error = apply("sub", apply("sub", x, apply("mul", scaled, factor)), product_error(builder, scaled, factor))
+        scaled = apply("div", size, factor)
+        product, rest = rounded_product(builder, scaled, factor)
+        error = apply("sub", apply("sub", size, product), rest)
     else:
-        scaled, error = apply("mul", x, factor), product_error(builder, x, factor)
+        scaled, error = rounded_product(builder, size, factor)
     low = apply("floor", scaled)
     distance = apply("sub", scaled, low)
     is_half = apply("eq", distance, 0.5)
@@ -138,7 +139,7 @@ def _round_to_digits(builder: GraphBuilder, x: Nodes, digits: Nodes) -> Nodes:
     # an exact half goes to the even neighbor
     tie = apply("select", apply("eq", error, 0.0), is_odd, apply("gt", error, 0.0))
     up = apply("select", is_half, tie, apply("gt", distance, 0.5))
-    whole = apply("add", low, up)
+    whole = apply("mul", apply("sign", x), apply("add", low, up))
     result = apply("mul" if places < 0 else "div", whole, factor)
     # a number without such decimals stays, as does one that is infinite
     return apply("select", apply("lt", apply("abs", scaled), 2.0**52), result, x)

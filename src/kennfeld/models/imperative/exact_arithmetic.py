@@ -12,22 +12,24 @@ _MOST_WHOLE: Final = 2.0**53  # integers up to here are doubles
 _LARGE: Final = 1e8  # from which x^2 + 1 is x^2
 
 
-def product_error(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Compute the exact product of a and b less the rounded one, which is a double as well.
+def rounded_product(builder: GraphBuilder, a: Nodes, b: Nodes) -> tuple[Nodes, Nodes]:
+    """Compute the product of two numbers from 0 on as rounded, and the exact one less that, which is a double as well.
 
     T. J. Dekker, Numer. Math. 18 (1971) 224. Both must be below 1e300.
     """
     apply = Elementwise(builder)
+    # `abs` changes nothing but keeps machine code from fusing the product with a sum, which would not round it
+    product = apply("abs", apply("mul", a, b))
     (high_a, low_a), (high_b, low_b) = _halves(apply, a), _halves(apply, b)
     # products of halves are exact, and so is each difference in this order
-    error = apply("sub", apply("mul", high_a, high_b), apply("mul", a, b))
+    error = apply("sub", apply("mul", high_a, high_b), product)
     for left, right in ((high_a, low_b), (low_a, high_b), (low_a, low_b)):
         error = apply("add", error, apply("mul", left, right))
-    return error
+    return product, error
 
 
 def _halves(apply: Elementwise, x: Nodes) -> tuple[Nodes, Nodes]:
-    spread = apply("mul", x, _SPLIT)
+    spread = apply("abs", apply("mul", x, _SPLIT))
     high = apply("sub", spread, apply("sub", spread, x))
     return high, apply("sub", x, high)
 
@@ -45,8 +47,8 @@ def remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
         rest = apply("sub", apply("abs", a), apply("mul", quotient, size))
     else:
         # a quotient that is nearly whole may be rounded up, 1.0 / 0.1 to 10: the rest is then negative
-        rest = apply("sub", apply("abs", a), apply("mul", quotient, size))
-        rest = apply("sub", rest, product_error(builder, quotient, size))
+        product, error = rounded_product(builder, quotient, size)
+        rest = apply("sub", apply("sub", apply("abs", a), product), error)
         rest = apply("add", rest, apply("select", apply("lt", rest, 0.0), size, 0.0))
         rest = apply("select", apply("le", quotient, _MOST_WHOLE), rest, math.nan)
     signed = apply("select", apply("lt", a, 0.0), apply("neg", rest), rest)
