@@ -32,6 +32,8 @@ class ImportOptions:
         methods: methods that a step calls, in their order.
         startup: methods that run once before the first step.
         task: tasks of an application.
+        target: the data model of the target: `lp64` or `ilp32`; empty for that of the importer.
+        float32: True if numbers of single precision are rounded as the target rounds them.
     """
 
     step: float | None = None
@@ -43,6 +45,8 @@ class ImportOptions:
     methods: tuple[str, ...] = ()
     startup: tuple[str, ...] = ()
     task: tuple[str, ...] = ()
+    target: str = ""
+    float32: bool = False
 
     def chosen(self, keys: Collection[str]) -> bool:
         """Return whether a key is set of those that an importer takes, or the step."""
@@ -144,6 +148,7 @@ class Importer:
         label: a file in messages, with the article.
         formats: records of its files. Projects go by their endings, commands on a single file by their content.
         reads: `read(path, function, name, step)`, which returns a `ModelFunction`, also for calls from formula text.
+        reads_options: True if `reads` takes the `ImportOptions` as a fifth argument.
         imports: `import_(request)`, which returns an `ImportResult`; by default the function as a model of its own.
         wraps: `wrap(function, name=name)`, which returns the `ModelFunction` of a Python function that is passed as an
             object.
@@ -173,6 +178,7 @@ class Importer:
     label: str
     formats: tuple[FileFormat, ...]
     reads: Reference = ""
+    reads_options: bool = False
     imports: Reference = ""
     wraps: Reference = ""
     keys: tuple[str, ...] = ()
@@ -217,7 +223,12 @@ class Importer:
     def read(self, request: ImportRequest) -> ModelFunction:
         """Read a function that formula text could call. Raises `InputError` if the file cannot be read."""
         self.check_choice(request.path.name, request.choice)
-        function: ModelFunction = call(self.reads, request.path, request.choice, "", request.options.step)
+        return self.read_function(request.path, request.choice, "", request.options)
+
+    def read_function(self, path: Path, choice: str, name: str, options: ImportOptions) -> ModelFunction:
+        """Read the function of a file for calls by a name. Raises `InputError` if the file cannot be read."""
+        more = (options,) if self.reads_options else ()
+        function: ModelFunction = call(self.reads, path, choice, name, options.step, *more)
         return function
 
     def import_(self, request: ImportRequest) -> ImportResult:

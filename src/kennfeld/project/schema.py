@@ -127,10 +127,24 @@ class ModelEntry:
         "all that are periodic, each of which runs at its own period",
         (),
     )
+    target: Literal["lp64", "ilp32"] = key(
+        "the data model of the processor for functions in C, also of those of `[functions]`: `ilp32`, where `long`, "
+        "`size_t` and addresses have 32 bits, or `lp64`, where they have 64",
+        "lp64",
+    )
+    float32: bool = key(
+        "round each result of type `float` of functions in C to single precision, as the processor does, also in "
+        "`[functions]`",
+        False,
+    )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield keys that the importer of the function does not take."""
-        used = [part.name for part in fields(ImportOptions) if part.name != "step" and getattr(self, part.name)]
+        # formula text may call functions in C, which take these two
+        own = ("step", *(("target", "float32") if self.file.endswith(".kf") else ()))
+        plain = ModelEntry(self.file)
+        names = [part.name for part in fields(ImportOptions) if part.name not in own]
+        used = [name for name in names if getattr(self, name) != getattr(plain, name)]
         if not self.file or not used:
             return
         importer = importer_of(split_reference(self.file)[0])
@@ -544,6 +558,8 @@ class ProjectFile(SectionsFile):
             entry.methods,
             entry.startup,
             entry.task,
+            "" if entry.target == "lp64" else entry.target,
+            entry.float32,
         )
         values = {name: None if section.axes else section.initial for name, section in self.parameters.items()}
         # a name with a colon is a field of a block, `Path:Field`, which is a parameter because the project names it

@@ -12,6 +12,7 @@ from kennfeld.importers.c.expression_translation import (
     PassedNames,
     call_of,
     converted,
+    rounded,
 )
 from kennfeld.importers.c.functions import MATHEMATICS, TESTS
 from kennfeld.importers.c.number_types import DOUBLE, INT, LONG, CType, UnsupportedCError
@@ -60,8 +61,12 @@ class CCallTranslation(CExpressionTranslation):
         if plain in ("abs", "labs"):
             kind = INT if plain == "abs" else LONG
             return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
-        kind = INT if plain in TESTS else DOUBLE
-        return COperand(call_of(plain, *(operand.tree for operand in operands)), kind)
+        if plain in TESTS:
+            return COperand(call_of(plain, *(operand.tree for operand in operands)), INT)
+        # sinf takes and returns floats
+        kind = self.file.types.number("float") if plain != name else DOUBLE
+        result = call_of(plain, *(converted(operand, kind) for operand in operands))
+        return COperand(rounded(result), kind) if kind.single else COperand(result, DOUBLE)
 
     def returned_address(self, tree: c_ast.FuncCall) -> CPlace:
         function = self.file.functions.get(getattr(tree.name, "name", ""))

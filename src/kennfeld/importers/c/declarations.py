@@ -1,6 +1,6 @@
 """Declarations of a C file: types, variables, and functions with their arguments."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import field
 from typing import Final, Literal
@@ -147,14 +147,19 @@ class CFile:
     types: TypeTable = field(default_factory=TypeTable)
 
 
-def read_declarations(tree: c_ast.FileAST, first: int = len(KNOWN_TYPES)) -> CFile:
+def read_declarations(
+    tree: c_ast.FileAST, first: int = len(KNOWN_TYPES), types: Mapping[str, CType] | None = None
+) -> CFile:
     """Read what a file declares; functions whose arguments are not supported are in `unsupported`.
 
     Args:
         tree: the syntax tree.
         first: number of declarations that precede those of the file.
+        types: the number types that need no definition; by default those of LP64.
     """
     file = CFile()
+    if types is not None:
+        file.types = TypeTable({name: DeclaredType(kind) for name, kind in types.items()})
     file.types.sizeof = lambda tree: _size_of_object(tree, file)
     for item in tree.ext[:first]:
         if isinstance(item, c_ast.Typedef) and item.name not in KNOWN_TYPES:

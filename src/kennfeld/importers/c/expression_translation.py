@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, NamedTuple, TypeVar
 
+import numpy as np
 from pycparser import c_ast
 
 from kennfeld.base.lazy_dataclass import dataclass
@@ -14,8 +15,7 @@ from kennfeld.importers.c.number_types import (
     DOUBLE,
     FLOAT,
     INT,
-    LONG,
-    SIZE,
+    LONG_LONG,
     UNSIGNED,
     CType,
     UnsupportedCError,
@@ -50,6 +50,8 @@ def call_of(name: str, *arguments: m.Expression) -> m.Call:
 def converted(operand: COperand, target: CType) -> m.Expression:
     """Return the number in another type: cut off towards zero, then the lowest bits."""
     source = operand.type
+    if target.single and not source.single:
+        return rounded(operand.tree)
     if target.word is None or target == source:
         return operand.tree
     if target.truth:
@@ -62,6 +64,11 @@ def converted(operand: COperand, target: CType) -> m.Expression:
         return m.Number(float(target.word.wrapped(int(max(min(operand.tree.value, 2.0**64), -(2.0**64))))))
     whole = operand.tree if source.word is not None else call_of("truncate", operand.tree)
     return _wrapped("wrap", target, whole)
+
+
+def rounded(tree: m.Expression) -> m.Expression:
+    """Return a number in single precision."""
+    return m.Number(float(np.float32(tree.value))) if isinstance(tree, m.Number) else call_of("single", tree)
 
 
 def _wrapped(name: str, kind: CType, *operands: m.Expression) -> m.Expression:
@@ -99,7 +106,7 @@ class CExpressionTranslation(PlaceTranslation):
     def _operand(self, tree: c_ast.Node) -> COperand:
         match tree:
             case c_ast.Constant(type=kind, value=text):
-                return _literal(kind, text)
+                return self._constant(kind, text)
             case c_ast.ID(name=name) if name in _SPECIAL:
                 return COperand(m.Number(_SPECIAL[name]), DOUBLE)
             case c_ast.ID() | c_ast.ArrayRef() | c_ast.StructRef() | c_ast.UnaryOp(op="*") | c_ast.CompoundLiteral():
@@ -107,7 +114,7 @@ class CExpressionTranslation(PlaceTranslation):
             case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
                 return self._step(op, target, tree)
             case c_ast.UnaryOp(op="sizeof", expr=expr):
-                return COperand(m.Number(float(self._bytes(expr))), SIZE)
+                return COperand(m.Number(float(self._bytes(expr))), self.file.types.number("size_t"))
             case c_ast.UnaryOp(op=op, expr=expr):
                 return self._unary(op, expr)
             case c_ast.BinaryOp():
@@ -138,7 +145,12 @@ class CExpressionTranslation(PlaceTranslation):
             declared = self.place(tree)
         if 0 in declared.sizes:
             raise UnsupportedCError("sizeof of an array of unknown size")
-        return size_of(declared.type, declared.sizes, is_pointer=declared.is_pointer)
+        return size_of(
+            declared.type,
+            declared.sizes,
+            is_pointer=declared.is_pointer,
+            pointer=self.file.types.number("size_t").bytes,
+        )
 
     def apart(self, translate: Callable[[], _Value]) -> tuple[_Value, list[m.Statement]]:
         """Translate an expression that is evaluated only under a condition; return it with its statements."""
@@ -321,7 +333,8 @@ class CExpressionTranslation(PlaceTranslation):
     def _fitted(self, tree: m.Expression, kind: CType) -> COperand:
         """Return the result of an operation, which wraps in integer types."""
         if kind.word is None:
-            return COperand(tree, kind)
+            # the sum, product or quotient of two floats has a double that is rounded to the same float
+            return COperand(rounded(tree) if kind.single else tree, kind)
         if kind.word.bits > 32:
             self.remarks["64-bit integers are exact up to 2^53, and NaN beyond"] = None
         return COperand(_wrapped("wrap", kind, tree), kind)
@@ -358,7 +371,7 @@ class CExpressionTranslation(PlaceTranslation):
         if kind.word is None:
             if op == "%":
                 raise UnsupportedCError("% requires integers, use fmod", wrong=True)
-            return COperand(m.Binary({"*": ".*", "/": "./"}.get(op, op), a, b), kind)
+            return self._fitted(m.Binary({"*": ".*", "/": "./"}.get(op, op), a, b), kind)
         match op:
             case "*" if kind.word.bits <= 32:
                 # a product of 32-bit words has up to 64 bits, more than a double holds
@@ -398,6 +411,38 @@ class CExpressionTranslation(PlaceTranslation):
             raise UnsupportedCError("only conversions to numbers are supported", line_of(expr))
         return COperand(converted(self.operand(expr), declared.type), declared.type)
 
+    def _constant(self, kind: str, text: str) -> COperand:
+        """Return the number of a literal, in the first type of C that has it."""
+        if "int" in kind or kind == "char":
+            number = integer_literal(text)
+            ends = text[len(text.rstrip("uUlL")) :].casefold()
+            result = INT
+            # C11, 6.4.4.1: a decimal literal beyond int is long, an octal or hexadecimal one unsigned first
+            if "l" in ends or number >= 2**32 or (number >= 2**31 and "u" not in ends and not text.startswith("0")):
+                long = self.file.types.number("long")
+                is_small = "ll" not in ends and long.word is not None and number <= long.word.most
+                wide = long if is_small else LONG_LONG
+                result = replace(wide, word=replace(wide.word, signed="u" not in ends)) if wide.word else wide
+            elif "u" in ends or number >= 2**31:
+                result = UNSIGNED
+            return COperand(m.Number(float(number)), result)
+        if kind in ("double", "float", "long double"):
+            # f is a digit of hexadecimal numbers, but not of their exponents, which all of these have
+            plain = text.rstrip("fFlL")
+            try:
+                number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)
+            except OverflowError:
+                number_value = math.inf
+            if kind == "float":
+                float_type = self.file.types.number("float")
+                return COperand(
+                    rounded(m.Number(number_value)) if float_type.single else m.Number(number_value), float_type
+                )
+            return COperand(m.Number(number_value), DOUBLE)
+        if kind in ("bool", "_Bool"):
+            return COperand(m.Number(float(text == "true")), BOOL)
+        raise UnsupportedCError("text is not supported")
+
     # calls
 
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
@@ -415,27 +460,3 @@ def _is_null(tree: c_ast.Node) -> bool:
     if isinstance(tree, c_ast.Cast):
         return _is_null(tree.expr)
     return (isinstance(tree, c_ast.ID) and tree.name == "NULL") or getattr(tree, "value", "") in ("0", "0L", "0U")
-
-
-def _literal(kind: str, text: str) -> COperand:
-    if "int" in kind or kind == "char":
-        number = integer_literal(text)
-        ends = text[len(text.rstrip("uUlL")) :].casefold()
-        result = INT
-        # C11, 6.4.4.1: a decimal literal beyond int is long, an octal or hexadecimal one unsigned first
-        if "l" in ends or number >= 2**32 or (number >= 2**31 and "u" not in ends and not text.startswith("0")):
-            result = replace(LONG, word=replace(LONG.word, signed="u" not in ends)) if LONG.word else LONG
-        elif "u" in ends or number >= 2**31:
-            result = UNSIGNED
-        return COperand(m.Number(float(number)), result)
-    if kind in ("double", "float", "long double"):
-        # f is a digit of hexadecimal numbers
-        plain = text.rstrip("fFlL") if not text.casefold().startswith("0x") else text.rstrip("lL")
-        try:
-            number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)
-        except OverflowError:
-            number_value = math.inf
-        return COperand(m.Number(number_value), FLOAT if kind == "float" else DOUBLE)
-    if kind in ("bool", "_Bool"):
-        return COperand(m.Number(float(text == "true")), BOOL)
-    raise UnsupportedCError("text is not supported")

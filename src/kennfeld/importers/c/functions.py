@@ -194,6 +194,7 @@ _TESTS: Final = (
 _INTERNAL: Final = (
     RuleFunction("wrap", 3, _wrap),
     RuleFunction("truncate", 1, elementwise(truncate)),
+    RuleFunction("single", 1, elementwise(operation("single"))),
     RuleFunction("multiply", 4, _multiply),
     RuleFunction("quotient", 2, _quotient),
     RuleFunction("remainder", 2, _remainder),

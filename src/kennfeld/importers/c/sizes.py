@@ -1,24 +1,21 @@
 """Sizes of objects in bytes, as `sizeof` tells them, with the gaps that the alignment of members leaves."""
 
 import math
-from typing import Final
 
 from kennfeld.importers.c.number_types import CType, UnsupportedCError
 from kennfeld.importers.c.struct_types import TAG, CStructType, ObjectType, Sizes
 
-_POINTER: Final = 8
 
-
-def size_of(kind: ObjectType, sizes: Sizes = (), *, is_pointer: bool = False) -> int:
-    """Return the size of an object, or of the pointer to one.
+def size_of(kind: ObjectType, sizes: Sizes = (), *, is_pointer: bool = False, pointer: int = 8) -> int:
+    """Return the size of an object, or of the pointer to one, which has `pointer` bytes.
 
     Raises:
         UnsupportedCError: it has parts whose sizes are not known, such as bit fields.
     """
-    return _POINTER if is_pointer and not sizes else _size(kind)[0] * math.prod(sizes)
+    return pointer if is_pointer and not sizes else _size(kind, pointer)[0] * math.prod(sizes)
 
 
-def _size(kind: ObjectType) -> tuple[int, int]:
+def _size(kind: ObjectType, pointer: int) -> tuple[int, int]:
     """Return size and alignment of a type."""
     if isinstance(kind, CType):
         return kind.bytes, kind.bytes
@@ -29,7 +26,7 @@ def _size(kind: ObjectType) -> tuple[int, int]:
         if member.name.startswith(TAG):
             continue
         declared = member.declared
-        own, step = (_POINTER, _POINTER) if declared.is_pointer else _size(declared.type)
+        own, step = (pointer, pointer) if declared.is_pointer else _size(declared.type, pointer)
         own *= 1 if declared.is_pointer else math.prod(declared.sizes)
         # each member begins at a multiple of its alignment, the members of a union all at 0
         begin = 0 if kind.is_union else -(-end // step) * step

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 from pycparser import c_ast
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.c.number_types import INT, KNOWN_TYPES, CType, UnsupportedCError, number_type
+from kennfeld.importers.c.number_types import INT, CType, UnsupportedCError, known_types, number_type
 
 Sizes: TypeAlias = tuple[int, ...]
 MAX_SIZE: Final = 100_000  # numbers of a variable
@@ -162,10 +162,13 @@ def _name(kind: ObjectType) -> str:
 
 @dataclass(eq=False)
 class TypeTable:
-    """The types that a file names: its typedefs, the tags of its structs, and the constants of its enumerations."""
+    """The types that a file names: its typedefs, the tags of its structs, and the constants of its enumerations.
+
+    `float` and `long` are among the typedefs, as they depend on the target.
+    """
 
     typedefs: dict[str, DeclaredType] = field(
-        default_factory=lambda: {name: DeclaredType(kind) for name, kind in KNOWN_TYPES.items()}
+        default_factory=lambda: {name: DeclaredType(kind) for name, kind in known_types().items()}
     )
     structs: dict[str, CStructType] = field(default_factory=dict)
     sizeof: "Callable[[c_ast.Node], int] | None" = None  # evaluates `sizeof` in constant integers
@@ -179,6 +182,10 @@ class TypeTable:
             for name, declared in self.typedefs.items()
             if isinstance(declared.type, CType) and not declared.sizes and not declared.is_pointer
         }
+
+    def number(self, name: str) -> CType:
+        """Return a number type that is always known, such as `long` of the target."""
+        return self.numbers[name]
 
     def declared(self, tree: c_ast.Node, depth: int = 0) -> DeclaredType:
         """Return what a declaration says."""
