@@ -18,10 +18,9 @@ BYTES = RNG.integers(0, 256, (3, 2)).astype(np.uint8)
 OPSETS = [helper.make_opsetid("", 18), helper.make_opsetid("ai.onnx.ml", 3)]
 FLOAT, UINT8 = np.float32, np.uint8
 CONSTANTS = {
-    "scale": FLOAT(0.05), "zero": UINT8(117), "weights": BYTES,
-    "scales": np.array([0.02, 0.3], FLOAT),
-    "zeros": np.array([100, 130], UINT8), "out": FLOAT(0.4), "out_zero": UINT8(3), "table": np.arange(12.0, dtype=FLOAT),
-    "shape": np.array([4, 3]), "last": np.array([2]), "half": FLOAT(2.0),
+    "scale": FLOAT(0.05), "zero": UINT8(117), "weights": BYTES, "scales": np.array([0.02, 0.3], FLOAT),
+    "zeros": np.array([100, 130], UINT8), "out": FLOAT(0.4), "out_zero": UINT8(3), "half": FLOAT(2.0),
+    "table": np.arange(12.0, dtype=FLOAT), "shape": np.array([4, 3]),
 }  # fmt: skip
 
 
