@@ -14,6 +14,7 @@ POINTS = {
     "asin": [(-0.8,), (0.1,), (0.9,)],
     "acos": [(-0.8,), (0.1,), (0.9,)],
     "pow": [(0.3, 2.5), (2.0, -1.5), (1.7, 3.0)],
+    "single": [],  # whose steps are larger than those of the differences
     "mod": [(5.3, 2.0), (-5.3, 2.0), (5.3, -2.2), (0.7, 3.0)],
     "select": [(1.0, 0.3, -2.0), (0.0, 0.3, -2.0), (-0.5, 4.0, 2.0)],
 }
@@ -58,6 +59,11 @@ def test_partials_are_those_of_finite_differences(op):
 @pytest.mark.parametrize("op", STEPS)
 def test_steps_have_slope_zero(op):
     assert OPERATIONS[op].partials == (None,) * OPERATIONS[op].arity
+
+
+def test_rounding_to_single_precision_has_the_slope_of_what_it_rounds():
+    assert value("single", 0.1) == np.float64(np.float32(0.1))
+    assert slope("single", (0.1,), 0) == 1.0
 
 
 def test_the_slope_of_abs_at_zero_is_zero():

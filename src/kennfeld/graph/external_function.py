@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol, cast
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import InputError
+from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.threads import computed_once
 from kennfeld.graph.node import Node
 
@@ -42,6 +42,9 @@ class BatchFunction(LoadedFunction, Protocol):
             points: the arguments, Float[inputs, points].
             along: numbers of the arguments along which slopes are needed.
         """
+
+    def changing_results(self) -> Sequence[Finding]:
+        """Call the function again at some of the points where it was called; return warnings if its results change."""
 
 
 class SequentialFunction(LoadedFunction, Protocol):
@@ -149,6 +152,16 @@ def function_remarks(nodes: Iterable[Node]) -> tuple[str, ...]:
     functions = dict.fromkeys(node.payload.function for node in nodes if node.op == "external")
     loaded = [load_function(f) for f in functions if not (f.batched or f.sequential)]
     return tuple(dict.fromkeys(text for function in loaded for text in getattr(function, "remarks", ())))
+
+
+def changing_results(nodes: Iterable[Node]) -> tuple[Finding, ...]:
+    """Return warnings about functions for all samples at once that nodes call, whose results change between calls.
+
+    Equal arguments must give equal results. Code that draws random numbers, or that counts its calls, does not keep to
+    that, and the end of a fit is then one of chance.
+    """
+    functions = dict.fromkeys(node.payload.function for node in nodes if node.op == "external")
+    return tuple(finding for f in functions if f.batched for finding in batch_function(f).changing_results())
 
 
 def batch_function(function: ExternalFunction) -> BatchFunction:

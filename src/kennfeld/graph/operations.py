@@ -182,6 +182,8 @@ OPERATIONS: dict[str, Operation] = {
     "cosh": _unary(np.cosh, lambda w, x, y: w.call("sinh", x)),
     "tanh": _unary(np.tanh, lambda w, x, y: _one_minus_square(w, y)),
     "erf": _unary(_erf, _erf_slope),
+    # rounds to single precision; the slope is that of what it rounds, as its steps are smaller than those of a search
+    "single": _unary(lambda x: np.float32(x).astype(np.float64), lambda w, x, y: w.const(1.0)),
     "floor": _steps(1, _quiet(np.floor)),
     "ceil": _steps(1, _quiet(np.ceil)),
     "round": _steps(1, _quiet(_round)),

@@ -1,13 +1,14 @@
 """Functions in files of other tools, by references such as `engine.c:torque`."""
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
 from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.files.file_format import call, resolve
-from kennfeld.models.importer import Importer
+from kennfeld.models.importer import NO_OPTIONS, Importer, ImportOptions
 from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
@@ -38,7 +39,9 @@ def importer_of_function(reference: str) -> Importer | None:
     return importer if importer is not None and importer.reads else None
 
 
-def read_function_file(reference: str, folder: Path, name: str = "", step: float | None = None) -> ModelFunction:
+def read_function_file(
+    reference: str, folder: Path, name: str = "", step: float | None = None, options: ImportOptions = NO_OPTIONS
+) -> ModelFunction:
     """Read the function of a file, without running any of its code.
 
     Args:
@@ -47,6 +50,7 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
         folder: folder of the path.
         name: name for calls in formula text, which precedes the names of its parameters; empty for a model of its own.
         step: the step in s at which a function with continuous states is solved.
+        options: further choices of importers that take them for such functions.
 
     Raises:
         InputError: the file is of no known kind, or cannot be read.
@@ -58,8 +62,7 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
         raise InputError.of(Location(reference), "not a file of functions", remedy)
     path, function = split_reference(reference)
     importer.check_choice(path, function)
-    read: ModelFunction = call(importer.reads, folder / path, function, name, step)
-    return read
+    return importer.read_function(folder / path, function, name, replace(options, step=step))
 
 
 def callable_endings() -> tuple[str, ...]:

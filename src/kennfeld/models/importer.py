@@ -4,7 +4,7 @@ A package of others adds one by the entry point `kennfeld.importers`; see `docs/
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import field, fields
+from dataclasses import field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +34,8 @@ class ImportOptions:
         task: tasks of an application.
         outputs: variables that become outputs in addition, or patterns of them.
         limit_assignments: whether real numbers are limited to the ranges of their types; None as generated code.
+        target: the data model of the target: `lp64` or `ilp32`; empty for that of the importer.
+        float32: True if numbers of single precision are rounded as the target rounds them.
     """
 
     step: float | None = None
@@ -47,18 +49,15 @@ class ImportOptions:
     task: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     limit_assignments: bool | None = None
+    target: str = ""
+    float32: bool = False
 
     def chosen(self, keys: Collection[str]) -> bool:
         """Return whether a key is set of those that an importer takes, or the step."""
-        return any(is_chosen(getattr(self, part.name)) for part in fields(self) if part.name in (*keys, "step"))
+        return any(getattr(self, name) != getattr(NO_OPTIONS, name) for name in (*keys, "step"))
 
 
 NO_OPTIONS = ImportOptions()
-
-
-def is_chosen(value: object) -> bool:
-    """Return True for the value of a key that is set: `false` is a choice, too."""
-    return value is False or bool(value)
 
 
 @dataclass(frozen=True)
@@ -153,6 +152,7 @@ class Importer:
         label: a file in messages, with the article.
         formats: records of its files. Projects go by their endings, commands on a single file by their content.
         reads: `read(path, function, name, step)`, which returns a `ModelFunction`, also for calls from formula text.
+        reads_options: True if `reads` takes the `ImportOptions` as a fifth argument.
         imports: `import_(request)`, which returns an `ImportResult`; by default the function as a model of its own.
         wraps: `wrap(function, name=name)`, which returns the `ModelFunction` of a Python function that is passed as an
             object.
@@ -182,6 +182,7 @@ class Importer:
     label: str
     formats: tuple[FileFormat, ...]
     reads: Reference = ""
+    reads_options: bool = False
     imports: Reference = ""
     wraps: Reference = ""
     keys: tuple[str, ...] = ()
@@ -226,7 +227,12 @@ class Importer:
     def read(self, request: ImportRequest) -> ModelFunction:
         """Read a function that formula text could call. Raises `InputError` if the file cannot be read."""
         self.check_choice(request.path.name, request.choice)
-        function: ModelFunction = call(self.reads, request.path, request.choice, "", request.options.step)
+        return self.read_function(request.path, request.choice, "", request.options)
+
+    def read_function(self, path: Path, choice: str, name: str, options: ImportOptions) -> ModelFunction:
+        """Read the function of a file for calls by a name. Raises `InputError` if the file cannot be read."""
+        more = (options,) if self.reads_options else ()
+        function: ModelFunction = call(self.reads, path, choice, name, options.step, *more)
         return function
 
     def import_(self, request: ImportRequest) -> ImportResult:

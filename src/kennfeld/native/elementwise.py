@@ -80,6 +80,10 @@ def _sign(f: FunctionWriter, x: str) -> str:
     return f.select(f.new(f"fcmp olt double {x}, {ZERO}"), literal(-1.0), above)
 
 
+def _single(f: FunctionWriter, x: str) -> str:
+    return f.new(f"fpext float {f.new(f'fptrunc double {x} to float')} to double")
+
+
 def power(f: FunctionWriter, base: str, exponent: int) -> str:
     """Compute an integer power by repeated squaring."""
     if exponent < 0:
@@ -106,6 +110,7 @@ VALUES: dict[str, Callable[..., str]] = {
     "round": _round,
     "sign": _sign,
     "abs": _abs,
+    "single": _single,
     **{name: _intrinsic(name) for name in ("sqrt", "floor", "ceil")},
     **{name: _elementary(name) for name in sorted(ELEMENTARY - {"erfc"})},
 }

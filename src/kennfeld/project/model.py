@@ -20,7 +20,7 @@ from kennfeld.models.formula.lexer import Source, is_plain
 from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.models.function_files import read_function_file, split_reference
-from kennfeld.models.importer import ImportRequest
+from kennfeld.models.importer import ImportOptions, ImportRequest
 from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.models.model_function import ModelFunction
 from kennfeld.project.schema import ProjectFile
@@ -64,7 +64,9 @@ def _read_called_functions(file: ProjectFile, findings: Findings) -> tuple[Model
             findings.error(location, f"{name} is also the name of a surrogate", "Use another name.")
         elif _can_be_called(name, location, findings) and _exists(file, reference, location, findings):
             try:
-                functions.append(read_function_file(reference, file.folder, name, file.model.step))
+                entry = file.model
+                options = ImportOptions(target=entry.target, float32=entry.float32)
+                functions.append(read_function_file(reference, file.folder, name, entry.step, options))
             except InputError as error:
                 findings.add(*error.findings)
     return tuple(functions)

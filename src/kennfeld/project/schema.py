@@ -21,7 +21,7 @@ from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
 from kennfeld.models.function_files import split_reference
-from kennfeld.models.importer import ImportOptions, ImportRequest, is_chosen
+from kennfeld.models.importer import ImportOptions, ImportRequest
 from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project.forms import (
@@ -139,11 +139,24 @@ class ModelEntry:
         None,
         default_text="as generated code does",
     )
+    target: Literal["lp64", "ilp32"] = key(
+        "the data model of the processor for functions in C, also of those of `[functions]`: `ilp32`, where `long`, "
+        "`size_t` and addresses have 32 bits, or `lp64`, where they have 64",
+        "lp64",
+    )
+    float32: bool = key(
+        "round each result of type `float` of functions in C to single precision, as the processor does, also in "
+        "`[functions]`",
+        False,
+    )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield keys that the importer of the function does not take."""
-        options = (part.name for part in fields(ImportOptions) if part.name != "step")
-        used = [name for name in options if is_chosen(getattr(self, name))]
+        # formula text may call functions in C, which take these two
+        own = ("step", *(("target", "float32") if self.file.endswith(".kf") else ()))
+        plain = ModelEntry(self.file)
+        names = [part.name for part in fields(ImportOptions) if part.name not in own]
+        used = [name for name in names if getattr(self, name) != getattr(plain, name)]
         if not self.file or not used:
             return
         importer = importer_of(split_reference(self.file)[0])
@@ -559,6 +572,8 @@ class ProjectFile(SectionsFile):
             entry.task,
             entry.outputs,
             entry.limit_assignments,
+            "" if entry.target == "lp64" else entry.target,
+            entry.float32,
         )
         values = {name: None if section.axes else section.initial for name, section in self.parameters.items()}
         # a name with a colon is a field of a block, `Path:Field`, which is a parameter because the project names it

@@ -16,6 +16,48 @@ COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytest.importorskip("pycparser")
 
 PROGRAMS = {
+    "break and return": """
+        static const double X[5] = {-8, -1, 0.5, 2, 7}, Y[5] = {5, 4, -2, 8, 1};
+        static int lookup(int x) {
+            int i;
+            for (i = 0; i < 4; i++) { if (x > 2 * i) { break; } if (x == i) { return 7; } }
+            return i;
+        }
+        static int search(int x) {
+            int low = 0, high = 15;
+            while (low < high) {
+                int middle = (low + high) / 2;
+                if (middle * middle == x) return 100 + middle;
+                if (middle * middle < x) low = middle + 1; else high = middle;
+                if (high == 3) break;
+            }
+            return low;
+        }
+        double step(double u, int n, double *y) {
+            int i;
+            *y = lookup(n) + 10 * search(n);
+            for (i = 0; i < 4; i++) {
+                if (u < X[i]) return Y[i];
+                if (u <= X[i + 1]) {
+                    double share = (u - X[i]) / (X[i + 1] - X[i]);
+                    if (share > 0.9) break;
+                    return Y[i] + share * (Y[i + 1] - Y[i]);
+                }
+            }
+            return Y[i] + 100;
+        }""",
+    "turns": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            double angle = 3 * u, count = 0;
+            unsigned bits = (unsigned)n * 77u;
+            while (angle > M_PI) { angle -= 2 * M_PI; count++; }
+            while (angle < -M_PI) angle += 2 * M_PI;
+            do { u -= 4; } while (u > 0);
+            while (bits) { count += 10 * (bits & 1u); bits >>= 1; }
+            *y = count;
+            return angle + 100 * u;
+        }""",
     "loops": """
         static const double table[4] = {1.0, 2.0, 4.0, 8.0};
         double step(double u, int n, double *y) {
@@ -213,3 +255,13 @@ def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     nodes = evaluate(model.graph, {name: columns[name] for name in model.graph.inputs} | {"u": u}, ParameterSet())
     np.testing.assert_allclose(nodes["step"], value, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(nodes["y"], y, rtol=1e-12, atol=1e-12)
+
+
+def test_a_loop_without_a_known_end_is_followed_for_some_passes_with_a_remark(tmp_path):
+    (tmp_path / "f.c").write_text("double f(double a, double b) {\n    while (a > 1) a -= 1;\n    return a + b;\n}\n")
+    function = read_function_file("f.c:f", tmp_path)
+    (remark,) = function.remarks
+    assert (remark.location.line, remark.severity) == (2, "remark")
+    assert "followed for 50 passes" in remark.message
+    columns = {"a": np.array([0.5, 49.25, 1e9]), "b": np.zeros(3)}
+    np.testing.assert_array_equal(evaluate(as_model(function).graph, columns, ParameterSet())["f"], [0.5, 0.25, np.nan])

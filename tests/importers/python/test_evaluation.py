@@ -168,3 +168,40 @@ def test_a_function_without_results_is_an_error(function, message):
 def test_single_samples_that_fail_are_nan():
     results, _ = PythonEvaluation("f", lambda x, y: math.log(x - 1), 2, 1).evaluate(POINTS, ())
     assert np.array_equal(np.isnan(results[0]), POINTS[0] <= 1)
+
+
+def counted_calls():
+    calls = [0]
+
+    def counting(x):
+        calls[0] += 1
+        return x + calls[0]
+
+    return counting
+
+
+def with_memory():
+    kept = [0.0]
+
+    def filtered(x):
+        kept[0] += 0.5 * (x - kept[0])
+        return kept[0]
+
+    return filtered
+
+
+@pytest.mark.parametrize("function", [counted_calls(), with_memory(), lambda x: x + np.random.normal()])
+def test_results_that_change_between_calls_are_reported(function):
+    evaluation = PythonEvaluation("f", function, 1, 1)
+    evaluation.evaluate(POINTS[:1], (0,))
+    (warning,) = evaluation.changing_results()
+    assert warning.location.line > 0
+    assert re.match("f gives different results for equal arguments: .* and .* at ", warning.message)
+
+
+@pytest.mark.parametrize("function", [lambda x: x**2, lambda x: math.nan if x > 1 else x])
+def test_results_that_stay_are_not_reported(function):
+    evaluation = PythonEvaluation("f", function, 1, 1)
+    evaluation.evaluate(POINTS[:1], ())
+    evaluation.point([2.0])
+    assert not evaluation.changing_results()

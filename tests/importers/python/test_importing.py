@@ -19,8 +19,8 @@ def lag(settled, before, constant, dt):
 
 
 def called(settled, before, constant, dt):
-    values = [before, dt / (constant + dt) * (settled - before)]
-    return sum(values)
+    values = {0: before, 1: dt / (constant + dt) * (settled - before)}
+    return sum(values.values())
 """
 PROGRAM = """\
 import math
@@ -116,7 +116,7 @@ def test_hostile_text_is_refused(text, tmp_path):
 
 
 def test_an_exception_of_a_called_function_is_nan(tmp_path):
-    (tmp_path / "f.py").write_text("def step(x):\n    values = [x]\n    return 1 / values[0]\n")
+    (tmp_path / "f.py").write_text("def step(x):\n    values = {0: x}\n    return 1 / values[0]\n")
     model = as_model(read_function_file("f.py:step", tmp_path))
     values = evaluate(model.graph, {"x": np.array([0.0, 2.0])}, ParameterSet())["step"]
     np.testing.assert_array_equal(values, [np.nan, 0.5])
@@ -124,8 +124,23 @@ def test_an_exception_of_a_called_function_is_nan(tmp_path):
 
 def test_a_file_that_changed_after_it_was_read_does_not_run(tmp_path):
     file = tmp_path / "f.py"
-    file.write_text("def step(x):\n    values = [x]\n    return values[0]\n")
+    file.write_text("def step(x):\n    values = {0: x}\n    return values[0]\n")
     model = as_model(read_function_file("f.py:step", tmp_path))
-    file.write_text("def step(x):\n    values = [x]\n    return 2 * values[0]\n")
+    file.write_text("def step(x):\n    values = {0: x}\n    return 2 * values[0]\n")
     with pytest.raises(InputError, match="has changed"):
         evaluate(model.graph, {"x": np.array([0.0])}, ParameterSet())
+
+
+def test_a_fit_warns_of_a_function_whose_results_are_random(tmp_path):
+    (tmp_path / "f.py").write_text("import random\n\n\ndef noisy(x):\n    return x + 0.1 * random.gauss(0, 1)\n")
+    function = read_function_file("f.py:noisy", tmp_path)
+    x = np.linspace(0.0, 5.0, 40)
+    result = kf.calibrate(
+        formula("y = a * noisy(x)", parameters=["a"], functions=[function]),
+        {"x": x, "m": 2 * x},
+        {"a": 1.0},
+        target="m",
+    )
+    (warning,) = [each for each in result.warnings if "equal arguments" in each.message]
+    assert (warning.location.file, warning.location.line) == ("f.py", 4)
+    assert "f.py line 4: noisy gives different results" in str(result)

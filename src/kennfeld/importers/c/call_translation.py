@@ -12,6 +12,7 @@ from kennfeld.importers.c.expression_translation import (
     PassedNames,
     call_of,
     converted,
+    rounded,
 )
 from kennfeld.importers.c.functions import MATHEMATICS, TESTS
 from kennfeld.importers.c.number_types import DOUBLE, INT, LONG, CType, UnsupportedCError
@@ -60,8 +61,20 @@ class CCallTranslation(CExpressionTranslation):
         if plain in ("abs", "labs"):
             kind = INT if plain == "abs" else LONG
             return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
-        kind = INT if plain in TESTS else DOUBLE
-        return COperand(call_of(plain, *(operand.tree for operand in operands)), kind)
+        if plain in TESTS:
+            return COperand(call_of(plain, *(operand.tree for operand in operands)), INT)
+        # sinf takes and returns floats
+        kind = self.file.types.number("float") if plain != name else DOUBLE
+        result = call_of(plain, *(converted(operand, kind) for operand in operands))
+        return COperand(rounded(result), kind) if kind.single else COperand(result, DOUBLE)
+
+    def returned_address(self, tree: c_ast.FuncCall) -> CPlace:
+        function = self.file.functions.get(getattr(tree.name, "name", ""))
+        if function is None or not function.passed_back:
+            raise UnsupportedCError("only addresses of variables and arrays are supported", line_of(tree))
+        names = [argument.variable.name for argument in function.arguments]
+        self.call(tree, wants_result=False)
+        return self.address(tree.args.exprs[names.index(function.passed_back)])
 
     def called_struct(self, tree: c_ast.FuncCall) -> CPlace:
         """Return the place of a result that is a struct."""

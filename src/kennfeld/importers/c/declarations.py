@@ -1,6 +1,6 @@
 """Declarations of a C file: types, variables, and functions with their arguments."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import field
 from typing import Final, Literal
@@ -10,6 +10,7 @@ from pycparser.c_generator import CGenerator
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.c.number_types import KNOWN_TYPES, CType, UnsupportedCError
+from kennfeld.importers.c.sizes import size_of
 from kennfeld.importers.c.struct_types import (
     MAX_SIZE,
     CStructType,
@@ -99,12 +100,21 @@ class CArgument:
 
 @dataclass(frozen=True)
 class CFunctionDeclaration:
-    """A function of the file."""
+    """A function of the file.
+
+    Attributes:
+        name: its name.
+        tree: its definition.
+        arguments: its arguments.
+        result: type of the value that it returns; None if it returns none.
+        passed_back: the argument that it returns, if that is an address and always the same.
+    """
 
     name: str
     tree: c_ast.FuncDef
     arguments: tuple[CArgument, ...]
     result: CType | CStructType | None
+    passed_back: str = ""
 
     @property
     def returned(self) -> "CVariable | None":
@@ -137,20 +147,44 @@ class CFile:
     types: TypeTable = field(default_factory=TypeTable)
 
 
-def read_declarations(tree: c_ast.FileAST, first: int = len(KNOWN_TYPES)) -> CFile:
+def read_declarations(
+    tree: c_ast.FileAST, first: int = len(KNOWN_TYPES), types: Mapping[str, CType] | None = None
+) -> CFile:
     """Read what a file declares; functions whose arguments are not supported are in `unsupported`.
 
     Args:
         tree: the syntax tree.
         first: number of declarations that precede those of the file.
+        types: the number types that need no definition; by default those of LP64.
     """
     file = CFile()
+    if types is not None:
+        file.types = TypeTable({name: DeclaredType(kind) for name, kind in types.items()})
+    file.types.sizeof = lambda tree: _size_of_object(tree, file)
     for item in tree.ext[:first]:
         if isinstance(item, c_ast.Typedef) and item.name not in KNOWN_TYPES:
             file.types.typedef(item)
     for item in tree.ext[first:]:
         _declare(item, file)
     return file
+
+
+def _size_of_object(tree: c_ast.Node, file: CFile) -> int:
+    """Return the size of a type, of a variable outside of functions, or of an element of one."""
+    if isinstance(tree, c_ast.Typename):
+        declared = file.types.declared(tree)
+        return size_of(declared.type, declared.sizes, is_pointer=declared.is_pointer)
+    depth = 0
+    while isinstance(tree, c_ast.ArrayRef):
+        tree, depth = tree.name, depth + 1
+    if not isinstance(tree, c_ast.ID) or tree.name not in file.variables:
+        raise UnsupportedCError("sizeof is supported of types and variables of the file here", line_of(tree))
+    variable = file.variables[tree.name]
+    declared = file.types.declared(variable)
+    sizes = declared.sizes
+    if sizes[:1] == (0,):
+        sizes = (len(variable.init.exprs) if isinstance(variable.init, c_ast.InitList) else 0, *sizes[1:])
+    return size_of(declared.type, sizes[depth:], is_pointer=declared.is_pointer)
 
 
 def _declare(item: c_ast.Node, file: CFile) -> None:
@@ -216,8 +250,21 @@ def _function(tree: c_ast.FuncDef, file: CFile) -> CFunctionDeclaration:
         if not isinstance(parameter, c_ast.Decl):
             raise UnsupportedCError(f"{tree.decl.name} has arguments that are not supported", line_of(tree.decl))
         arguments.append(_argument(parameter, tree, file))
-    result = None if _is_void(declared.type) else _result(tree, file.types.declared(declared.type))
-    return CFunctionDeclaration(str(tree.decl.name), tree, tuple(arguments), result)
+    passed_back = _passed_back(tree) if isinstance(declared.type, c_ast.PtrDecl) else ""
+    is_void = _is_void(declared.type) or passed_back in {each.variable.name for each in arguments}
+    result = None if is_void else _result(tree, file.types.declared(declared.type))
+    return CFunctionDeclaration(str(tree.decl.name), tree, tuple(arguments), result, passed_back)
+
+
+def _passed_back(tree: c_ast.FuncDef) -> str:
+    """Return the name that all return statements of a function return; empty if they return something else."""
+    names, waiting = set[str](), [tree.body]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, c_ast.Return):
+            names.add(str(node.expr.name) if isinstance(node.expr, c_ast.ID) else "")
+        waiting += [child for _, child in node.children()]
+    return names.pop() if len(names) == 1 else ""
 
 
 def _result(tree: c_ast.FuncDef, declared: DeclaredType) -> CType | CStructType:

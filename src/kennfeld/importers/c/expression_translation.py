@@ -5,17 +5,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, NamedTuple, TypeVar
 
+import numpy as np
 from pycparser import c_ast
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.c.declarations import CFile, line_of
+from kennfeld.importers.c.declarations import CFile, CVariable, line_of
 from kennfeld.importers.c.number_types import (
     BOOL,
     DOUBLE,
     FLOAT,
     INT,
-    LONG,
-    SIZE,
+    LONG_LONG,
     UNSIGNED,
     CType,
     UnsupportedCError,
@@ -24,6 +24,7 @@ from kennfeld.importers.c.number_types import (
     promoted,
 )
 from kennfeld.importers.c.places import CPlace, PlaceTranslation, kind_of, parts_of
+from kennfeld.importers.c.sizes import size_of
 from kennfeld.importers.c.struct_types import TAG, CStructType, DeclaredType, integer_literal
 from kennfeld.program import tree as m
 
@@ -49,6 +50,8 @@ def call_of(name: str, *arguments: m.Expression) -> m.Call:
 def converted(operand: COperand, target: CType) -> m.Expression:
     """Return the number in another type: cut off towards zero, then the lowest bits."""
     source = operand.type
+    if target.single and not source.single:
+        return rounded(operand.tree)
     if target.word is None or target == source:
         return operand.tree
     if target.truth:
@@ -61,6 +64,11 @@ def converted(operand: COperand, target: CType) -> m.Expression:
         return m.Number(float(target.word.wrapped(int(max(min(operand.tree.value, 2.0**64), -(2.0**64))))))
     whole = operand.tree if source.word is not None else call_of("truncate", operand.tree)
     return _wrapped("wrap", target, whole)
+
+
+def rounded(tree: m.Expression) -> m.Expression:
+    """Return a number in single precision."""
+    return m.Number(float(np.float32(tree.value))) if isinstance(tree, m.Number) else call_of("single", tree)
 
 
 def _wrapped(name: str, kind: CType, *operands: m.Expression) -> m.Expression:
@@ -98,7 +106,7 @@ class CExpressionTranslation(PlaceTranslation):
     def _operand(self, tree: c_ast.Node) -> COperand:
         match tree:
             case c_ast.Constant(type=kind, value=text):
-                return _literal(kind, text)
+                return self._constant(kind, text)
             case c_ast.ID(name=name) if name in _SPECIAL:
                 return COperand(m.Number(_SPECIAL[name]), DOUBLE)
             case c_ast.ID() | c_ast.ArrayRef() | c_ast.StructRef() | c_ast.UnaryOp(op="*") | c_ast.CompoundLiteral():
@@ -106,7 +114,7 @@ class CExpressionTranslation(PlaceTranslation):
             case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
                 return self._step(op, target, tree)
             case c_ast.UnaryOp(op="sizeof", expr=expr):
-                return COperand(m.Number(float(self._bytes(expr))), SIZE)
+                return COperand(m.Number(float(self._bytes(expr))), self.file.types.number("size_t"))
             case c_ast.UnaryOp(op=op, expr=expr):
                 return self._unary(op, expr)
             case c_ast.BinaryOp():
@@ -129,10 +137,20 @@ class CExpressionTranslation(PlaceTranslation):
     def _bytes(self, tree: c_ast.Node) -> int:
         """Return the size in bytes of a type, or of what an expression names."""
         declared: DeclaredType | CPlace
-        declared = self.file.types.declared(tree) if isinstance(tree, c_ast.Typename) else self.place(tree)
-        if declared.is_pointer or not isinstance(declared.type, CType) or 0 in declared.sizes:
-            raise UnsupportedCError("sizeof is supported of numbers and arrays of known size only")
-        return declared.type.bytes * math.prod(declared.sizes)
+        if isinstance(tree, c_ast.Typename):
+            declared = self.file.types.declared(tree)
+        elif _is_number(tree):
+            return self.operand(tree).type.bytes
+        else:
+            declared = self.place(tree)
+        if 0 in declared.sizes:
+            raise UnsupportedCError("sizeof of an array of unknown size")
+        return size_of(
+            declared.type,
+            declared.sizes,
+            is_pointer=declared.is_pointer,
+            pointer=self.file.types.number("size_t").bytes,
+        )
 
     def apart(self, translate: Callable[[], _Value]) -> tuple[_Value, list[m.Statement]]:
         """Translate an expression that is evaluated only under a condition; return it with its statements."""
@@ -270,8 +288,32 @@ class CExpressionTranslation(PlaceTranslation):
 
     # operators
 
+    def condition(self, tree: c_ast.Node) -> COperand:
+        """Translate a condition; an address holds, as none of those that a function gets is assumed to be null."""
+        return COperand(m.Number(1.0), INT) if self._is_address(tree) else self.operand(tree)
+
+    def _is_address(self, tree: c_ast.Node) -> bool:
+        match tree:
+            case c_ast.UnaryOp(op="&"):
+                return True
+            case c_ast.ID(name=name) if any(name in scope for scope in self.scopes):
+                place = self.lookup(name, tree)
+                is_array = isinstance(place, CPlace) or (not isinstance(place, int) and bool(place.sizes))
+                return is_array or (isinstance(place, CVariable) and place.is_pointer)
+            case c_ast.StructRef():
+                place = self.place(tree)
+                return place.is_pointer or bool(place.sizes)
+        return False
+
+    def _null_test(self, op: str, left: c_ast.Node, right: c_ast.Node) -> COperand | None:
+        """Translate the comparison of an address with NULL; None for other operators."""
+        for address, other in ((left, right), (right, left)):
+            if op in ("==", "!=") and _is_null(other) and self._is_address(address):
+                return COperand(m.Number(float(op == "!=")), INT)
+        return None
+
     def _unary(self, op: str, expr: c_ast.Node) -> COperand:
-        operand = self.operand(expr)
+        operand = self.condition(expr) if op == "!" else self.operand(expr)
         kind = promoted(operand.type)
         match op:
             case "+":
@@ -291,18 +333,18 @@ class CExpressionTranslation(PlaceTranslation):
     def _fitted(self, tree: m.Expression, kind: CType) -> COperand:
         """Return the result of an operation, which wraps in integer types."""
         if kind.word is None:
-            return COperand(tree, kind)
+            # the sum, product or quotient of two floats has a double that is rounded to the same float
+            return COperand(rounded(tree) if kind.single else tree, kind)
         if kind.word.bits > 32:
-            self.remarks["64-bit integers are exact up to 2^53"] = None
-            # wrapping needs all 64 bits, which a double does not have; unsigned numbers are checked to be at least 0
-            return COperand(tree if kind.word.signed else _wrapped("wrap", kind, tree), kind)
+            self.remarks["64-bit integers are exact up to 2^53, and NaN beyond"] = None
         return COperand(_wrapped("wrap", kind, tree), kind)
 
     def _binary(self, tree: c_ast.BinaryOp) -> COperand:
         if tree.op not in ("&&", "||"):
-            return self._combined(tree.op, self.operand(tree.left), self.operand(tree.right))
-        left = self.operand(tree.left)
-        right, statements = self.apart(lambda: self.operand(tree.right))
+            tested = self._null_test(tree.op, tree.left, tree.right)
+            return tested or self._combined(tree.op, self.operand(tree.left), self.operand(tree.right))
+        left = self.condition(tree.left)
+        right, statements = self.apart(lambda: self.condition(tree.right))
         if not statements:
             # evaluates the right side only if the left one does not decide
             return COperand(m.Binary(tree.op, left.tree, right.tree), INT)
@@ -329,7 +371,7 @@ class CExpressionTranslation(PlaceTranslation):
         if kind.word is None:
             if op == "%":
                 raise UnsupportedCError("% requires integers, use fmod", wrong=True)
-            return COperand(m.Binary({"*": ".*", "/": "./"}.get(op, op), a, b), kind)
+            return self._fitted(m.Binary({"*": ".*", "/": "./"}.get(op, op), a, b), kind)
         match op:
             case "*" if kind.word.bits <= 32:
                 # a product of 32-bit words has up to 64 bits, more than a double holds
@@ -342,14 +384,14 @@ class CExpressionTranslation(PlaceTranslation):
 
     def _shifted(self, op: str, left: COperand, right: COperand) -> COperand:
         kind = promoted(left.type)
-        if kind.word is None or right.type.word is None or kind.word.bits > 32:
+        if kind.word is None or right.type.word is None:
             raise UnsupportedCError(f"{op} of {left.type.name} is not supported")
         # C11, 6.5.7: the type is that of the left operand, promoted
         name = "left" if op == "<<" else "right"
         return self._fitted(call_of(name, left.tree, right.tree), kind)
 
     def _conditional(self, condition: c_ast.Node, yes: c_ast.Node, no: c_ast.Node) -> COperand:
-        first = self.operand(condition)
+        first = self.condition(condition)
         sides = [self.apart(lambda side=side: self.operand(side)) for side in (yes, no)]  # type: ignore[misc]
         kind = common_type(sides[0][0].type, sides[1][0].type)
         values = [converted(side, kind) for side, _ in sides]
@@ -369,6 +411,38 @@ class CExpressionTranslation(PlaceTranslation):
             raise UnsupportedCError("only conversions to numbers are supported", line_of(expr))
         return COperand(converted(self.operand(expr), declared.type), declared.type)
 
+    def _constant(self, kind: str, text: str) -> COperand:
+        """Return the number of a literal, in the first type of C that has it."""
+        if "int" in kind or kind == "char":
+            number = integer_literal(text)
+            ends = text[len(text.rstrip("uUlL")) :].casefold()
+            result = INT
+            # C11, 6.4.4.1: a decimal literal beyond int is long, an octal or hexadecimal one unsigned first
+            if "l" in ends or number >= 2**32 or (number >= 2**31 and "u" not in ends and not text.startswith("0")):
+                long = self.file.types.number("long")
+                is_small = "ll" not in ends and long.word is not None and number <= long.word.most
+                wide = long if is_small else LONG_LONG
+                result = replace(wide, word=replace(wide.word, signed="u" not in ends)) if wide.word else wide
+            elif "u" in ends or number >= 2**31:
+                result = UNSIGNED
+            return COperand(m.Number(float(number)), result)
+        if kind in ("double", "float", "long double"):
+            # f is a digit of hexadecimal numbers, but not of their exponents, which all of these have
+            plain = text.rstrip("fFlL")
+            try:
+                number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)
+            except OverflowError:
+                number_value = math.inf
+            if kind == "float":
+                float_type = self.file.types.number("float")
+                return COperand(
+                    rounded(m.Number(number_value)) if float_type.single else m.Number(number_value), float_type
+                )
+            return COperand(m.Number(number_value), DOUBLE)
+        if kind in ("bool", "_Bool"):
+            return COperand(m.Number(float(text == "true")), BOOL)
+        raise UnsupportedCError("text is not supported")
+
     # calls
 
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
@@ -376,25 +450,13 @@ class CExpressionTranslation(PlaceTranslation):
         raise NotImplementedError
 
 
-def _literal(kind: str, text: str) -> COperand:
-    if "int" in kind or kind == "char":
-        number = integer_literal(text)
-        ends = text[len(text.rstrip("uUlL")) :].casefold()
-        result = INT
-        # C11, 6.4.4.1: a decimal literal beyond int is long, an octal or hexadecimal one unsigned first
-        if "l" in ends or number >= 2**32 or (number >= 2**31 and "u" not in ends and not text.startswith("0")):
-            result = replace(LONG, word=replace(LONG.word, signed="u" not in ends)) if LONG.word else LONG
-        elif "u" in ends or number >= 2**31:
-            result = UNSIGNED
-        return COperand(m.Number(float(number)), result)
-    if kind in ("double", "float", "long double"):
-        # f is a digit of hexadecimal numbers
-        plain = text.rstrip("fFlL") if not text.casefold().startswith("0x") else text.rstrip("lL")
-        try:
-            number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)
-        except OverflowError:
-            number_value = math.inf
-        return COperand(m.Number(number_value), FLOAT if kind == "float" else DOUBLE)
-    if kind in ("bool", "_Bool"):
-        return COperand(m.Number(float(text == "true")), BOOL)
-    raise UnsupportedCError("text is not supported")
+def _is_number(tree: c_ast.Node) -> bool:
+    """Return True for an expression of which `sizeof` needs the type only, not a place."""
+    return isinstance(tree, c_ast.Constant | c_ast.BinaryOp | c_ast.Cast)
+
+
+def _is_null(tree: c_ast.Node) -> bool:
+    """Return True for 0, and for NULL as it is written or as headers define it."""
+    if isinstance(tree, c_ast.Cast):
+        return _is_null(tree.expr)
+    return (isinstance(tree, c_ast.ID) and tree.name == "NULL") or getattr(tree, "value", "") in ("0", "0L", "0U")

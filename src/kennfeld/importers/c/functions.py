@@ -12,7 +12,16 @@ from kennfeld.importers.rules import Rule, RuleFunction, elementwise, filled_arr
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
-from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, TWO, TWO_IN_C, operation
+from kennfeld.models.imperative.exact_arithmetic import (
+    copy_sign,
+    cube_root,
+    hypotenuse,
+    log1p,
+    log2,
+    remainder,
+    round_to_even,
+)
+from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, operation
 from kennfeld.models.imperative.integer_types import EXACT, IntegerType, wrap_to_type
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 from kennfeld.models.imperative.path_facts import bound_of
@@ -65,9 +74,19 @@ def _wrap(evaluator: SymbolicEvaluator, x: Nodes, bits: Nodes, signed: Nodes) ->
     fits = all(bound_of(builder, n, True) <= word.most and bound_of(builder, n, False) >= word.least for n in nodes)
     if word.bits <= EXACT:
         return x if fits else wrap_to_type(builder, x, word)
-    if not (fits or word.signed):
-        raise ProgramError("an unsigned 64-bit integer may be negative, which is not supported", "Use a signed type.")
-    return x
+    return _known_exactly(builder, x, word)
+
+
+def _known_exactly(builder: GraphBuilder, x: Nodes, word: IntegerType) -> Nodes:
+    """Return 64-bit integers, or NaN where they are beyond 2^53, or below 0 and wrap to such numbers.
+
+    Wrapping needs all 64 bits, which a double does not have.
+    """
+    apply, least = Elementwise(builder), -(2.0**53) if word.signed else 0.0
+    nodes = [int(node) for node in x.ravel()]
+    if all(bound_of(builder, n, True) <= 2.0**53 and bound_of(builder, n, False) >= least for n in nodes):
+        return x
+    return apply("select", apply("and", apply("ge", x, least), apply("le", x, 2.0**53)), x, math.nan)
 
 
 def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
@@ -123,37 +142,6 @@ def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
     return nodes.reshape(shape if len(shape) > 1 else (*shape, 1))
 
 
-def _round_to_even(builder: GraphBuilder, x: Nodes) -> Nodes:
-    apply = Elementwise(builder)
-    near = apply("floor", apply("add", x, 0.5))
-    # a tie rounds up to `near`, which is 1 too high if it is odd
-    is_tie = apply("eq", apply("sub", near, x), 0.5)
-    is_odd = apply("ne", apply("mod", near, 2.0), 0.0)
-    return apply("sub", near, apply("and", is_tie, is_odd))
-
-
-def _log1p(builder: GraphBuilder, x: Nodes) -> Nodes:
-    """Compute log(1 + x) with the rounding of 1 + x taken out, so that small x keep their digits."""
-    apply = Elementwise(builder)
-    # log(1 + x) = 2 atanh(x / (x + 2))
-    return apply("mul", 2.0, INVERSE_HYPERBOLIC["atanh"](builder, apply("div", x, apply("add", x, 2.0))))
-
-
-def _scaled(op: str, factor: float) -> Callable[..., Nodes]:
-    return lambda builder, x: Elementwise(builder)("mul", Elementwise(builder)(op, x), factor)
-
-
-def _cube_root(builder: GraphBuilder, x: Nodes) -> Nodes:
-    apply = Elementwise(builder)
-    return apply("mul", apply("sign", x), apply("pow", apply("abs", x), 1.0 / 3.0))
-
-
-def _copy_sign(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
-    apply = Elementwise(builder)
-    size = apply("abs", x)
-    return apply("select", apply("lt", y, 0.0), apply("neg", size), size)
-
-
 def _without_nan(name: str) -> Callable[..., Nodes]:
     """Return the rule of fmin or fmax, which ignore an argument that is not a number."""
 
@@ -179,20 +167,20 @@ _MATHEMATICS: Final = (
     *(RuleFunction(name, 1, elementwise(rule)) for name, rule in INVERSE_HYPERBOLIC.items()),
     RuleFunction("fabs", 1, elementwise(ONE["abs"])),
     RuleFunction("trunc", 1, elementwise(truncate)),
-    RuleFunction("rint", 1, elementwise(_round_to_even)),
-    RuleFunction("nearbyint", 1, elementwise(_round_to_even)),
-    RuleFunction("log2", 1, elementwise(_scaled("log", 1.0 / math.log(2.0)))),
-    RuleFunction("log1p", 1, elementwise(_log1p)),
+    RuleFunction("rint", 1, elementwise(round_to_even)),
+    RuleFunction("nearbyint", 1, elementwise(round_to_even)),
+    RuleFunction("log2", 1, elementwise(log2)),
+    RuleFunction("log1p", 1, elementwise(log1p)),
     RuleFunction("expm1", 1, symbolic_rule("expm1")),
     RuleFunction("exp2", 1, elementwise(lambda builder, x: Elementwise(builder)("pow", 2.0, x))),
-    RuleFunction("cbrt", 1, elementwise(_cube_root)),
+    RuleFunction("cbrt", 1, elementwise(cube_root)),
     RuleFunction("pow", 2, elementwise(operation("pow"))),
     RuleFunction("atan2", 2, elementwise(operation("atan2"))),
     RuleFunction("fmin", 2, elementwise(_without_nan("min"))),
     RuleFunction("fmax", 2, elementwise(_without_nan("max"))),
-    RuleFunction("fmod", 2, elementwise(TWO_IN_C["fmod"])),
-    RuleFunction("hypot", 2, elementwise(TWO["hypot"])),
-    RuleFunction("copysign", 2, elementwise(_copy_sign)),
+    RuleFunction("fmod", 2, elementwise(remainder)),
+    RuleFunction("hypot", 2, elementwise(hypotenuse)),
+    RuleFunction("copysign", 2, elementwise(copy_sign)),
     RuleFunction("fdim", 2, elementwise(lambda b, x, y: Elementwise(b)("max", Elementwise(b)("sub", x, y), 0.0))),
     RuleFunction("fma", 3, elementwise(lambda b, x, y, z: Elementwise(b)("add", Elementwise(b)("mul", x, y), z))),
 )
@@ -206,6 +194,7 @@ _TESTS: Final = (
 _INTERNAL: Final = (
     RuleFunction("wrap", 3, _wrap),
     RuleFunction("truncate", 1, elementwise(truncate)),
+    RuleFunction("single", 1, elementwise(operation("single"))),
     RuleFunction("multiply", 4, _multiply),
     RuleFunction("quotient", 2, _quotient),
     RuleFunction("remainder", 2, _remainder),

@@ -5,23 +5,28 @@ from pathlib import Path
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.optional_packages import optional_package
+from kennfeld.models.importer import NO_OPTIONS, ImportOptions
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, FunctionSummary, ModelFunction
 
 
-def read_function(path: Path, function: str, name: str = "", step: float | None = None) -> ModelFunction:
+def read_function(
+    path: Path, function: str, name: str = "", step: float | None = None, options: ImportOptions = NO_OPTIONS
+) -> ModelFunction:
     """Read a function of a C file, as `read_function_file` does.
 
     Its number arguments become inputs, its value and what it writes through pointers the outputs, what it keeps between
-    calls states, and `const volatile` variables parameters. Derivatives are exact.
+    calls states, and `const volatile` variables parameters. Derivatives are exact. The options `target` and `float32`
+    say how large `long` is, and if `float` is rounded to single precision.
 
     Raises:
         InputError: the file is not C, has no such function, or the function is not supported; carries all problems.
     """
     with optional_package(Location(path.name), "c"):
+        from kennfeld.importers.c.number_types import known_types
         from kennfeld.importers.c.reading import read_c_file, unknown_function
-        from kennfeld.importers.c.translated import translate
+        from kennfeld.importers.c.translated import OPEN_PASSES, translate
 
-    file = read_c_file(path)
+    file = read_c_file(path, known_types(options.target, float32=options.float32))
     declarations, source = file.declarations, file.source
     if function in declarations.unsupported:
         error = declarations.unsupported[function]
@@ -36,6 +41,11 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         raise InputError.of(place, "it is nested too deeply", "Split its expressions.") from None
     if translated.problems:
         raise InputError(Finding(source.location(problem.line), problem.message) for problem in translated.problems)
+    remarks = [Finding(place, remark, severity="remark") for remark in translated.remarks]
+    endless = (
+        f"the end of this loop depends on signals: it is followed for {OPEN_PASSES} passes, and results are NaN beyond"
+    )
+    remarks += [Finding(source.location(line), endless, severity="remark") for line in translated.open_loops]
     spell = _plain if name else str
     return ModelFunction(
         name or function,
@@ -45,7 +55,7 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         memory=bool(translated.interface.states),
         values=translated.values,
         source=str(path),
-        remarks=tuple(Finding(place, remark, severity="remark") for remark in translated.remarks),
+        remarks=tuple(remarks),
         states=tuple(translated.states),
     )
 

@@ -223,7 +223,7 @@ def settle(interface: CInterface, usage: Usage, needed: Collection[str], *, retu
     outputs = tuple(number for number in written if is_output(number))
     if not outputs and not returns:
         outputs = _results_of_procedure(written, needed)
-    states = frozenset(number.name for number in written if number.name in needed and not number.is_result)
+    states = frozenset(number.name for number in written if number.name in needed)
     return replace(interface, outputs=outputs, states=states)
 
 

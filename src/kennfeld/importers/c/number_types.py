@@ -26,11 +26,12 @@ class UnsupportedCError(Exception):
 
 @dataclass(frozen=True)
 class CType:
-    """A number type: real without `word`; `truth` marks `_Bool`."""
+    """A number type: real without `word`; `truth` marks `_Bool`, `single` a `float` that is rounded as one."""
 
     name: str
     word: IntegerType | None = None
     truth: bool = False
+    single: bool = False
 
     @property
     def bytes(self) -> int:
@@ -42,13 +43,15 @@ class CType:
 
 DOUBLE: Final = CType("double")
 FLOAT: Final = CType("float")
+SINGLE: Final = CType("float", single=True)
 BOOL: Final = CType("_Bool", IntegerType(8, False), truth=True)
 INT: Final = CType("int", IntegerType(32, True))
 ENUMERATION: Final = CType("enum", IntegerType(32, True))
 UNSIGNED: Final = CType("unsigned int", IntegerType(32, False))
 LONG: Final = CType("long", IntegerType(64, True))
+LONG_LONG: Final = CType("long long", IntegerType(64, True))
 SIZE: Final = CType("size_t", IntegerType(64, False))
-# the data model LP64: int has 32 bits, long 64
+# the data model LP64: int has 32 bits, long 64; `known_types` returns those of others
 _BITS: Final = {"char": 8, "short": 16, "long": 64}
 VOID: Final = "void"
 
@@ -69,16 +72,36 @@ KNOWN_TYPES: Final[Mapping[str, CType]] = {
 }  # fmt: skip
 
 
+def known_types(target: str = "", *, float32: bool = False) -> dict[str, CType]:
+    """Return the types that need no definition, by name, for a data model and for floats that are rounded.
+
+    >>> known_types("ilp32")["size_t"].bytes, known_types(float32=True)["float32_t"].single
+    (4, True)
+    """
+    result = dict(KNOWN_TYPES) | {"float": FLOAT, "long": LONG}
+    if target == "ilp32":
+        result |= {name: CType(name, IntegerType(32, True)) for name in ("long", "ptrdiff_t", "intptr_t")}
+        result["size_t"] = CType("size_t", IntegerType(32, False))
+    if float32:
+        result = {name: SINGLE if kind is FLOAT else kind for name, kind in result.items()}
+    return result
+
+
 def type_of_names(names: list[str], typedefs: Mapping[str, CType], line: int) -> CType:
     """Return the type of the words of a declaration, such as `unsigned char`."""
     if len(names) == 1 and names[0] in typedefs:
         return typedefs[names[0]]
     words = sorted(names)
-    if "double" in words or words == ["float"]:
-        return FLOAT if words == ["float"] else DOUBLE
+    if words == ["float"]:
+        return FLOAT
+    if "double" in words:
+        return DOUBLE
     if words == ["_Bool"]:
         return BOOL
     bits = next((_BITS[word] for word in ("char", "short", "long") if word in words), 32)
+    long = typedefs.get("long", LONG).word
+    if words.count("long") == 1 and long is not None:
+        bits = long.bits
     if set(words) <= {"int", "char", "short", "long", "signed", "unsigned"}:
         return CType(" ".join(names), IntegerType(bits, "unsigned" not in words))
     raise UnsupportedCError(f"the type {' '.join(names)} is not supported", line)
@@ -111,7 +134,7 @@ def common_type(left: CType, right: CType) -> CType:
     """
     if left.word is None or right.word is None:
         reals = [kind for kind in (left, right) if kind.word is None]
-        return FLOAT if all(kind is FLOAT for kind in reals) else DOUBLE
+        return reals[0] if all(kind.name == "float" for kind in reals) else DOUBLE
     # C11, 6.3.1.8: the wider type; of equally wide ones the unsigned one
     left, right = promoted(left), promoted(right)
     assert left.word is not None

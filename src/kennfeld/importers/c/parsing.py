@@ -1,14 +1,14 @@
 """Parsing of C text, with types that it does not define, and past the first syntax error."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from pycparser.c_parser import CParser, ParseError
 
 from kennfeld.base.errors import Findings, InputError
 from kennfeld.importers.c.declarations import CFile, read_declarations
-from kennfeld.importers.c.number_types import KNOWN_TYPES
+from kennfeld.importers.c.number_types import KNOWN_TYPES, CType
 from kennfeld.importers.c.preprocessing import CSource
 
 _MAX_RUNS: Final = 40  # of the parser
@@ -28,10 +28,10 @@ _KEYWORDS: Final = frozenset(
 _REMEDY: Final = "Macros and types of included files are not known unless the files are in the folder."
 
 
-def parse_source(source: CSource) -> CFile:
+def parse_source(source: CSource, known: Mapping[str, CType] | None = None) -> CFile:
     """Parse a text to its declarations.
 
-    A type that is not defined is taken as a struct whose members are not known.
+    A type that is not defined is taken as a struct whose members are not known; `known` are those of numbers.
 
     Raises:
         InputError: the text is not C; names all places.
@@ -45,7 +45,7 @@ def parse_source(source: CSource) -> CFile:
         try:
             tree = parser.parse(text, "c")
             findings.finish()
-            return read_declarations(tree, len(KNOWN_TYPES) + len(types.names))
+            return read_declarations(tree, len(KNOWN_TYPES) + len(types.names), known)
         except ParseError as error:
             line, column, message = _place(error, parser)
         except RecursionError:

@@ -148,7 +148,8 @@ def _product(left: m.Expression, right: m.Number) -> m.Expression:
     return left if right.value == 1.0 else m.Binary(".*", left, right)
 
 
-Scope: TypeAlias = dict[str, "CVariable | CPlace | int"]  # a place stands for a pointer that always has this address
+# a place stands for a pointer that always has this address, an error for a declaration that is not supported
+Scope: TypeAlias = dict[str, "CVariable | CPlace | int | UnsupportedCError"]
 
 
 class PlaceTranslation:
@@ -166,11 +167,18 @@ class PlaceTranslation:
         """Return the place of an object without a name, such as a result that is a struct."""
         raise NotImplementedError
 
+    def returned_address(self, tree: c_ast.FuncCall) -> CPlace:
+        """Return the place whose address a call returns: that of one of its arguments."""
+        raise NotImplementedError
+
     def lookup(self, name: str, tree: c_ast.Node) -> CVariable | CPlace | int:
         """Return the variable, the address, or the constant of an enumeration, of a name."""
         for scope in reversed(self.scopes):
             if name in scope:
-                return scope[name]
+                named = scope[name]
+                if isinstance(named, UnsupportedCError):
+                    raise named  # the reason itself, so that it is reported once
+                return named
         if name in self.file.types.constants:
             return self.file.types.constants[name]
         raise UnsupportedCError(f"unknown name {name}", line_of(tree), wrong=True)
@@ -220,6 +228,8 @@ class PlaceTranslation:
                 return self._pointed(place, tree) if place.is_pointer else place
             case c_ast.Cast(expr=of):
                 return self.address(of)
+            case c_ast.FuncCall():
+                return self.returned_address(tree)
             case c_ast.ID() | c_ast.StructRef() | c_ast.CompoundLiteral():
                 place = self.place(tree)
                 if place.is_pointer:

@@ -1,5 +1,6 @@
 """Reading of C files."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -8,6 +9,7 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.c.declarations import CFile
+from kennfeld.importers.c.number_types import CType
 from kennfeld.importers.c.parsing import parse_source
 from kennfeld.importers.c.preprocessing import MAX_BYTES, CSource, data_file, preprocess
 
@@ -23,8 +25,10 @@ class CSourceFile:
     declarations: CFile
 
 
-def read_c_file(path: Path) -> CSourceFile:
+def read_c_file(path: Path, types: Mapping[str, CType] | None = None) -> CSourceFile:
     """Parse a C file without running a compiler; of other files, it reads those of its folder that it includes.
+
+    `types` are the number types of the target, by default those of LP64.
 
     Raises:
         InputError: it cannot be read, or is not C.
@@ -34,7 +38,7 @@ def read_c_file(path: Path) -> CSourceFile:
     source = preprocess(text, path, findings, _text(data) if data.is_file() else "")
     findings.finish()
     _check_nesting(source)
-    return CSourceFile(path, source, parse_source(source))
+    return CSourceFile(path, source, parse_source(source, types))
 
 
 def _text(path: Path) -> str:

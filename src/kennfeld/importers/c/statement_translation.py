@@ -112,7 +112,7 @@ class FunctionTranslation(ObjectTranslation):
             case c_ast.FuncCall():
                 return self._call_statement(tree)
             case c_ast.If(cond=condition, iftrue=yes, iffalse=no):
-                tested = self.operand(condition).tree
+                tested = self.condition(condition).tree
                 # those of the condition: the first statement of the body would take them
                 pending, self.pending = self.pending, []
                 branch = m.Branch(tested, self._body(yes), place=place)
@@ -154,6 +154,8 @@ class FunctionTranslation(ObjectTranslation):
 
     def _return(self, value: c_ast.Node | None, place: m.TextPosition) -> list[m.Statement]:
         jump = m.Jump("return", place=place)
+        if self.function.passed_back in self._reassigned:
+            raise UnsupportedCError(f"{self.function.name} returns an address that it sets")
         if self.function.result is None:
             return [jump]
         if value is None:
@@ -185,8 +187,17 @@ class FunctionTranslation(ObjectTranslation):
             for enumeration in enumerations(item):
                 self.scopes[-1] |= enumeration_constants(enumeration, self.file.types.constants)
             if item.name and not isinstance(item.type, c_ast.FuncDecl):
-                result += self._declare(item)
+                result += self._declared_or_noted(item)
         return result
+
+    def _declared_or_noted(self, tree: c_ast.Decl) -> list[m.Statement]:
+        """Declare a variable; note why that fails, for those who name it."""
+        try:
+            return self._declare(tree)
+        except UnsupportedCError as error:
+            reason = UnsupportedCError(error.message, error.line or line_of(tree), wrong=error.wrong)
+            self.scopes[-1][tree.name] = reason
+            raise reason from None
 
     def _declare(self, tree: c_ast.Decl) -> list[m.Statement]:
         is_static = "static" in tree.storage
@@ -270,7 +281,7 @@ class FunctionTranslation(ObjectTranslation):
         place = m.TextPosition(line_of(tree))
 
         def translate() -> list[m.Statement]:
-            holds = _YES if tree.cond is None else self.operand(tree.cond).tree
+            holds = _YES if tree.cond is None else self.condition(tree.cond).tree
             leave = m.Branch(m.Unary("~", holds), (m.Jump("break", place=place),), place=place)
             return [m.If((leave,), place=place)]
 

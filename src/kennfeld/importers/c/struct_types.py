@@ -1,14 +1,14 @@
 """Structs and unions of C: their members, and the numbers that they consist of."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from typing import Final, NamedTuple, TypeAlias
 
 from pycparser import c_ast
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.c.number_types import INT, KNOWN_TYPES, CType, UnsupportedCError, number_type
+from kennfeld.importers.c.number_types import INT, CType, UnsupportedCError, known_types, number_type
 
 Sizes: TypeAlias = tuple[int, ...]
 MAX_SIZE: Final = 100_000  # numbers of a variable
@@ -162,12 +162,16 @@ def _name(kind: ObjectType) -> str:
 
 @dataclass(eq=False)
 class TypeTable:
-    """The types that a file names: its typedefs, the tags of its structs, and the constants of its enumerations."""
+    """The types that a file names: its typedefs, the tags of its structs, and the constants of its enumerations.
+
+    `float` and `long` are among the typedefs, as they depend on the target.
+    """
 
     typedefs: dict[str, DeclaredType] = field(
-        default_factory=lambda: {name: DeclaredType(kind) for name, kind in KNOWN_TYPES.items()}
+        default_factory=lambda: {name: DeclaredType(kind) for name, kind in known_types().items()}
     )
     structs: dict[str, CStructType] = field(default_factory=dict)
+    sizeof: "Callable[[c_ast.Node], int] | None" = None  # evaluates `sizeof` in constant integers
     constants: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -178,6 +182,10 @@ class TypeTable:
             for name, declared in self.typedefs.items()
             if isinstance(declared.type, CType) and not declared.sizes and not declared.is_pointer
         }
+
+    def number(self, name: str) -> CType:
+        """Return a number type that is always known, such as `long` of the target."""
+        return self.numbers[name]
 
     def declared(self, tree: c_ast.Node, depth: int = 0) -> DeclaredType:
         """Return what a declaration says."""
@@ -190,7 +198,7 @@ class TypeTable:
             case c_ast.TypeDecl():
                 return _qualified(self.declared(tree.type, depth + 1), tree.quals or ())
             case c_ast.ArrayDecl():
-                size = 0 if tree.dim is None else constant_integer(tree.dim, self.constants)
+                size = 0 if tree.dim is None else constant_integer(tree.dim, self.constants, self.sizeof)
                 inner = self.declared(tree.type, depth + 1)
                 if inner.is_pointer:
                     return DeclaredType(OpaqueType("an array of pointers"))
@@ -353,23 +361,27 @@ def enumeration_constants(tree: c_ast.Enum, known: Mapping[str, int]) -> dict[st
     return result
 
 
-def constant_integer(tree: c_ast.Node | None, known: Mapping[str, int]) -> int:
-    """Return a constant integer, such as the size of an array."""
+def constant_integer(
+    tree: c_ast.Node | None, known: Mapping[str, int], sizeof: "Callable[[c_ast.Node], int] | None" = None
+) -> int:
+    """Return a constant integer, such as the size of an array; `sizeof` returns the size of a type or a variable."""
     if type(tree).__name__ == "ArrayDesignator":  # which some versions of pycparser put around an index
-        return constant_integer(next(child for _, child in tree.children()), known)  # type: ignore[union-attr]
+        return constant_integer(next(child for _, child in tree.children()), known, sizeof)  # type: ignore[union-attr]
     match tree:
         case c_ast.Constant(type=kind, value=text) if "int" in kind or kind == "char":
             return integer_literal(text)
         case c_ast.ID(name=name) if name in known:
             return known[name]
         case c_ast.Cast(expr=operand):
-            return constant_integer(operand, known)
+            return constant_integer(operand, known, sizeof)
+        case c_ast.UnaryOp(op="sizeof", expr=of) if sizeof is not None:
+            return sizeof(of)
         case c_ast.UnaryOp(op="-", expr=operand):
-            return -constant_integer(operand, known)
+            return -constant_integer(operand, known, sizeof)
         case c_ast.UnaryOp(op="+", expr=operand):
-            return constant_integer(operand, known)
+            return constant_integer(operand, known, sizeof)
         case c_ast.BinaryOp(op=("+" | "-" | "*" | "/" | "<<" | ">>") as op, left=left, right=right):
-            a, b = constant_integer(left, known), constant_integer(right, known)
+            a, b = constant_integer(left, known, sizeof), constant_integer(right, known, sizeof)
             if op in ("<<", ">>") and not 0 <= b < 63:
                 raise UnsupportedCError(f"a shift by {b}", _line(tree))
             # // rounds down, / of C towards 0

@@ -1,6 +1,6 @@
 """A C function as nodes of a graph: its arguments, its results, and what it keeps between calls as states."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -34,8 +34,10 @@ from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
 from kennfeld.program import tree as m
 
+OPEN_PASSES: Final = 50  # such as whole turns that `while (angle > pi) angle -= 2 * pi` takes off
 _NUMBER: Final = "number"
 _UNKNOWN: Final = "unknown name "
+_UNNAMED: Final = (_UNKNOWN, "unknown function ")  # how problems begin that one declaration solves
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class TranslatedFunction:
         prefix: text that precedes the names of calibration values.
         remarks: what is computed differently from C.
         problems: why it cannot be a graph, with lines; empty if it can.
+        open_loops: lines of loops whose end is not known, which are followed for `OPEN_PASSES` passes.
     """
 
     function: CFunctionDeclaration
@@ -61,10 +64,15 @@ class TranslatedFunction:
     prefix: str = ""
     remarks: tuple[str, ...] = ()
     problems: tuple[UnsupportedCError, ...] = ()
+    open_loops: tuple[int, ...] = ()
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> list[int]:
         """Add the nodes of a call to a graph; return those of the results."""
-        call = _FunctionCall(self, builder)
+        return self.write_noting(builder, arguments, lambda line: None)
+
+    def write_noting(self, builder: GraphBuilder, arguments: Sequence[int], note: Callable[[int], None]) -> list[int]:
+        """Write the same; call `note` with the lines of loops whose end is not known."""
+        call = _FunctionCall(self, builder, note)
         last = call.run(arguments)
         for number in self.interface.written:
             if number.name in self.interface.states:
@@ -96,9 +104,13 @@ class TranslatedFunction:
 class _FunctionCall:
     """One call of a function, with its states open in a graph."""
 
-    def __init__(self, translated: TranslatedFunction, builder: GraphBuilder) -> None:
+    def __init__(
+        self, translated: TranslatedFunction, builder: GraphBuilder, note: Callable[[int], None] = lambda line: None
+    ) -> None:
         self.translated, self.builder = translated, builder
-        context = EvaluationContext(builder, functions=dict(translated.functions), library=LIBRARY)
+        context = EvaluationContext(
+            builder, functions=dict(translated.functions), library=LIBRARY, open_passes=OPEN_PASSES, open_loop=note
+        )
         self.interpreter = StatementInterpreter(context)
         self.first: dict[str, Nodes] = {}
         self.reads: dict[str, Nodes] = {}
@@ -197,10 +209,12 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     called = [translations[name] for name in _called(function.name, translations)]
     problems = [problem for translation in called for problem in translation.problems]
     reasons = {f"{_UNKNOWN}{problem.name}": problem for problem in unreadable}
-    problems = list(
-        # several functions may use the same variable that cannot be read
-        {id(problem): problem for problem in (reasons.get(each.message, each) for each in problems)}.values()
-    )
+    # several functions, or places of one, may use what is not known, or a variable that cannot be read
+    distinct: dict[tuple[str, int], UnsupportedCError] = {}
+    for problem in (reasons.get(each.message, each) for each in problems):
+        line = 0 if problem.message.startswith(_UNNAMED) else problem.line
+        distinct.setdefault((problem.message, line), problem)
+    problems = list(distinct.values())
     statics = [static_numbers(part, file) for part in parts]
     statics += [static_numbers(part, file) for translation in called for part in translation.statics]
     arguments = list(argument_numbers(function))
@@ -223,7 +237,14 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
         return whole
     whole = _completed(whole, usage)
     own = {f"{name}()" for name in _called(function.name, translations)}
-    return replace(whole, remarks=(*whole.remarks, *_initializations(whole, own)))
+    return replace(whole, remarks=(*whole.remarks, *_kept_arguments(whole), *_initializations(whole, own)))
+
+
+def _kept_arguments(whole: TranslatedFunction) -> Iterator[str]:
+    """Yield remarks about numbers that a function reads and writes through their addresses."""
+    for number in whole.interface.written:
+        if number.is_result and number.name in whole.interface.states:
+            yield f"{number.label} is read and written through its address: it keeps its value between calls, from 0 on"
 
 
 def _initializations(whole: TranslatedFunction, own: Collection[str]) -> Iterator[str]:
@@ -305,7 +326,10 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
             message = f"{whole.function.name} has no result: it returns and writes nothing"
             raise ProgramError(message, line=whole.function.line)
         builder = BoundedGraphBuilder()
-        whole.write(builder, [builder.input(name) for name in whole.inputs])
+        lines: dict[int, None] = {}
+        whole.write_noting(
+            builder, [builder.input(name) for name in whole.inputs], lambda line: lines.update({line: None})
+        )
     except ProgramError as error:
         problem = UnsupportedCError(error.message, error.line or whole.function.line)
     except UnsupportedCError as error:
@@ -315,14 +339,17 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
     except (GraphTooLargeError, RecursionError):
         problem = UnsupportedCError("it is too large or nested too deeply", whole.function.line)
     else:
-        return whole
+        return replace(whole, open_loops=tuple(sorted(lines)))
     return replace(whole, problems=(problem,))
 
 
 def _settled(whole: TranslatedFunction, usage: Usage) -> CInterface:
     """Return the interface with outputs and states: a value matters if the graph of the next values reads it."""
-    everything = frozenset(number.name for number in whole.interface.written if not number.is_result)
-    # all that is written is a state at first; those stay whose values before the call reach a value after it
+    # all that is written is a state at first; those stay whose values before the call reach a value after it.
+    # A number behind a pointer that is only written is none: where it is not assigned, a result is missing
+    everything = frozenset(
+        number.name for number in whole.interface.written if not number.is_result or number.name in usage.reads
+    )
     trial = replace(whole, interface=replace(whole.interface, states=everything))
     builder = BoundedGraphBuilder()
     call = _FunctionCall(trial, builder)

@@ -55,6 +55,14 @@ def matmul(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
     return _product(c, a, b)
 
 
+def product_of_integers(c: Context, a: Tensor, b: Tensor) -> Tensor:
+    """Return the matrix product of two tensors of integers; no layer takes it, as its weights are no parameters."""
+    if isinstance(a, NodeTensor) or isinstance(b, NodeTensor):
+        return NodeTensor(c.nodes(_product(c, a, b)), "int")
+    check_size([*a.shape[:-1], *b.shape])
+    return np.asarray(np.matmul(a.astype(np.int64), b.astype(np.int64)))
+
+
 def _product(c: Context, a: Tensor, b: Tensor) -> Tensor:
     """Return the product of two tensors, of which one is not constant, as `numpy.matmul` does."""
     left, right = shape_of(a), shape_of(b)

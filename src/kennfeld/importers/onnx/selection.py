@@ -75,8 +75,28 @@ def as_kind(tensor: Tensor, kind: str) -> Tensor:
 
 @operator("GatherElements")
 def gather_elements(c: Context, op: Operator, arguments: Arguments) -> Tensor:
-    places = constant(arguments[1], "indices").astype(np.int64)
-    return rearrange(lambda array: np.take_along_axis(array, places, op.get("axis", 0)), first(arguments))
+    x, indices, axis = first(arguments), arguments[1], op.get("axis", 0)
+    if isinstance(indices, NodeTensor):
+        return _choose_along(c, x, indices, axis % len(shape_of(x)))
+    places = constant(indices, "indices").astype(np.int64)
+    return rearrange(lambda array: np.take_along_axis(array, places, axis), x)
+
+
+def _choose_along(c: Context, x: Tensor, indices: NodeTensor, axis: int) -> Tensor:
+    """Return for each index, which depends on the inputs, the element at its own place along the other axes."""
+    count, shape = shape_of(x)[axis], indices.nodes.shape
+    if count > MAX_CHOICES:
+        raise UnsupportedOperatorError(f"an index that depends on the inputs selects from {count} elements")
+    places: Tensor = NodeTensor(indices.nodes, "int")
+    # a negative index counts from the end
+    places = c.where(c.truth("lt", places, 0.0), c.apply("add", places, float(count)), places)
+    # the indices may leave out the last elements along the other axes
+    part = tuple(slice(None) if at == axis else slice(size) for at, size in enumerate(shape))
+    result: Tensor = np.full(shape, np.nan)
+    for place in range(count):
+        row = rearrange(lambda array, place=place: np.take(array[part], [place], axis), x)  # type: ignore[misc]
+        result = c.where(c.truth("eq", places, float(place)), row, result)
+    return as_kind(result, kind_of(x))
 
 
 @operator("GatherND")
@@ -211,6 +231,23 @@ def one_hot(c: Context, op: Operator, arguments: Arguments) -> Tensor:
         raise UnsupportedOperatorError("its argument values is missing")
     off, on = (rearrange(lambda array, i=i: array[i], values) for i in range(2))  # type: ignore[misc]
     return as_kind(c.where(c.truth("eq", index, places), on, off), kind_of(values))
+
+
+@operator("OneHotEncoder", domain=ML)
+def encode_one_hot(c: Context, op: Operator, arguments: Arguments) -> Tensor:
+    """Mark the category of each element by 1, along a new last dimension; none is marked for another number."""
+    categories = op.get("cats_int64s")
+    if not categories:
+        raise UnsupportedOperatorError("categories that are texts are not supported")
+    if not op.get("zeros", 1):
+        c.remark("OneHotEncoder: a number without a category gives zeros; ONNX Runtime ends with an error there")
+    x = first(arguments)
+    check_size([*shape_of(x), len(categories)])
+    index = rearrange(lambda array: np.expand_dims(array, -1), x)
+    if kind_of(x) == "float":
+        # the category of an element is that of its integer part
+        index = c.apply("mul", c.apply("sign", index), c.apply("floor", c.apply("abs", index)))
+    return as_kind(c.truth("eq", index, np.asarray(categories, dtype=np.float64)), "float")
 
 
 @operator("Trilu")

@@ -3,13 +3,13 @@
 import ctypes
 import threading
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, wraps
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import InputError, Location
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.machine_code.call_record import CallRecord
 from kennfeld.graph.external_function import ExternalFunction
@@ -39,6 +39,10 @@ class LoadedPython:
     def evaluate(self, points: Float, along: Sequence[int]) -> tuple[Float, Float]:
         """See `BatchFunction`."""
         return self.evaluation.evaluate(points, along)
+
+    def changing_results(self) -> Sequence[Finding]:
+        """See `BatchFunction`."""
+        return self.evaluation.changing_results()
 
     @cached_property
     def _callback(self) -> Any:
@@ -119,6 +123,7 @@ def _recorded(function: NumberFunction, record: CallRecord) -> NumberFunction:
     """Return the function with its calls recorded; each thread has a slot."""
     own, numbers_of_threads = threading.local(), count()
 
+    @wraps(function)
     def call(*arguments: Any) -> Any:
         if not hasattr(own, "slot"):
             own.slot = next(numbers_of_threads) % _THREADS

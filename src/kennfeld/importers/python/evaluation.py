@@ -1,13 +1,16 @@
 """Evaluation of Python functions, for one sample or for many at once, with slopes."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from inspect import unwrap
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import InputError, Location
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.finite_differences import difference_step
 
 _STEP: Final = difference_step(0.0)
@@ -41,9 +44,44 @@ class PythonEvaluation:
         self.inputs, self.outputs = inputs, outputs
         self._takes_arrays: bool | None = None  # unknown before there are samples
         self._jacobian_agrees = jacobian is None
+        # arguments to call the function with again, and its results
+        self._called: deque[tuple[list[float], list[float]]] = deque(maxlen=2 * _COMPARED)
 
     def point(self, arguments: Sequence[float]) -> list[float]:
         """Compute the results for numbers; NaN for what the function cannot compute."""
+        results = self._numbers(arguments)
+        self._called.append(([*arguments], results))
+        return results
+
+    def changing_results(self) -> list[Finding]:
+        """Call the function twice at some samples of the last calls; return a warning if results differ."""
+        points, results = [arguments for arguments, _ in self._called], [numbers for _, numbers in self._called]
+        first = [self._numbers(arguments) for arguments in points]
+        # in the opposite order, so that what the function keeps of the previous call is something else
+        second = [self._numbers(arguments) for arguments in reversed(points)][::-1]
+        for arguments, earlier, one, other in zip(points, results, first, second, strict=True):
+            # a call with arrays may differ by rounding, but not in what it can compute
+            if not np.array_equal(np.isnan(earlier), np.isnan(one)):
+                return [self._changing(arguments, earlier, one)]
+            if not np.array_equal(one, other, equal_nan=True):
+                return [self._changing(arguments, one, other)]
+        return []
+
+    def _note_calls(self, points: Float, results: Float) -> None:
+        self._called.extend(zip(points.T.tolist(), results.T.tolist(), strict=True))
+
+    def _changing(self, arguments: Sequence[float], first: Sequence[float], second: Sequence[float]) -> Finding:
+        at = next(at for at, pair in enumerate(zip(first, second, strict=True)) if not _is_same(*pair))
+        message = (
+            f"{self.name} gives different results for equal arguments: {first[at]:.6g} and {second[at]:.6g} at "
+            f"{', '.join(f'{x:.6g}' for x in arguments)}. The end of the fit is one of chance"
+        )
+        code = getattr(unwrap(self.function), "__code__", None)
+        location = Location(self.name) if code is None else Location(Path(code.co_filename).name, code.co_firstlineno)
+        remedy = "Let results depend on the arguments alone: no random numbers, no variables that calls change."
+        return Finding(location, message, remedy, severity="warning")
+
+    def _numbers(self, arguments: Sequence[float]) -> list[float]:
         try:
             result = self.function(*arguments)
             numbers = [float(item) for item in _sequence(result, self.outputs)]
@@ -68,6 +106,7 @@ class PythonEvaluation:
         compute = self._at_all if self._accepts_arrays(points) else self._by_sample
         with np.errstate(all="ignore"):
             results = compute(points)
+            self._note_calls(_picked(points), _picked(results))
             if not len(along):
                 return results, np.empty((self.outputs, 0, points.shape[1]))
             if self.jacobian is not None:
@@ -85,7 +124,7 @@ class PythonEvaluation:
     def _by_sample(self, points: Float) -> Float:
         results = np.empty((self.outputs, points.shape[1]))
         for at, arguments in enumerate(points.T.tolist()):
-            results[:, at] = self.point(arguments)
+            results[:, at] = self._numbers(arguments)
         return results
 
     def _arrays(self, result: Any, count: int) -> Float:
@@ -98,6 +137,7 @@ class PythonEvaluation:
             picked = _picked(points)
             expected = self._by_sample(picked)
             self._check_results(picked[:, 0], expected)
+            self._note_calls(picked, expected)
             try:
                 with np.errstate(all="ignore"):
                     results = self._arrays(self.function(*_protected(picked)), picked.shape[1])
@@ -224,7 +264,13 @@ def _protected(points: Float) -> Float:
     return view
 
 
+def _is_same(a: float, b: float) -> bool:
+    return a == b or (math.isnan(a) and math.isnan(b))
+
+
 def _picked(points: Float) -> Float:
+    if not points.shape[1]:
+        return points
     return points[:, np.unique(np.linspace(0, points.shape[1] - 1, _COMPARED).astype(np.int64))]
 
 

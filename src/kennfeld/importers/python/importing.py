@@ -13,7 +13,8 @@ from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.importers.python.calling import function_of_file, living_function
 from kennfeld.importers.python.loaded_files import find_loaded_files
 from kennfeld.importers.python.reading import PythonFunction, function_names, read_python_function
-from kennfeld.importers.python.translation import UntranslatableError, translate
+from kennfeld.importers.python.scope import UntranslatableError
+from kennfeld.importers.python.translation import translate
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, FunctionSummary, ModelFunction, as_model
 

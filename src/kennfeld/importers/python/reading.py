@@ -2,7 +2,9 @@
 
 import ast
 import math
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import field
 from pathlib import Path
 from typing import Final
 
@@ -27,6 +29,8 @@ class PythonFunction:
         constants: numbers that the file assigns to names outside of functions.
         modules: modules that the file imports, by the names it gives them; functions as `math.exp`.
         functions: the functions of the file.
+        lists: lists of numbers that the file assigns to names outside of functions.
+        closures: functions that the file makes by calls outside of functions, by the names it gives them.
     """
 
     path: Path
@@ -36,6 +40,8 @@ class PythonFunction:
     constants: dict[str, float]
     modules: dict[str, str]
     functions: dict[str, ast.FunctionDef]
+    lists: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    closures: dict[str, ast.FunctionDef] = field(default_factory=dict)
 
 
 def read_python_function(path: Path, name: str) -> PythonFunction:
@@ -55,7 +61,9 @@ def read_python_function(path: Path, name: str) -> PythonFunction:
     results = _results(function, path, findings)
     findings.finish()
     modules = dict(_modules(tree))
-    return PythonFunction(path, function, inputs, results, constants, modules, functions)
+    lists = dict(_lists(tree, constants, modules))
+    closures = dict(_closures(tree, functions, constants))
+    return PythonFunction(path, function, inputs, results, constants, modules, functions, lists, closures)
 
 
 def function_names(path: Path) -> list[str]:
@@ -101,19 +109,94 @@ def number_of(tree: ast.expr | None, constants: dict[str, float]) -> float | Non
     return None
 
 
-def _constants(tree: ast.Module) -> Iterator[tuple[str, float]]:
-    seen: dict[str, float] = {}
-    assigned: list[str] = [
-        node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-    ]
+def _assigned_once(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
+    """Yield the names that a file assigns outside of functions and nowhere else, with their values."""
+    assigned = Counter(n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load))
     changed = {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names}
     for item in tree.body:
-        if isinstance(item, ast.Assign) and len(item.targets) == 1 and isinstance(item.targets[0], ast.Name):
-            name, number = item.targets[0].id, number_of(item.value, seen)
-            # a name that is assigned anywhere else is a variable
-            if number is not None and name not in changed and assigned.count(name) == 1:
-                seen[name] = number
+        match item:
+            case (
+                ast.Assign(targets=[ast.Name(id=name)], value=value)
+                | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
+            ) if name not in changed and assigned[name] == 1:
+                yield name, value
+
+
+def _constants(tree: ast.Module) -> Iterator[tuple[str, float]]:
+    seen: dict[str, float] = {}
+    for name, value in _assigned_once(tree):
+        number = number_of(value, seen)
+        if number is not None:
+            seen[name] = number
     yield from seen.items()
+
+
+def _lists(
+    tree: ast.Module, constants: dict[str, float], modules: dict[str, str]
+) -> Iterator[tuple[str, tuple[float, ...]]]:
+    # a list whose elements or methods are named otherwise than to read them may change
+    changed = {
+        node.value.id
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute | ast.Subscript) and isinstance(node.value, ast.Name)
+        if isinstance(node, ast.Attribute) or not isinstance(node.ctx, ast.Load)
+    }
+    for name, value in _assigned_once(tree):
+        match value:
+            case ast.Call(func=ast.Attribute(value=ast.Name(id=module), attr="array"), args=[inner], keywords=[]):
+                items = inner if modules.get(module) == "numpy" else value
+            case _:
+                items = value
+        if isinstance(items, ast.List | ast.Tuple) and name not in changed:
+            numbers = [number_of(item, constants) for item in items.elts]
+            known = tuple(number for number in numbers if number is not None)
+            if len(known) == len(numbers):
+                yield name, known
+
+
+def _closures(
+    tree: ast.Module, functions: dict[str, ast.FunctionDef], constants: dict[str, float]
+) -> Iterator[tuple[str, ast.FunctionDef]]:
+    """Yield functions as `gain = amplifier(2.0)` makes them, with the body of `amplifier` before their own."""
+    for name, value in _assigned_once(tree):
+        if not isinstance(value, ast.Call) or not isinstance(value.func, ast.Name) or value.keywords:
+            continue
+        maker = functions.get(value.func.id)
+        if maker is None or len(value.args) != len(maker.args.args) or maker.args.defaults or not maker.body:
+            continue
+        if all(number_of(argument, constants) is not None for argument in value.args):
+            closure = _closure(name, maker, value.args)
+            if closure is not None:
+                yield name, closure
+
+
+def _closure(name: str, maker: ast.FunctionDef, values: list[ast.expr]) -> ast.FunctionDef | None:
+    """Return the function that a function returns, as one that runs the latter first."""
+    inner = {item.name: item.args for item in maker.body if isinstance(item, ast.FunctionDef)}
+    last, body = maker.body[-1], list(maker.body[:-1])
+    match last:
+        case ast.Return(value=ast.Lambda(args=arguments) as made):
+            body.append(ast.Assign([ast.Name("%made", ast.Store())], made))
+            called = "%made"
+        case ast.Return(value=ast.Name(id=called)) if called in inner:
+            arguments = inner[called]
+        case _:
+            return None
+    # names of its own, as an argument of the inner function may have that of an argument of the outer one
+    own = [ast.arg(f"%{at}") for at in range(len(arguments.args))]
+    bound = [
+        ast.Assign([ast.Name(each.arg, ast.Store())], value)
+        for each, value in zip(maker.args.args, values, strict=True)
+    ]
+    call = ast.Call(ast.Name(called, ast.Load()), [ast.Name(each.arg, ast.Load()) for each in own], [])
+    result = ast.FunctionDef(
+        name=name,
+        args=ast.arguments([], own, None, [], [], None, list(arguments.defaults)),
+        body=[*bound, *body, ast.Return(call)],
+        decorator_list=[],
+    )
+    located = ast.copy_location(result, maker)
+    return ast.fix_missing_locations(located)
 
 
 def _modules(tree: ast.Module) -> Iterator[tuple[str, str]]:

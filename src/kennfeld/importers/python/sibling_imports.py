@@ -3,6 +3,9 @@
 The modules are submodules of one that is named after the digest of all their contents. Two projects may thus have
 different modules of the same name, a changed file is another module, and a module beside the file hides none of the
 libraries that Kennfeld uses. Only contents that were read for the digest are run.
+
+What they print goes to the standard error stream, as the standard output is that of commands, and each `print` of the
+code prints once: a function is called for thousands of samples, many times.
 """
 
 import builtins
@@ -19,6 +22,7 @@ from typing import Any
 from kennfeld.importers.python.loaded_files import LoadedFiles
 
 _PREFIX = "kennfeld_function_"
+_PRINTED: set[tuple[str, str, int]] = set()  # places of code that have printed: the module, the file and the line
 
 
 def run_module(files: LoadedFiles, digest: str) -> ModuleType:
@@ -73,8 +77,22 @@ class _ContentLoader(Loader):
     def exec_module(self, module: ModuleType) -> None:
         """Run the content."""
         module.__file__ = str(self._path)
-        module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._import}
+        own = {"__import__": self._import, "print": self._print}
+        module.__dict__["__builtins__"] = {**vars(builtins), **own}
         exec(compile(self._content, str(self._path), "exec", dont_inherit=True), module.__dict__)
+
+    def _print(
+        self, *values: Any, sep: str | None = None, end: str | None = None, file: Any = None, **more: Any
+    ) -> None:
+        """Print the first text of each place of the code; the signature is that of `print`."""
+        if file is not None and file is not sys.stdout:
+            print(*values, sep=sep, end=end, file=file, **more)
+            return
+        caller = sys._getframe(1)
+        place = (self._owner, caller.f_code.co_filename, caller.f_lineno)
+        if place not in _PRINTED:
+            _PRINTED.add(place)
+            print(*values, sep=sep, end=end, file=sys.stderr, **more)
 
     def _import(
         self,

@@ -1,72 +1,78 @@
-"""Translation of functions in Python to the shared syntax tree: numbers, conditions, loops and mathematics."""
+"""Translation of functions in Python to the shared syntax tree: numbers, lists, conditions, loops and mathematics."""
 
 import ast
 import math
-from collections.abc import Callable, Sequence
-from functools import reduce
-from typing import Final
+from collections.abc import Iterator, Sequence
+from itertools import count
 
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphBuilder, GraphTooLargeError
-from kennfeld.importers.c.functions import LIBRARY, MATHEMATICS
-from kennfeld.importers.python.reading import PythonFunction, number_of
+from kennfeld.importers.python.mathematics import LIBRARY
+from kennfeld.importers.python.reading import PythonFunction, number_of, returns_of
+from kennfeld.importers.python.scope import (
+    FunctionScope,
+    InnerFunction,
+    UntranslatableError,
+    as_function,
+    element_name,
+    parameters_of,
+    read_names,
+    stored_names,
+    untranslated,
+)
+from kennfeld.importers.python.sequences import SequenceTranslation, target_names
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.program import tree as m
 
-_BINARY: Final[dict[type[ast.operator], str]] = {
-    ast.Add: "+", ast.Sub: "-", ast.Mult: ".*", ast.Div: "./", ast.Pow: ".^",
-}  # fmt: skip
-_COMPARISONS: Final[dict[type[ast.cmpop], str]] = {
-    ast.Eq: "==", ast.NotEq: "~=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
-}  # fmt: skip
-_CONSTANTS: Final = {"pi": math.pi, "e": math.e, "inf": math.inf, "nan": math.nan, "tau": math.tau}
-_NAMES: Final = {
-    "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2", "arcsinh": "asinh", "arccosh": "acosh",
-    "arctanh": "atanh", "abs": "fabs", "absolute": "fabs", "power": "pow", "fix": "trunc", "float": "", "int": "trunc",
-    "minimum": "fmin", "maximum": "fmax", "float64": "", "min": "fmin", "max": "fmax",
-}  # fmt: skip
-_BUILT_IN: Final = ("abs", "min", "max", "float", "int", "pow")
-_NOT_SAME: Final = ("round",)  # Python rounds halves to even
 
-
-class UntranslatableError(Exception):
-    """Python that a graph cannot express; `line` is its line."""
-
-    def __init__(self, message: str, line: int) -> None:
-        super().__init__(message)
-        self.message, self.line = message, line
-
-
-class PythonTranslation:
+class PythonTranslation(SequenceTranslation):
     """Translates a function of a file, and those that it calls."""
 
     def __init__(self, source: PythonFunction) -> None:
-        self.source = source
+        super().__init__(source)
         self.functions: dict[str, m.FunctionDefinition] = {}
-        self._names: set[str] = set()
+        self._numbers = count()
 
-    def function(self, tree: ast.FunctionDef) -> str:
-        """Translate a function; return its name in the tree."""
-        name = f"{tree.name}()"
+    def function(self, tree: ast.FunctionDef, scope: FunctionScope, shapes: Sequence[int | None] = ()) -> str:
+        """Translate a function; return its name in the tree.
+
+        Args:
+            tree: the function.
+            scope: what it knows from around it; an inner function gets the names that it reads as arguments.
+            shapes: lengths of the arguments that are lists; None for numbers.
+        """
+        own = parameters_of(tree)
+        lengths = dict(zip(own, shapes, strict=False)) | scope.lists
+        outer_names = [name for name in scope.names if name not in own]
+        # a function is translated for each kind of arguments
+        kinds = [f"{name}:{lengths.get(name)}:{name in scope.numpy}" for name in (*own, *outer_names)]
+        name = f"{tree.name}@{tree.lineno}({','.join(kinds)})"
         if name in self.functions:
             return name
-        arguments = tree.args
-        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or tree.decorator_list:
-            raise UntranslatableError(f"{tree.name} has decorators or special arguments", tree.lineno)
-        parameters = tuple(item.arg for item in (*arguments.posonlyargs, *arguments.args))
-        self.functions[name] = m.FunctionDefinition(name, parameters, (), ())  # a call of itself ends there
-        outer, self._names = self._names, {*parameters, *_stored(tree)}
-        count = len(self.source.results) if tree is self.source.tree else 1
-        results = tuple(f"%return{at}" for at in range(count))
+        scope.lists = {each: size for each in (*own, *outer_names) if (size := lengths.get(each)) is not None}
+        parameters = tuple(variable for each in (*own, *outer_names) for variable in _variables(each, scope))
+        results = tuple(f"%return{at}" for at in range(self._result_count(tree)))
+        # a call of itself ends there
+        self.functions[name] = m.FunctionDefinition(name, parameters, results, ())
+        around, self.scope = self.scope, scope
+        scope.names = {*own, *outer_names, *stored_names(tree)}
         body = self._block(tree.body, results)
-        self._names = outer
+        self.scope = around
         self.functions[name] = m.FunctionDefinition(name, parameters, results, body)
         return name
+
+    def _result_count(self, tree: ast.FunctionDef) -> int:
+        if tree is self.source.tree:
+            return len(self.source.results)
+        counts = {len(e.value.elts) if isinstance(e.value, ast.Tuple) else 1 for e in returns_of(tree) if e.value}
+        if len(counts) != 1:
+            raise UntranslatableError(f"{tree.name} returns different numbers of values", tree.lineno)
+        return counts.pop()
 
     # statements
 
@@ -79,32 +85,137 @@ class PythonTranslation:
             case ast.Pass() | ast.Expr(value=ast.Constant()):
                 return []
             case ast.Return(value=value) if value is not None:
-                values = value.elts if isinstance(value, ast.Tuple) else [value]
-                if len(values) != len(results):
-                    raise UntranslatableError("it returns several values", tree.lineno)
-                pairs = zip(results, values, strict=True)
-                assigned = [m.Assign((m.Name(name),), self.value(item), place=place) for name, item in pairs]
-                return [*assigned, m.Jump("return", place=place)]
-            case ast.Assign(targets=[ast.Name(id=name)], value=value):
-                return [m.Assign((m.Name(name),), self.value(value), place=place)]
-            case ast.AnnAssign(target=ast.Name(id=name), value=value) if value is not None:
-                return [m.Assign((m.Name(name),), self.value(value), place=place)]
-            case ast.AugAssign(target=ast.Name(id=name), op=op, value=value):
-                combined = ast.BinOp(ast.Name(name, ast.Load()), op, value)
-                return [m.Assign((m.Name(name),), self.value(ast.copy_location(combined, tree)), place=place)]
+                return [*self._return(value, results, tree), m.Jump("return", place=place)]
+            case ast.Assign(targets=targets, value=value):
+                return [statement for target in targets for statement in self._assign(target, value, place)]
+            case ast.AnnAssign(target=target, value=value) if value is not None:
+                return self._assign(target, value, place)
+            case ast.AugAssign(target=target, op=op, value=value):
+                read = ast.parse(ast.unparse(target), mode="eval").body
+                combined = ast.copy_location(ast.BinOp(ast.copy_location(read, tree), op, value), tree)
+                return self._assign(target, combined, place)
             case ast.If(test=test, body=body, orelse=otherwise):
                 branch = m.Branch(self.value(test), self._block(body, results), place=place)
                 return [m.If((branch,), self._block(otherwise, results), place=place)]
             case ast.While(test=test, body=body, orelse=[]):
                 return [m.While(self.value(test), self._block(body, results), place=place)]
-            case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=args), orelse=[]):
-                span = self._range([self.value(item) for item in args], args, tree)
-                return [m.For(m.Name(name), span, self._block(tree.body, results), place=place)]
+            case ast.For(orelse=[]):
+                return self._for(tree, results, place)
+            case ast.FunctionDef():
+                return self._define(tree)
             case ast.Break():
                 return [m.Jump("break", place=place)]
             case ast.Continue():
                 return [m.Jump("continue", place=place)]
-        raise UntranslatableError(f"{ast.unparse(tree)[:40].splitlines()[0]} is not translated", tree.lineno)
+        raise untranslated(tree)
+
+    def _return(self, value: ast.expr, results: tuple[str, ...], tree: ast.stmt) -> list[m.Statement]:
+        values = value.elts if isinstance(value, ast.Tuple) else [value]
+        if len(values) != len(results):
+            raise UntranslatableError("it returns several values", tree.lineno)
+        place = m.TextPosition(tree.lineno)
+        pairs = zip(results, values, strict=True)
+        return [m.Assign((m.Name(name),), self.value(item), place=place) for name, item in pairs]
+
+    def _define(self, tree: ast.FunctionDef) -> list[m.Statement]:
+        if tree.name in self.scope.inner or any(isinstance(node, ast.Nonlocal | ast.Global) for node in ast.walk(tree)):
+            raise untranslated(tree)
+        self.scope.inner[tree.name] = InnerFunction(tree)
+        return []
+
+    # assignments
+
+    def _assign(self, target: ast.expr, value: ast.expr, place: m.TextPosition) -> list[m.Statement]:
+        match target, value:
+            case ast.Name(id=name), ast.Lambda():
+                return self._define(as_function(name, value))
+            case ast.Name(id=name), _:
+                return self._assign_name(name, value, place)
+            case ast.Tuple(), ast.Call() if self._called(value) is not None:
+                names = target_names(target, len(target.elts))
+                self._note_numbers(names, value)
+                call = self._call_function(value, len(names))
+                return [m.Assign(tuple(map(m.Name, names)), call, place=place)]
+            case ast.Tuple(), _:
+                values = self.elements(value) or []
+                names = target_names(target, len(values))
+                self._note_numbers(names, value)
+                return self._assign_all(names, values, place)
+            case ast.Subscript(value=ast.Name(id=name)), _ if name in self.scope.lists:
+                element = self.element(target)
+                if isinstance(element, m.Name):
+                    return [m.Assign((element,), self.value(value), place=place)]
+        raise untranslated(target)
+
+    def _assign_name(self, name: str, value: ast.expr, place: m.TextPosition) -> list[m.Statement]:
+        items = None if isinstance(value, ast.Name) else self.elements(value)
+        if items is None:
+            # of two names for one list, an element assigned by one name would be missing from the other
+            number = self.value(value)
+            self._note_numbers([name], value)
+            return [m.Assign((m.Name(name),), number, place=place)]
+        if name in self.scope.numbers or self.scope.lists.get(name, len(items)) != len(items):
+            raise UntranslatableError(f"{name} is a number and a list, or changes its length", place.line)
+        self.scope.lists[name] = len(items)
+        return self._assign_all([element_name(name, at) for at in range(len(items))], items, place)
+
+    def _note_numbers(self, names: Sequence[str], value: ast.expr) -> None:
+        """Note which names are numbers, and if they are those of NumPy."""
+        if lists := [name for name in names if name in self.scope.lists]:
+            raise UntranslatableError(f"{lists[0]} is a number and a list", value.lineno)
+        self.scope.numbers.update(names)
+        (self.scope.numpy.update if self.is_numpy(value) else self.scope.numpy.difference_update)(names)
+
+    def _assign_all(
+        self, names: Sequence[str], values: Sequence[m.Expression], place: m.TextPosition
+    ) -> list[m.Statement]:
+        """Assign values that are all computed before the first assignment, as in `a, b = b, a`."""
+        if all(isinstance(value, m.Number) for value in values) or len(values) == 1:
+            return [m.Assign((m.Name(n),), value, place=place) for n, value in zip(names, values, strict=True)]
+        kept, statements = self._kept(values, place)
+        return [*statements, *self._assign_all_kept(names, kept, place)]
+
+    def _assign_all_kept(
+        self, names: Sequence[str], values: Sequence[m.Expression], place: m.TextPosition
+    ) -> list[m.Statement]:
+        return [m.Assign((m.Name(n),), value, place=place) for n, value in zip(names, values, strict=True)]
+
+    def _kept(
+        self, values: Sequence[m.Expression], place: m.TextPosition
+    ) -> tuple[list[m.Expression], list[m.Statement]]:
+        """Return variables that keep values, and the statements that assign them; numbers stay as they are."""
+        kept: list[m.Expression] = []
+        statements: list[m.Statement] = []
+        for value in values:
+            if isinstance(value, m.Number):
+                kept.append(value)
+                continue
+            variable = m.Name(f"%kept{next(self._numbers)}")
+            statements.append(m.Assign((variable,), value, place=place))
+            kept.append(variable)
+        return kept, statements
+
+    # loops
+
+    def _for(self, tree: ast.For, results: tuple[str, ...], place: m.TextPosition) -> list[m.Statement]:
+        match tree.target, tree.iter:
+            case ast.Name(id=name), ast.Call(func=ast.Name(id="range"), args=args) if not self.scope.is_local("range"):
+                span = self._range([self.value(item) for item in args], args, tree)
+                self._note_numbers([name], tree.iter)
+                return [m.For(m.Name(name), span, self._block(tree.body, results), place=place)]
+        rows = self.rows(tree.iter)
+        if rows is None:
+            raise untranslated(tree)
+        names = target_names(tree.target, len(rows[0]) if rows else 1)
+        self._note_numbers(names, tree.iter)
+        at, start, body = m.Name(f"%pass{next(self._numbers)}"), list[m.Statement](), list[m.Statement]()
+        for column, name in zip(zip(*rows, strict=True), names, strict=True) if rows else ():
+            # a list is read pass by pass, as it is then; other expressions once, before the first pass
+            items, statements = (list(column), []) if all(map(_is_element, column)) else self._kept(column, place)
+            start += statements
+            body.append(m.Assign((m.Name(name),), m.Call(m.Name("py:element"), (at, *items)), place=place))
+        span = m.Range(m.Number(0.0), m.Number(1.0), m.Number(len(rows) - 1.0))
+        return [*start, m.For(at, span, (*body, *self._block(tree.body, results)), place=place)]
 
     def _range(self, values: list[m.Expression], args: Sequence[ast.expr], tree: ast.stmt) -> m.Range:
         first = values[0] if len(values) > 1 else m.Number(0.0)
@@ -115,97 +226,94 @@ class PythonTranslation:
         last = m.Binary("-", values[min(len(values) - 1, 1)], m.Number(math.copysign(1.0, step)))
         return m.Range(first, m.Number(step), last)
 
-    # expressions
+    # calls
 
-    def value(self, tree: ast.expr) -> m.Expression:
-        """Translate an expression to a number."""
-        number = number_of(tree, {}) if isinstance(tree, ast.Constant) else None
-        match tree:
-            case ast.Constant() if number is not None:
-                return m.Number(number)
-            case ast.Name(id=name) if name in self._names:
-                return m.Name(name)
-            case ast.Name(id=name) if name in self.source.constants:
-                return m.Number(self.source.constants[name])
-            case ast.Name() | ast.Attribute() if (constant := self._qualified(tree)) in _CONSTANTS:
-                return m.Number(_CONSTANTS[constant])
-            case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() as op, operand=operand):
-                sign = {ast.USub: "-", ast.UAdd: "+", ast.Not: "~"}[type(op)]
-                return m.Unary(sign, self.value(operand))
-            case ast.BinOp(left=left, op=op, right=right):
-                return self._binary(op, self.value(left), self.value(right), tree)
-            case ast.Compare(left=left, ops=ops, comparators=comparators):
-                return self._compare([left, *comparators], ops, tree)
-            case ast.BoolOp(op=op, values=values) if all(_is_truth(value) for value in values):
-                sign = "&&" if isinstance(op, ast.And) else "||"
-                return reduce(lambda a, b: m.Binary(sign, a, b), map(self.value, values))
-            case ast.IfExp(test=test, body=yes, orelse=no):
-                return m.Conditional(self.value(test), self.value(yes), self.value(no))
-            case ast.Call(keywords=[]):
-                return self._call(tree)
-        raise UntranslatableError(f"{ast.unparse(tree)[:40]} is not translated", tree.lineno)
+    def special_call(self, tree: ast.Call) -> m.Expression | None:
+        """See `NumberTranslation`."""
+        return self.sequence_call(tree) if self._called(tree) is None else self._call_function(tree, 1)
 
-    def _binary(self, op: ast.operator, left: m.Expression, right: m.Expression, tree: ast.expr) -> m.Expression:
-        if type(op) in _BINARY:
-            return m.Binary(_BINARY[type(op)], left, right)
-        whole = m.Call(m.Name("c:floor"), (m.Binary("./", left, right),))
-        if isinstance(op, ast.FloorDiv):
-            return whole
-        if isinstance(op, ast.Mod):
-            # a - floor(a / b) b has the sign of b, as in Python
-            return m.Binary("-", left, m.Binary(".*", whole, right))
-        raise UntranslatableError(f"{ast.unparse(tree)[:40]} is not translated", tree.lineno)
+    def _called(self, tree: ast.Call) -> ast.FunctionDef | None:
+        """Return the function of the file that a call leads to."""
+        if not isinstance(tree.func, ast.Name):
+            return None
+        name = tree.func.id
+        if name in self.scope.inner:
+            return self.scope.inner[name].tree
+        if self.scope.is_local(name):
+            return None
+        return self.source.functions.get(name) or self.source.closures.get(name)
 
-    def _compare(self, parts: list[ast.expr], ops: list[ast.cmpop], tree: ast.expr) -> m.Expression:
-        if not all(type(op) in _COMPARISONS for op in ops):
-            raise UntranslatableError(f"{ast.unparse(tree)[:40]} is not translated", tree.lineno)
-        values = [self.value(part) for part in parts]
-        # a < b < c is a < b and b < c
-        pairs = [m.Binary(_COMPARISONS[type(op)], a, b) for op, a, b in zip(ops, values[:-1], values[1:], strict=True)]
-        return reduce(lambda a, b: m.Binary("&&", a, b), pairs)
-
-    def _qualified(self, tree: ast.expr) -> str:
-        """Return the name of a function or constant of `math` or `numpy` without its module; else empty."""
-        names = ast.unparse(tree).split(".")
-        if names[0] in self._names or not 0 < len(names) < 3:
-            return ""
-        module = self.source.modules.get(names[0], "")
-        whole = ".".join((module, *names[1:])) if module else ""
-        owner, _, name = whole.rpartition(".")
-        return name if owner in ("math", "numpy") else ""
-
-    def _call(self, tree: ast.Call) -> m.Expression:
-        if isinstance(tree.func, ast.Name) and tree.func.id in self.source.functions:
-            called = self.source.functions[tree.func.id]
-            if len(tree.args) != len(called.args.args) + len(called.args.posonlyargs):
-                raise UntranslatableError(f"{called.name} is called with defaults", tree.lineno)
-            return m.Call(m.Name(self.function(called)), tuple(map(self.value, tree.args)))
-        name = self._qualified(tree.func)
-        if not name and isinstance(tree.func, ast.Name) and tree.func.id in _BUILT_IN:
-            name = tree.func.id
-        arguments = [self.value(item) for item in tree.args]
-        if result := self._composed(name, arguments):
-            return result
-        plain = _NAMES.get(name, name)
-        if not name or name in _NOT_SAME or (plain and MATHEMATICS.get(plain) != len(arguments)) or not arguments:
-            raise UntranslatableError(f"{ast.unparse(tree.func)[:40]} is not translated", tree.lineno)
-        return m.Call(m.Name(f"c:{plain}"), tuple(arguments)) if plain else arguments[0]
-
-    def _composed(self, name: str, arguments: list[m.Expression]) -> m.Expression | None:
-        """Return functions that are not of C's library; None for others."""
-        pair: Callable[[str], Callable[[m.Expression, m.Expression], m.Expression]] = lambda op: (  # noqa: E731
-            lambda a, b: m.Call(m.Name(f"c:{op}"), (a, b))
+    def _call_function(self, tree: ast.Call, results: int) -> m.Call:
+        called = self._called(tree)
+        assert called is not None
+        if self._result_count(called) != results:
+            raise UntranslatableError(f"{called.name} returns another number of values", tree.lineno)
+        is_inner = isinstance(tree.func, ast.Name) and tree.func.id in self.scope.inner
+        around = [*self._names_around(called)] if is_inner else []
+        arguments = [ast.copy_location(ast.Name(name, ast.Load()), tree) for name in around]
+        scope = FunctionScope(names=set(around), inner=dict(self.scope.inner) if is_inner else {})
+        passed: list[m.Expression] = []
+        shapes: list[int | None] = []
+        own = parameters_of(called)
+        names = [*own, *(name for name in scope.names if name not in own)]
+        by_name = dict(zip(around, arguments, strict=True)) | dict(
+            zip(own, _arguments(called, tree, self.source.constants), strict=True)
         )
-        match name, arguments:
-            case "where", [condition, yes, no]:
-                return m.Conditional(condition, yes, no)
-            case "clip", [x, low, high]:
-                return pair("fmin")(pair("fmax")(x, low), high)
-            case (("min" | "max"), [_, _, _, *_]):
-                return reduce(pair(f"f{name}"), arguments)
-            case "square", [x]:
-                return m.Binary(".*", x, x)
-        return None
+        for name in names:
+            items = self.elements(by_name[name])
+            passed += [self.value(by_name[name])] if items is None else items
+            shapes.append(None if items is None else len(items))
+            if items is not None:
+                _check_kept(called, name)
+            if self.is_numpy(by_name[name]):
+                scope.numpy.add(name)
+        scope.lists = {name: size for name, size in zip(names, shapes, strict=True) if size is not None}
+        return m.Call(m.Name(self.function(called, scope, shapes[: len(own)])), tuple(passed))
+
+    def _names_around(self, tree: ast.FunctionDef) -> Iterator[str]:
+        """Yield the names of this function that an inner one reads, also through others that it calls."""
+        waiting, seen = [tree], {tree.name}
+        names: dict[str, None] = {}
+        while waiting:
+            for name in sorted(read_names(waiting.pop())):
+                if name in self.scope.inner:
+                    if name not in seen:
+                        seen.add(name)
+                        waiting.append(self.scope.inner[name].tree)
+                elif self.scope.is_local(name):
+                    names[name] = None
+        yield from names
+
+
+def _variables(name: str, scope: FunctionScope) -> list[str]:
+    """Return the variables of an argument: one for each element of a list."""
+    return [element_name(name, at) for at in range(scope.lists[name])] if name in scope.lists else [name]
+
+
+def _arguments(called: ast.FunctionDef, tree: ast.Call, constants: dict[str, float]) -> list[ast.expr]:
+    """Return the arguments of a call in the order of the function, with its defaults."""
+    names = parameters_of(called)
+    if len(tree.args) > len(names) or any(isinstance(argument, ast.Starred) for argument in tree.args):
+        raise untranslated(tree)
+    defaults = called.args.defaults
+    values = dict(zip(names[len(names) - len(defaults) :], defaults, strict=True))
+    if any(number_of(default, constants) is None for default in defaults):
+        raise UntranslatableError(f"a default of {called.name} is not a number", called.lineno)
+    values |= dict(zip(names, tree.args, strict=False)) | {str(each.arg): each.value for each in tree.keywords}
+    if set(values) != set(names):
+        raise untranslated(tree)
+    return [values[name] for name in names]
+
+
+def _check_kept(called: ast.FunctionDef, name: str) -> None:
+    """Raise `UntranslatableError` if a function changes a list that it is called with, which its caller would see."""
+    for node in ast.walk(called):
+        if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store) and ast.unparse(node.value) == name:
+            raise UntranslatableError(f"{called.name} changes its argument {name}", node.lineno)
+
+
+def _is_element(tree: m.Expression) -> bool:
+    return isinstance(tree, m.Number) or (isinstance(tree, m.Name) and tree.name.endswith("]"))
 
 
 @dataclass(frozen=True)
@@ -233,7 +341,7 @@ def translate(source: PythonFunction) -> TranslatedPython:
     """
     try:
         translation = PythonTranslation(source)
-        name = translation.function(source.tree)
+        name = translation.function(source.tree, FunctionScope())
         translated = TranslatedPython(name, translation.functions)
         builder = BoundedGraphBuilder()
         translated.write(builder, [builder.input(item.name) for item in source.inputs])
@@ -242,14 +350,3 @@ def translate(source: PythonFunction) -> TranslatedPython:
     except (AbortedPathError, GraphTooLargeError, RecursionError):
         raise UntranslatableError("it is too large or nested too deeply", source.tree.lineno) from None
     return translated
-
-
-def _stored(tree: ast.FunctionDef) -> set[str]:
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
-
-
-def _is_truth(tree: ast.expr) -> bool:
-    """Return True if a value is True or False, so that `and` and `or` return the same as conditions."""
-    if isinstance(tree, ast.BoolOp):
-        return all(_is_truth(value) for value in tree.values)
-    return isinstance(tree, ast.Compare) or (isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not))

@@ -3,10 +3,11 @@
 If the end of a loop depends on signals, each pass is one side of a decision within the previous pass.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import field
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, replace
 from itertools import count
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from kennfeld.models.imperative.evaluation_context import MAX_PASSES, MAX_STATEM
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.path_facts import bound_of, known_truth
-from kennfeld.models.imperative.path_state import PathState, SymbolicInterpreter, merge_states
+from kennfeld.models.imperative.path_state import Key, PathState, SymbolicInterpreter, merge_states
 from kennfeld.models.imperative.ranges import constant_distance, range_length
+from kennfeld.models.imperative.symbolic_values import ConditionalValue, SymbolicValue
 from kennfeld.program import tree as m
 
 # the condition under which a pass is made, and what the variable of the loop is in it, which a while has not
@@ -26,14 +28,30 @@ Begin: TypeAlias = Callable[[int], Turn | None]  # a pass by its number; None af
 _LIMIT_PASSES_REMEDY = "Limit the number of passes in the code: for k = 1:N with break, or while k < N && ..."
 
 
-@dataclass(frozen=True)
+_LONG_PASSES: Final = 256  # of a loop whose end is a jump, which may depend on signals in some passes only
+
+
+@dataclass(eq=False)
 class _Loop:
-    """A loop being unrolled; `outside` are the conditions of its passes, each with the state before."""
+    """A loop being unrolled.
+
+    Attributes:
+        begin: begins a pass.
+        body: its statements.
+        target: the variable that counts the passes.
+        line: its line.
+        before: the state before the first pass.
+        outside: the conditions of its passes, each with the state before.
+        open_passes: number of passes that were made only under a condition.
+    """
 
     begin: Begin
     body: Sequence[m.Statement]
     target: m.Expression | None = None
+    line: int = 0
+    before: PathState | None = None
     outside: list[tuple[int, PathState]] = field(default_factory=list)
+    open_passes: int = 0
 
 
 class LoopUnroller:
@@ -45,6 +63,9 @@ class LoopUnroller:
     def _repeat(self, loop: _Loop) -> None:
         """Unroll the passes of a loop, each within the previous one."""
         outside = loop.outside
+        loop.before = self.body.state
+        if self.context.open_passes:
+            loop.before = replace(loop.before, names=dict(loop.before.names), kept=dict(loop.before.kept))
         try:
             for number in count():
                 if not self._pass(loop, number):
@@ -65,6 +86,9 @@ class LoopUnroller:
         turn = loop.begin(number)
         if turn is None or not self._enter(turn[0], loop.outside):
             return False
+        if self._has_no_end(loop, turn[0]):
+            self._leave_unknown(loop)
+            return False
         if turn[1] is not None:
             self.body.assign(loop.target, turn[1])
         self.body.run(loop.body)
@@ -75,6 +99,22 @@ class LoopUnroller:
         if going is not None:
             self.body.state.jumps.clear()
         return True
+
+    def _has_no_end(self, loop: _Loop, condition: int) -> bool:
+        """Count a pass that is made; return True if there were too many whose condition depends on signals."""
+        most = self.context.open_passes
+        is_certain = self.builder.value(condition) is not None
+        loop.open_passes += not is_certain
+        # a loop whose condition always holds ends by a jump: it may count its passes, and end by that
+        return 0 < most < loop.open_passes or (is_certain and most > 0 and len(loop.outside) > _LONG_PASSES)
+
+    def _leave_unknown(self, loop: _Loop) -> None:
+        """Continue behind a loop that would go on; what it has assigned is NaN from there on."""
+        assert loop.before is not None
+        self.context.open_loop(loop.line)
+        unknown, state = self.builder.const(math.nan), self.body.state
+        _forget(state.names, loop.before.names, unknown)
+        _forget(state.kept, loop.before.kept, unknown)
 
     def _enter(self, condition: int, outside: list[tuple[int, PathState]]) -> bool:
         """Continue on the side where a condition holds; return False if it never does."""
@@ -88,7 +128,7 @@ class LoopUnroller:
             self.body.state = self.body.state.under(self.builder, condition, True)
         return fixed is not False
 
-    def as_long_as(self, condition: m.Expression, body: Sequence[m.Statement]) -> None:
+    def as_long_as(self, condition: m.Expression, body: Sequence[m.Statement], line: int = 0) -> None:
         """Run statements while a condition holds."""
 
         def begin(number: int) -> Turn:
@@ -98,7 +138,7 @@ class LoopUnroller:
                 raise ProgramError(f"a while loop has no fixed end within {MAX_PASSES} passes", _LIMIT_PASSES_REMEDY)
             return result if fixed is None else self.builder.const(float(fixed.item() != 0)), None
 
-        self._repeat(_Loop(begin, body))
+        self._repeat(_Loop(begin, body, line=line))
 
     def over(self, target: m.Expression, values: m.Expression, body: Sequence[m.Statement]) -> None:
         """Run statements for each number of a range, or each column of an array."""
@@ -159,3 +199,14 @@ class LoopUnroller:
                 f"Write min(..., N). {_LIMIT_PASSES_REMEDY}",
             )
         return result
+
+
+def _forget(values: dict[Key, SymbolicValue], before: Mapping[Key, SymbolicValue], unknown: int) -> None:
+    """Replace the numbers of variables that have changed by a node."""
+    for key, value in values.items():
+        if value is before.get(key):
+            continue
+        if isinstance(value, np.ndarray):
+            values[key] = np.full_like(value, unknown)
+        elif isinstance(value, ConditionalValue) and isinstance(value.value, np.ndarray):
+            values[key] = ConditionalValue(np.full_like(value.value, unknown), value.defined)

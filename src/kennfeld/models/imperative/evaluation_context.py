@@ -53,6 +53,9 @@ class EvaluationContext:
             arguments; returns the result, or None.
         tables: builds a lookup of a parameter by name, over named breakpoints, at coordinates.
         remark: called with remarks on the code for the user.
+        open_passes: number of passes of a loop without a known end, beyond which all that it assigns is NaN; with 0
+            such a loop is an error.
+        open_loop: called with the line of such a loop.
         running: the functions that are being run, the outermost first.
     """
 
@@ -68,6 +71,8 @@ class EvaluationContext:
     tables: Tables = lambda name, axes, places, beyond: None
     frozen: Callable[[str], None] = lambda name: None
     remark: Callable[[str], None] = lambda sentence: None
+    open_passes: int = 0
+    open_loop: Callable[[int], None] = lambda line: None
     running: list[m.FunctionDefinition] = field(default_factory=list)
     statements: int = 0
     _first_node: int = -1

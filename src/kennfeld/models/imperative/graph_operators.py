@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.models.imperative.exact_arithmetic import acosh, asinh, atanh, remainder
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 
 Rule: TypeAlias = Callable[..., Nodes]  # of the builder and the arguments
@@ -38,11 +39,6 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
 def _remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """Compute a - b trunc(a / b); NaN if b is 0."""
     return _with_infinite(builder, without_rest(builder, _plain_remainder(builder, a, b), a, b), a, b)
-
-
-def _remainder_in_c(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Compute the remainder as C's `fmod`, without tolerance for rounding."""
-    return _with_infinite(builder, _plain_remainder(builder, a, b), a, b)
 
 
 def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
@@ -84,25 +80,6 @@ def _hypotenuse(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     return apply("sqrt", apply("add", apply("mul", a, a), apply("mul", b, b)))
 
 
-def _asinh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    """Compute asinh as an odd function, so that large negative numbers do not cancel; its slope at 0 is 1."""
-    apply = Elementwise(builder)
-    negative = apply("lt", x, 0.0)
-    size = apply("select", negative, apply("neg", x), x)
-    result = apply("log", apply("add", size, apply("sqrt", apply("add", apply("mul", x, x), 1.0))))
-    return apply("select", negative, apply("neg", result), result)
-
-
-def _acosh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    apply = Elementwise(builder)
-    return apply("log", apply("add", x, apply("sqrt", apply("sub", apply("mul", x, x), 1.0))))
-
-
-def _atanh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    apply = Elementwise(builder)
-    return apply("mul", 0.5, apply("log", apply("div", apply("add", 1.0, x), apply("sub", 1.0, x))))
-
-
 def expm1(builder: GraphBuilder, x: Nodes) -> Nodes:
     """Compute exp(x) - 1 by the hyperbolic tangent, exact near 0: 2 t / (1 - t), t = tanh(x/2)."""
     apply = Elementwise(builder)
@@ -133,7 +110,7 @@ TWO: Final[Mapping[str, Rule]] = {
     "hypot": _hypotenuse,
     "rem": _remainder,
 }
-INVERSE_HYPERBOLIC: Final[Mapping[str, Rule]] = {"asinh": _asinh, "acosh": _acosh, "atanh": _atanh}
+INVERSE_HYPERBOLIC: Final[Mapping[str, Rule]] = {"asinh": asinh, "acosh": acosh, "atanh": atanh}
 ONE_IN_C: Final[Mapping[str, Rule]] = {
     "ln": operation("log"),
     "sgn": operation("sign"),
@@ -141,4 +118,4 @@ ONE_IN_C: Final[Mapping[str, Rule]] = {
     "square": lambda builder, x: Elementwise(builder)("mul", x, x),
     "reciprocal": lambda builder, x: Elementwise(builder)("div", 1.0, x),
 }
-TWO_IN_C: Final[Mapping[str, Rule]] = {"pow": operation("pow"), "fmod": _remainder_in_c}
+TWO_IN_C: Final[Mapping[str, Rule]] = {"pow": operation("pow"), "fmod": remainder}

@@ -33,6 +33,9 @@ def logical_and(builder: GraphBuilder, item: int, other: int) -> int:
         value = builder.value(first)
         if value is not None:
             return second if value else builder.const(0.0)
+        # (a or b) and a, as of a jump on the path of all jumps
+        if builder.nodes[first].op == "or" and second in builder.nodes[first].args:
+            return second
     return item if item == other else builder.call("and", item, other)
 
 
@@ -42,6 +45,8 @@ def logical_or(builder: GraphBuilder, item: int, other: int) -> int:
         value = builder.value(first)
         if value is not None:
             return builder.const(1.0) if value else second
+        if builder.nodes[first].op == "and" and second in builder.nodes[first].args:
+            return second
     if item == other or logical_not(builder, item) == other:
         return item if item == other else builder.const(1.0)
     return builder.call("or", item, other)
@@ -58,7 +63,26 @@ def assume(builder: GraphBuilder, facts: Mapping[int, bool], node: int, holds: b
             waiting.append((args[0], not truth))
         elif op == ("and" if truth else "or"):
             waiting += [(arg, truth) for arg in args if arg not in result]
+        if not waiting:
+            waiting = _implied(builder, result)
     return result
+
+
+def _implied(builder: GraphBuilder, facts: Mapping[int, bool]) -> list[tuple[int, bool]]:
+    """Return conditions that follow from others together: if not (a and b), and a, then not b.
+
+    A loop that is left by `break` and by `return` needs them: after a pass, neither was executed, and `return` is a
+    condition of its own within the path on which `break` was not.
+    """
+    for at, truth in facts.items():
+        op, args, _ = builder.nodes[at]
+        if op != ("or" if truth else "and") or any(facts.get(arg) == truth for arg in args):
+            continue
+        known = [_known(builder, facts, arg, {}, 0) for arg in args]
+        for arg, other in zip(args, reversed(known), strict=True):
+            if other == (not truth) and arg not in facts:
+                return [(arg, truth)]
+    return []
 
 
 def known_truth(builder: GraphBuilder, facts: Mapping[int, bool], node: int) -> bool | None:
@@ -140,6 +164,9 @@ class _IntervalAnalysis:
         if op in ("gt", "ge", "lt", "le"):
             x, limit = sides if op in ("gt", "ge") else sides[::-1]  # the condition is x > limit
             a, b = self._bounded(a, yes, x, limit, depth), self._bounded(b, no, limit, x, depth)
+        # a side that is NaN, where code fails, is within any bounds
+        if math.isnan(a.low) or math.isnan(b.low):
+            return b if math.isnan(a.low) else a
         return Interval(min(a.low, b.low), max(a.high, b.high))
 
     def _bounded(self, result: Interval, node: int, greater: int, less: int, depth: int) -> Interval:

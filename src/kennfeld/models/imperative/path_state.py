@@ -80,7 +80,11 @@ class _StateMerge:
     def held(self, name: str, yes: s.SymbolicValue | None, no: s.SymbolicValue | None) -> s.SymbolicValue:
         if yes is no and yes is not None:
             return yes
+        earlier = yes if isinstance(yes, s.ConditionalValue) else no
         yes, no = self._whole(yes, self.yes), self._whole(no, self.no)
+        if yes is None and no is None and isinstance(earlier, s.ConditionalValue):
+            # assigned on another path only; an assignment behind both sides counts
+            return s.ConditionalValue(earlier.value, self.builder.const(0.0))
         if yes is None or no is None or isinstance(yes, s.ConditionalValue) or isinstance(no, s.ConditionalValue):
             return self._partial(name, yes, no)
         if isinstance(yes, s.InvalidValue) or isinstance(no, s.InvalidValue):

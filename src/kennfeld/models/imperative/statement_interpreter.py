@@ -89,7 +89,7 @@ class StatementInterpreter:
             case m.For(target, values, body):
                 self.loops.over(target, values, body)
             case m.While(condition, body):
-                self.loops.as_long_as(condition, body)
+                self.loops.as_long_as(condition, body, statement.place.line)
             case m.Switch(subject, cases, otherwise):
                 self._switch(s.force(self.value(subject)), cases, otherwise)
             case m.Jump(kind):

@@ -13,6 +13,7 @@ from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.task_runner import RunnerLostError
 from kennfeld.base.threads import blas_threads
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.graph.external_function import changing_results
 from kennfeld.optimize.ends.end_warnings import (
     EndWarnings,
     describe_close_breakpoints,
@@ -376,12 +377,13 @@ class FitRun:
     def _warnings(
         self, end: SolverResult, limits: LinearLimits, quality: Sequence[Quality], certificate: Certificate | None
     ) -> tuple[Finding, ...]:
+        changing = changing_results(self.problem.graph.nodes)
         if end.status in ("infeasible", "failed"):
-            return ()
+            return changing
         warnings = EndWarnings(self.exact, self.objective, limits, self.options, end, self.outputs)
         sloped = self.options.method != "global" and not self._is_solved(end, self.objective.start)
         misleading = self._misleading(end.values, limits) if sloped else None
-        return warnings.find(quality, certificate if end.status == "converged" else None, misleading)
+        return changing + warnings.find(quality, certificate if end.status == "converged" else None, misleading)
 
     def _is_solved(self, end: SolverResult, start: Float) -> bool:
         """Return if the errors at the end are rounding, compared with those at the start."""

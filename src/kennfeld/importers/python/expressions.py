@@ -1,0 +1,177 @@
+"""Translation of expressions of Python that are numbers."""
+
+import ast
+import math
+from functools import reduce
+from typing import Final
+
+from kennfeld.importers.python.mathematics import MAX_DIGITS, library_name
+from kennfeld.importers.python.reading import PythonFunction, number_of
+from kennfeld.importers.python.scope import FunctionScope, untranslated
+from kennfeld.program import tree as m
+
+_BINARY: Final[dict[type[ast.operator], str]] = {ast.Add: "+", ast.Sub: "-", ast.Mult: ".*"}
+# operators that raise exceptions for some numbers of Python, and those that NumPy applies to its own
+_PYTHON: Final[dict[type[ast.operator], str]] = {
+    ast.Div: "py:divide", ast.Pow: "py:pow", ast.FloorDiv: "py:floor_divide", ast.Mod: "py:modulo",
+}  # fmt: skip
+_NUMPY: Final[dict[type[ast.operator], str]] = {
+    ast.Pow: "c:pow", ast.FloorDiv: "py:numpy_floor_divide", ast.Mod: "py:modulo",
+}  # fmt: skip
+_COMPARISONS: Final[dict[type[ast.cmpop], str]] = {
+    ast.Eq: "==", ast.NotEq: "~=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
+}  # fmt: skip
+_CONSTANTS: Final = {"pi": math.pi, "e": math.e, "inf": math.inf, "nan": math.nan, "tau": math.tau}
+_BUILT_IN: Final = ("abs", "min", "max", "float", "int", "pow", "round")
+_NO_NUMPY: Final = ("float", "int")  # whose results are plain numbers
+_CONVERSIONS: Final = {("builtins", "float"), ("numpy", "float64")}
+
+
+class NumberTranslation:
+    """Translates expressions of a function; `scope` are the names of the function at hand."""
+
+    def __init__(self, source: PythonFunction) -> None:
+        self.source = source
+        self.scope = FunctionScope()
+
+    def special_call(self, tree: ast.Call) -> m.Expression | None:
+        """Translate a call of a function of the file, or one that takes lists; None for others."""
+        raise NotImplementedError
+
+    def element(self, tree: ast.Subscript) -> m.Expression:
+        """Translate an element of a list."""
+        raise NotImplementedError
+
+    def value(self, tree: ast.expr) -> m.Expression:
+        """Translate an expression to a number."""
+        number = number_of(tree, {}) if isinstance(tree, ast.Constant | ast.UnaryOp) else None
+        match tree:
+            case ast.Constant() | ast.UnaryOp() if number is not None:
+                return m.Number(number)
+            case ast.Name(id=name) if name in self.scope.fixed:
+                return self.scope.fixed[name]
+            case ast.Name(id=name) if name in self.scope.names and name not in self.scope.lists:
+                return m.Name(name)
+            case ast.Name(id=name) if name in self.source.constants and not self.scope.is_local(name):
+                return m.Number(self.source.constants[name])
+            case ast.Name() | ast.Attribute() if self.qualified(tree)[1] in _CONSTANTS:
+                return m.Number(_CONSTANTS[self.qualified(tree)[1]])
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() as op, operand=operand):
+                sign = {ast.USub: "-", ast.UAdd: "+", ast.Not: "~"}[type(op)]
+                return m.Unary(sign, self.value(operand))
+            case ast.BinOp():
+                return self._binary(tree)
+            case ast.Compare(left=left, ops=ops, comparators=comparators):
+                return self._compare([left, *comparators], ops, tree)
+            case ast.BoolOp(op=op, values=values) if all(_is_truth(value) for value in values):
+                sign = "&&" if isinstance(op, ast.And) else "||"
+                return reduce(lambda a, b: m.Binary(sign, a, b), map(self.value, values))
+            case ast.IfExp(test=test, body=yes, orelse=no):
+                return m.Conditional(self.value(test), self.value(yes), self.value(no))
+            case ast.Subscript():
+                return self.element(tree)
+            case ast.Call():
+                return self._call(tree)
+        raise untranslated(tree)
+
+    def is_numpy(self, tree: ast.expr) -> bool:
+        """Return True if an expression is a number of NumPy, which 0 divides."""
+        match tree:
+            case ast.Name(id=name):
+                return name in self.scope.numpy
+            case ast.UnaryOp(operand=operand):
+                return self.is_numpy(operand)
+            case ast.BinOp(left=left, right=right):
+                return self.is_numpy(left) or self.is_numpy(right)
+            case ast.IfExp(body=yes, orelse=no):
+                return self.is_numpy(yes) and self.is_numpy(no)
+            case ast.Call(func=function, args=arguments):
+                module, name = self.qualified(function)
+                passes_on = module == "builtins" and name not in _NO_NUMPY
+                return module == "numpy" or (passes_on and any(map(self.is_numpy, arguments)))
+        return False
+
+    def _binary(self, tree: ast.BinOp) -> m.Expression:
+        kind, left, right = type(tree.op), self.value(tree.left), self.value(tree.right)
+        names = _NUMPY if self.is_numpy(tree) else _PYTHON
+        if kind in names:
+            return m.Call(m.Name(names[kind]), (left, right))
+        # of what is left, only a division of NumPy's numbers is an operator of its own
+        sign = _BINARY.get(kind, "./" if kind is ast.Div else "")
+        if not sign:
+            raise untranslated(tree)
+        return m.Binary(sign, left, right)
+
+    def _compare(self, parts: list[ast.expr], ops: list[ast.cmpop], tree: ast.expr) -> m.Expression:
+        if not all(type(op) in _COMPARISONS for op in ops):
+            raise untranslated(tree)
+        values = [self.value(part) for part in parts]
+        # a < b < c is a < b and b < c
+        pairs = [m.Binary(_COMPARISONS[type(op)], a, b) for op, a, b in zip(ops, values[:-1], values[1:], strict=True)]
+        return reduce(lambda a, b: m.Binary("&&", a, b), pairs)
+
+    def qualified(self, tree: ast.expr) -> tuple[str, str]:
+        """Return the module and the name of a function or constant of a library; empty for those of the file."""
+        names = ast.unparse(tree).split(".")
+        if self.scope.is_local(names[0]) or len(names) > 2:
+            return "", ""
+        if names[0] in _BUILT_IN and len(names) == 1 and names[0] not in self.source.modules:
+            return "builtins", names[0]
+        whole = ".".join((self.source.modules.get(names[0], ""), *names[1:]))
+        owner, _, name = whole.rpartition(".")
+        return (owner, name) if owner in ("math", "numpy") else ("", "")
+
+    def _call(self, tree: ast.Call) -> m.Expression:
+        result = self.special_call(tree)
+        if result is not None:
+            return result
+        module, name = self.qualified(tree.func)
+        if tree.keywords or not module or not tree.args:
+            raise untranslated(tree)
+        arguments = [self.value(item) for item in tree.args]
+        if (module, name) in _CONVERSIONS and len(arguments) == 1:
+            return arguments[0]
+        return self._composed(module, name, arguments, tree) or self._library(module, name, arguments, tree)
+
+    def _library(self, module: str, name: str, arguments: list[m.Expression], tree: ast.Call) -> m.Expression:
+        plain = library_name(module, name, len(arguments))
+        if not plain:
+            raise untranslated(tree)
+        return m.Call(m.Name(plain), tuple(arguments))
+
+    def _composed(self, module: str, name: str, arguments: list[m.Expression], tree: ast.Call) -> m.Expression | None:
+        """Return functions of another number of arguments than those of the library; None for others."""
+        match module, name, arguments:
+            case "numpy", "where", [condition, yes, no]:
+                return m.Conditional(condition, yes, no)
+            case "numpy", "clip", [x, low, high]:
+                return m.Call(m.Name("py:minimum"), (m.Call(m.Name("py:maximum"), (x, low)), high))
+            case "builtins", ("min" | "max"), [_, _, _, *_]:
+                return fold(f"py:{name}", arguments)
+            case "numpy", "square", [x]:
+                return m.Binary(".*", x, x)
+            case "math", "log", [x, base]:
+                return m.Call(m.Name("py:logarithm"), (x, base))
+            case ("builtins", "round", [x, digits]) | ("numpy", ("round" | "around"), [x, digits]):
+                return self._round(module, x, digits, tree)
+        return None
+
+    def _round(self, module: str, x: m.Expression, digits: m.Expression, tree: ast.Call) -> m.Expression:
+        places = number_of(tree.args[1], self.source.constants)
+        if places is None or places != math.floor(places) or abs(places) > MAX_DIGITS:
+            raise untranslated(tree)
+        is_numpy = module == "numpy" or self.is_numpy(tree.args[0])
+        name = "py:round_by_product" if is_numpy else "py:round_to_digits"
+        return m.Call(m.Name(name), (x, m.Number(places)))
+
+
+def fold(name: str, values: list[m.Expression]) -> m.Expression:
+    """Return a function of two arguments of the library, applied to values from first to last."""
+    return reduce(lambda a, b: m.Call(m.Name(name), (a, b)), values)
+
+
+def _is_truth(tree: ast.expr) -> bool:
+    """Return True if a value is True or False, so that `and` and `or` return the same as conditions."""
+    if isinstance(tree, ast.BoolOp):
+        return all(_is_truth(value) for value in tree.values)
+    return isinstance(tree, ast.Compare) or (isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not))

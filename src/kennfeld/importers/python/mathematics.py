@@ -1,0 +1,304 @@
+"""Functions and operators of Python numbers by rules on nodes; NaN where Python raises an exception.
+
+A function that is called gives NaN for a sample at which it raises one, and its translation shall give the same: `math`
+and the operators of floats refuse what C and NumPy answer by infinities.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.importers.c.functions import LIBRARY as C_LIBRARY
+from kennfeld.importers.c.functions import MATHEMATICS, TESTS
+from kennfeld.importers.rules import RuleFunction, elementwise, known_integer
+from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
+from kennfeld.models.imperative.exact_arithmetic import atanh, log1p, log2, remainder, round_to_even, rounded_product
+from kennfeld.models.imperative.graph_operators import ONE, Rule, expm1
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
+from kennfeld.models.imperative.path_facts import bound_of
+
+_HARMLESS: Final = 4.0  # exponents up to here overflow for bases beyond 1e77 only, and are not tested for it
+MAX_DIGITS: Final = 22  # powers of ten up to here are doubles
+
+
+def _divide(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Divide as Python does: NaN for ZeroDivisionError."""
+    apply = Elementwise(builder)
+    quotient = apply("div", a, b)
+    return quotient if _is_nonzero(builder, b) else apply("select", apply("eq", b, 0.0), math.nan, quotient)
+
+
+def _is_nonzero(builder: GraphBuilder, x: Nodes) -> bool:
+    nodes = [int(node) for node in x.ravel()]
+    return all(bound_of(builder, n, False) > 0 or bound_of(builder, n, True) < 0 for n in nodes)
+
+
+def _modulo(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Compute a % b: the exact remainder, moved to the sign of b; NaN if b is 0."""
+    apply = Elementwise(builder)
+    rest = remainder(builder, a, b)
+    return apply("add", rest, apply("select", _has_other_sign(apply, rest, b), b, 0.0))
+
+
+def _has_other_sign(apply: Elementwise, rest: Nodes, b: Nodes) -> Nodes:
+    return apply("and", apply("ne", rest, 0.0), apply("ne", apply("lt", rest, 0.0), apply("lt", b, 0.0)))
+
+
+def _floor_divide(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Compute a // b as Python does: the quotient less the remainder, which is nearly whole, rounded."""
+    apply = Elementwise(builder)
+    rest = remainder(builder, a, b)
+    quotient = apply("div", apply("sub", a, rest), b)
+    return apply("sub", round_to_even(builder, quotient), _has_other_sign(apply, rest, b))
+
+
+def _divide_by_zero(rule: Rule, builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Apply a rule of NumPy, which divides by 0 as C does."""
+    result: Nodes = rule(builder, a, b)
+    apply = Elementwise(builder)
+    return result if _is_nonzero(builder, b) else apply("select", apply("eq", b, 0.0), apply("div", a, b), result)
+
+
+def _power(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Compute a ** b: NaN for 0 to a negative power, and for a result that is too large."""
+    apply = Elementwise(builder)
+    result = apply("pow", a, b)
+    (low, high) = (min(bound_of(builder, int(n), False) for n in b.ravel()), _highest(builder, b))
+    if low < 0:
+        is_below = apply("and", apply("lt", b, 0.0), apply("gt", b, -math.inf))
+        is_pole = apply("and", apply("eq", a, 0.0), is_below)
+        result = apply("select", is_pole, math.nan, result)
+    if low >= 0 and high <= _HARMLESS:
+        return result
+    is_finite = apply("and", apply("lt", apply("abs", a), math.inf), apply("lt", apply("abs", b), math.inf))
+    return apply("select", apply("and", _is_infinite(apply, result), is_finite), math.nan, result)
+
+
+def _highest(builder: GraphBuilder, x: Nodes) -> float:
+    return max(bound_of(builder, int(n), True) for n in x.ravel())
+
+
+def _is_infinite(apply: Elementwise, x: Nodes) -> Nodes:
+    return apply("eq", apply("abs", x), math.inf)
+
+
+def _without_overflow(rule: Rule, builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Apply a rule; NaN for OverflowError, if a finite number gives an infinite one."""
+    apply = Elementwise(builder)
+    result = rule(builder, x)
+    overflows = apply("and", _is_infinite(apply, result), apply("lt", apply("abs", x), math.inf))
+    return apply("select", overflows, math.nan, result)
+
+
+def _within_domain(rule: Rule, low: float, high: float, builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Apply a rule between two limits; NaN for ValueError at and beyond them."""
+    apply = Elementwise(builder)
+    result: Nodes = rule(builder, x)
+    tests = [apply("gt", x, low)] if any(bound_of(builder, int(n), False) <= low for n in x.ravel()) else []
+    tests += [apply("lt", x, high)] if math.isfinite(high) else []
+    for test in tests:
+        result = apply("select", test, result, math.nan)
+    return result
+
+
+def _to_integer(rule: Rule, builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Apply a rule that rounds to an integer, which infinity has none of."""
+    apply = Elementwise(builder)
+    result: Nodes = rule(builder, x)
+    nodes = [int(node) for node in x.ravel()]
+    if all(math.isfinite(bound_of(builder, n, up)) for n in nodes for up in (False, True)):
+        return result
+    return apply("select", _is_infinite(apply, x), math.nan, result)
+
+
+def _logarithm(builder: GraphBuilder, x: Nodes, base: Nodes) -> Nodes:
+    log = partial(_within_domain, ONE["log"], 0.0, math.inf)
+    return _divide(builder, log(builder, x), log(builder, base))
+
+
+def _round_to_digits(builder: GraphBuilder, x: Nodes, digits: Nodes) -> Nodes:
+    """Round to decimal places as Python does: by the exact decimal number, which a product x 10^n may miss."""
+    apply = Elementwise(builder)
+    places = int(builder.value(int(digits.item())) or 0)
+    factor, size = np.asarray(builder.const(10.0 ** abs(places))), apply("abs", x)
+    if places < 0:
+        # the remainder tells exactly on which side of a half x is
+        scaled = apply("div", size, factor)
+        product, rest = rounded_product(builder, scaled, factor)
+        error = apply("sub", apply("sub", size, product), rest)
+    else:
+        scaled, error = rounded_product(builder, size, factor)
+    low = apply("floor", scaled)
+    distance = apply("sub", scaled, low)
+    is_half = apply("eq", distance, 0.5)
+    is_odd = apply("ne", apply("mod", low, 2.0), 0.0)
+    # an exact half goes to the even neighbor
+    tie = apply("select", apply("eq", error, 0.0), is_odd, apply("gt", error, 0.0))
+    up = apply("select", is_half, tie, apply("gt", distance, 0.5))
+    whole = apply("mul", apply("sign", x), apply("add", low, up))
+    result = apply("mul" if places < 0 else "div", whole, factor)
+    # a number without such decimals stays, as does one that is infinite
+    return apply("select", apply("lt", apply("abs", scaled), 2.0**52), result, x)
+
+
+def _round_by_product(builder: GraphBuilder, x: Nodes, digits: Nodes) -> Nodes:
+    """Round to decimal places as NumPy does."""
+    apply = Elementwise(builder)
+    places = int(builder.value(int(digits.item())) or 0)
+    first, last = ("mul", "div") if places >= 0 else ("div", "mul")
+    factor = 10.0 ** abs(places)
+    return apply(last, round_to_even(builder, apply(first, x, factor)), factor)
+
+
+def _extreme(op: str, comparison: str) -> Callable[..., Nodes]:
+    """Return the rule of min or max, which keep the first argument unless the second one is below or above it."""
+
+    def rule(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+        apply = Elementwise(builder)
+        result = apply(op, a, b)
+        values = [builder.value(int(node)) for node in b.ravel()]
+        # NaN is neither below nor above; the operation of the graph returns it from both sides
+        is_number = all(value is not None and not math.isnan(value) for value in values)
+        return result if is_number else apply("select", apply("ne", b, b), a, result)
+
+    return rule
+
+
+def _element(evaluator: SymbolicEvaluator, index: Nodes, *items: Nodes) -> Nodes:
+    """Return an element of a list by its index from 0, or from -1 at the end; NaN for IndexError."""
+    apply, builder, count = Elementwise(evaluator.builder), evaluator.builder, len(items)
+    known = builder.value(int(index.item()))
+    if known is not None:
+        return items[int(known)] if known == int(known) and -count <= known < count else _constant(builder, math.nan)
+    result: Nodes = _constant(builder, math.nan)
+    for at, item in enumerate(items):
+        is_this = apply("or", apply("eq", index, float(at)), apply("eq", index, float(at - count)))
+        result = apply("select", is_this, item, result)
+    return result
+
+
+def _constant(builder: GraphBuilder, number: float) -> Nodes:
+    return np.array([[builder.const(number)]], dtype=np.int64)
+
+
+def _interpolate(
+    evaluator: SymbolicEvaluator, x: Nodes, left: Nodes, right: Nodes, count: Nodes, *points: Nodes
+) -> Nodes:
+    """Interpolate between points as `numpy.interp`: breakpoints, which increase, precede the values."""
+    apply, size = Elementwise(evaluator.builder), known_integer(evaluator, count)
+    breakpoints, values = points[:size], points[size:]
+    # the interval is chosen first, so that its line is written once: base, slope and start of each
+    lines = [
+        (low, apply("div", apply("sub", b, a), apply("sub", high, low)), a)
+        for low, high, a, b in zip(breakpoints[:-1], breakpoints[1:], values[:-1], values[1:], strict=True)
+    ]
+    result = values[0]
+    if lines:
+        base, slope, start = (_chosen(apply, x, breakpoints[1:-1], column) for column in zip(*lines, strict=True))
+        result = apply("add", apply("mul", slope, apply("sub", x, base)), start)
+        # NumPy returns the last value itself, which the line may miss by its rounding
+        result = apply("select", apply("eq", x, breakpoints[-1]), values[-1], result)
+    result = apply("select", apply("gt", x, breakpoints[-1]), right, result)
+    result = apply("select", apply("lt", x, breakpoints[0]), left, result)
+    return apply("select", apply("ne", x, x), x, result)
+
+
+def _chosen(apply: Elementwise, x: Nodes, limits: Sequence[Nodes], items: Sequence[Nodes]) -> Nodes:
+    """Return the item of the interval that x is in, by bisection; `limits` are those between the items."""
+    if len(items) == 1:
+        return items[0]
+    middle = len(items) // 2
+    below = _chosen(apply, x, limits[: middle - 1], items[:middle])
+    above = _chosen(apply, x, limits[middle:], items[middle:])
+    return apply("select", apply("lt", x, limits[middle - 1]), below, above)
+
+
+def _plain(op: str) -> Callable[..., Nodes]:
+    return lambda builder, *args: Elementwise(builder)(op, *args)
+
+
+def _scaled(factor: float) -> Callable[..., Nodes]:
+    return lambda builder, x: Elementwise(builder)("mul", x, factor)
+
+
+_OVERFLOWING: Final[dict[str, Rule]] = {
+    "exp": ONE["exp"],
+    "exp2": lambda builder, x: Elementwise(builder)("pow", 2.0, x),
+    "expm1": expm1,
+    "sinh": ONE["sinh"],
+    "cosh": ONE["cosh"],
+}
+_ROUNDING: Final[dict[str, Rule]] = {
+    "floor": ONE["floor"], "ceil": ONE["ceil"], "trunc": truncate, "round": round_to_even,
+}  # fmt: skip
+_FUNCTIONS: Final = (
+    RuleFunction("divide", 2, elementwise(_divide)),
+    RuleFunction("modulo", 2, elementwise(_modulo)),
+    RuleFunction("floor_divide", 2, elementwise(_floor_divide)),
+    RuleFunction("numpy_floor_divide", 2, elementwise(partial(_divide_by_zero, _floor_divide))),
+    RuleFunction("pow", 2, elementwise(_power)),
+    *(RuleFunction(name, 1, elementwise(partial(_without_overflow, rule))) for name, rule in _OVERFLOWING.items()),
+    *(RuleFunction(name, 1, elementwise(partial(_to_integer, rule))) for name, rule in _ROUNDING.items()),
+    *(
+        RuleFunction(name, 1, elementwise(partial(_within_domain, ONE[name], 0.0, math.inf)))
+        for name in ("log", "log10")
+    ),
+    RuleFunction("log2", 1, elementwise(partial(_within_domain, log2, 0.0, math.inf))),
+    RuleFunction("log1p", 1, elementwise(partial(_within_domain, log1p, -1.0, math.inf))),
+    RuleFunction("atanh", 1, elementwise(partial(_within_domain, atanh, -1.0, 1.0))),
+    RuleFunction("logarithm", 2, elementwise(_logarithm)),
+    RuleFunction("min", 2, elementwise(_extreme("min", "lt"))),
+    RuleFunction("max", 2, elementwise(_extreme("max", "gt"))),
+    RuleFunction("minimum", 2, elementwise(_plain("min"))),
+    RuleFunction("maximum", 2, elementwise(_plain("max"))),
+    RuleFunction("element", 2, _element),
+    RuleFunction("interp", 5, _interpolate),
+    RuleFunction("degrees", 1, elementwise(_scaled(180.0 / math.pi))),
+    RuleFunction("radians", 1, elementwise(_scaled(math.pi / 180.0))),
+    RuleFunction("round_to_digits", 2, elementwise(_round_to_digits)),
+    RuleFunction("round_by_product", 2, elementwise(_round_by_product)),
+)
+LIBRARY: Final[dict[str, LibraryFunction]] = {
+    **C_LIBRARY,
+    **{f"py:{function.name}": function for function in _FUNCTIONS},
+}
+# names in the library, where they differ; `math` raises exceptions, NumPy computes as C
+_MATH: Final = {
+    name: f"py:{name}"
+    for name in (
+        "exp", "exp2", "expm1", "sinh", "cosh", "floor", "ceil", "trunc", "log", "log10", "log2", "log1p", "atanh",
+        "pow", "degrees", "radians",
+    )
+}  # fmt: skip
+_NUMPY: Final = {
+    "arcsin": "c:asin", "arccos": "c:acos", "arctan": "c:atan", "arctan2": "c:atan2", "arcsinh": "c:asinh",
+    "arccosh": "c:acosh", "arctanh": "c:atanh", "abs": "c:fabs", "absolute": "c:fabs", "power": "c:pow",
+    "fix": "c:trunc", "minimum": "py:minimum", "maximum": "py:maximum", "degrees": "py:degrees",
+    "rad2deg": "py:degrees", "radians": "py:radians", "deg2rad": "py:radians", "mod": "py:modulo",
+    "remainder": "py:modulo", "floor_divide": "py:numpy_floor_divide", "round": "c:rint", "around": "c:rint",
+}  # fmt: skip
+_BUILT_IN: Final = {
+    "abs": "c:fabs", "min": "py:min", "max": "py:max", "int": "py:trunc", "pow": "py:pow", "round": "py:round",
+}  # fmt: skip
+_ABSENT: Final = {"math": ("round", "rint", "nearbyint", "fmin", "fmax", "fdim"), "numpy": ("pow", "nearbyint", "fma")}
+_COUNTS: Final = {
+    **{f"c:{name}": count for name, count in (*MATHEMATICS.items(), *TESTS.items())},
+    **{f"py:{function.name}": function.count for function in _FUNCTIONS},
+}
+_TABLES: Final = {"math": _MATH, "numpy": _NUMPY, "builtins": _BUILT_IN}
+
+
+def library_name(module: str, name: str, arguments: int) -> str:
+    """Return the name in the library of a function of a module with so many arguments; empty if it has none.
+
+    >>> library_name("math", "log", 1), library_name("numpy", "log", 1), library_name("math", "gamma", 1)
+    ('py:log', 'c:log', '')
+    """
+    names = _TABLES.get(module, {})
+    plain = f"c:{name}" if module in _ABSENT and name not in _ABSENT[module] else ""
+    result = names.get(name, plain)
+    return result if _COUNTS.get(result) == arguments else ""

@@ -1,0 +1,110 @@
+"""The names of a Python function while it is translated."""
+
+import ast
+from collections.abc import Iterator, Sequence
+from dataclasses import field
+
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.program import tree as m
+
+
+class UntranslatableError(Exception):
+    """Python that a graph cannot express; `line` is its line."""
+
+    def __init__(self, message: str, line: int) -> None:
+        super().__init__(message)
+        self.message, self.line = message, line
+
+
+def untranslated(tree: ast.AST) -> UntranslatableError:
+    """Return the error for code of a kind that is not translated."""
+    text = (ast.unparse(tree).splitlines() or [""])[0][:40]
+    return UntranslatableError(f"{text} is not translated", getattr(tree, "lineno", 0))
+
+
+@dataclass(eq=False)
+class InnerFunction:
+    """A function that a function defines; it reads the names around it at each call, as they are then.
+
+    Attributes:
+        tree: the function; a lambda as one of a single return.
+    """
+
+    tree: ast.FunctionDef
+
+
+@dataclass(eq=False)
+class FunctionScope:
+    """The names of a function.
+
+    Attributes:
+        names: its arguments and what it assigns.
+        lists: lengths of those names that are lists; these consist of one variable for each element.
+        numbers: those that are certainly not lists.
+        fixed: names that stand for an expression, such as those of comprehensions.
+        numpy: names that hold numbers of NumPy, which divide by 0 without an exception.
+        inner: the functions that it defines.
+    """
+
+    names: set[str] = field(default_factory=set)
+    lists: dict[str, int] = field(default_factory=dict)
+    numbers: set[str] = field(default_factory=set)
+    fixed: dict[str, m.Expression] = field(default_factory=dict)
+    numpy: set[str] = field(default_factory=set)
+    inner: dict[str, InnerFunction] = field(default_factory=dict)
+
+    def is_local(self, name: str) -> bool:
+        """Return True if a name is not one of the file."""
+        return name in self.names or name in self.fixed or name in self.inner
+
+
+def element_name(name: str, at: int) -> str:
+    """Return the variable of an element of a list; Python has no such name."""
+    return f"{name}[{at}]"
+
+
+def parameters_of(tree: ast.FunctionDef) -> list[str]:
+    """Return the names of the arguments of a function.
+
+    Raises:
+        UntranslatableError: it has arguments or decorators of other kinds.
+    """
+    arguments = tree.args
+    if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or tree.decorator_list:
+        raise UntranslatableError(f"{tree.name} has decorators or special arguments", tree.lineno)
+    return [item.arg for item in (*arguments.posonlyargs, *arguments.args)]
+
+
+def own_nodes(body: Sequence[ast.AST]) -> Iterator[ast.AST]:
+    """Yield the nodes of statements, without what belongs to functions in them."""
+    waiting = list(body)
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if not isinstance(node, ast.FunctionDef | ast.Lambda | ast.ClassDef | ast.AsyncFunctionDef):
+            waiting += ast.iter_child_nodes(node)
+
+
+def stored_names(tree: ast.FunctionDef) -> set[str]:
+    """Return the names that a function assigns, without those of its comprehensions and inner functions."""
+    inner = {
+        id(node)
+        for each in own_nodes(tree.body)
+        if isinstance(each, ast.comprehension)
+        for node in ast.walk(each.target)
+    }
+    nodes = (node for node in own_nodes(tree.body) if isinstance(node, ast.Name) and id(node) not in inner)
+    return {node.id for node in nodes if isinstance(node.ctx, ast.Store)}
+
+
+def read_names(tree: ast.FunctionDef) -> set[str]:
+    """Return the names that a function reads and does not own, also those that functions in it read."""
+    own = {*parameters_of(tree), *stored_names(tree)}
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} - own
+
+
+def as_function(name: str, tree: ast.Lambda) -> ast.FunctionDef:
+    """Return a lambda as a function that returns its expression."""
+    body: list[ast.stmt] = [ast.copy_location(ast.Return(tree.body), tree)]
+    definition = ast.FunctionDef(name=name, args=tree.args, body=body, decorator_list=[], returns=None)
+    return ast.copy_location(definition, tree)

@@ -1,0 +1,190 @@
+"""Translation of lists and tuples of Python, whose lengths must be known, and of functions that take them."""
+
+import ast
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import reduce
+from itertools import pairwise
+from typing import Final
+
+from kennfeld.importers.python.expressions import NumberTranslation, fold
+from kennfeld.importers.python.reading import number_of
+from kennfeld.importers.python.scope import UntranslatableError, element_name, untranslated
+from kennfeld.program import tree as m
+
+_MAX_ELEMENTS: Final = 2000
+_ARRAYS: Final = (("numpy", "array"), ("numpy", "asarray"), ("builtins", "list"), ("builtins", "tuple"))
+_SUMS: Final = (("builtins", "sum"), ("numpy", "sum"), ("math", "fsum"))
+_EXTREMES: Final = {
+    ("builtins", "min"): "py:min", ("builtins", "max"): "py:max", ("numpy", "min"): "py:minimum",
+    ("numpy", "max"): "py:maximum", ("numpy", "amin"): "py:minimum", ("numpy", "amax"): "py:maximum",
+}  # fmt: skip
+_NAMES: Final = ("list", "tuple", "sum", "len", "range", "zip", "enumerate", "reversed")
+
+
+class SequenceTranslation(NumberTranslation):
+    """Translates lists: one expression for each element."""
+
+    def elements(self, tree: ast.expr) -> list[m.Expression] | None:
+        """Return the elements of a list; None if an expression is none, or its length is not known."""
+        items = self._elements(tree)
+        if items is not None and len(items) > _MAX_ELEMENTS:
+            raise UntranslatableError(f"a list of {len(items)} elements, more than {_MAX_ELEMENTS}", tree.lineno)
+        return items
+
+    def _elements(self, tree: ast.expr) -> list[m.Expression] | None:
+        match tree:
+            case ast.List(elts=items) | ast.Tuple(elts=items):
+                return None if any(isinstance(item, ast.Starred) for item in items) else [*map(self.value, items)]
+            case ast.Name(id=name) if name in self.scope.lists:
+                return [m.Name(element_name(name, at)) for at in range(self.scope.lists[name])]
+            case ast.Name(id=name) if name in self.source.lists and not self.scope.is_local(name):
+                return [m.Number(number) for number in self.source.lists[name]]
+            case ast.Subscript(value=of, slice=ast.Slice() as part):
+                return self._part(self.elements(of), part)
+            case ast.ListComp(elt=item, generators=[each]) | ast.GeneratorExp(elt=item, generators=[each]):
+                return self._comprehension(item, each)
+            case ast.BinOp(left=left, op=ast.Add(), right=right) if isinstance(left, ast.List | ast.Name):
+                a, b = self.elements(left), self.elements(right)
+                return None if a is None or b is None else a + b
+            case ast.Call(func=function, args=[argument], keywords=[]) if self._library_name(function) in _ARRAYS:
+                return self.elements(argument)
+        return None
+
+    def _part(self, items: list[m.Expression] | None, part: ast.Slice) -> list[m.Expression] | None:
+        ends = [None if end is None else number_of(end, {}) for end in (part.lower, part.upper, part.step)]
+        known = all((end is None) == (number is None) for end, number in zip(_ends(part), ends, strict=True))
+        if items is None or not known or ends[2] == 0:
+            return None
+        return items[slice(*(None if number is None else int(number) for number in ends))]
+
+    def _comprehension(self, item: ast.expr, each: ast.comprehension) -> list[m.Expression] | None:
+        rows = None if each.ifs or each.is_async else self.rows(each.iter)
+        if rows is None:
+            return None
+        result = []
+        for row in rows:
+            with self._bound(each.target, row):
+                result.append(self.value(item))
+        return result
+
+    @contextmanager
+    def _bound(self, target: ast.expr, row: Sequence[m.Expression]) -> Iterator[None]:
+        """Let the names of a target stand for expressions."""
+        before = self.scope.fixed
+        self.scope.fixed = before | dict(zip(target_names(target, len(row)), row, strict=True))
+        try:
+            yield
+        finally:
+            self.scope.fixed = before
+
+    def rows(self, tree: ast.expr) -> list[tuple[m.Expression, ...]] | None:
+        """Return the rows over which a loop runs: of single elements, or of pairs for `zip` and `enumerate`."""
+        if isinstance(tree, ast.Call) and not tree.keywords:
+            parts = [self.elements(argument) for argument in tree.args]
+            lists = [part for part in parts if part is not None]
+            match self._library_name(tree.func)[1], lists:
+                case "range", _ if ends := self._constant_ends(tree.args):
+                    return [(m.Number(float(at)),) for at in range(*ends)]
+                case "zip", [_, *_] if len(lists) == len(parts):
+                    return list(zip(*lists, strict=False))
+                case "enumerate", [items] if len(parts) == 1:
+                    return [(m.Number(float(at)), item) for at, item in enumerate(items)]
+                case "reversed", [items]:
+                    return [(item,) for item in reversed(items)]
+        column = self.elements(tree)
+        return None if column is None else [(item,) for item in column]
+
+    def _constant_ends(self, arguments: Sequence[ast.expr]) -> list[int]:
+        """Return the arguments of a `range` of a known length; empty if it is not known."""
+        numbers = [self._integer(argument) for argument in arguments]
+        known = [number for number in numbers if number is not None]
+        is_range = len(known) == len(numbers) and 0 < len(known) < 4 and known[2:] != [0]
+        return known if is_range and len(range(*known)) <= _MAX_ELEMENTS else []
+
+    def _integer(self, tree: ast.expr) -> int | None:
+        if isinstance(tree, ast.Call) and self._library_name(tree.func)[1] == "len" and len(tree.args) == 1:
+            items = self.elements(tree.args[0])
+            return None if items is None else len(items)
+        match tree:
+            case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
+                a, b = self._integer(left), self._integer(right)
+                if a is None or b is None:
+                    return None
+                return a + b if isinstance(op, ast.Add) else a - b
+        is_hidden = isinstance(tree, ast.Name) and self.scope.is_local(tree.id)
+        number = None if is_hidden else number_of(tree, self.source.constants)
+        return None if number is None or number != int(number) else int(number)
+
+    def _library_name(self, tree: ast.expr) -> tuple[str, str]:
+        """Return a function of a library, those of Python that take lists among them."""
+        if isinstance(tree, ast.Name) and tree.id in _NAMES and tree.id not in self.source.modules:
+            is_own = self.scope.is_local(tree.id) or tree.id in self.source.functions
+            return ("", "") if is_own else ("builtins", tree.id)
+        return self.qualified(tree)
+
+    def element(self, tree: ast.Subscript) -> m.Expression:
+        """See `NumberTranslation`; an index out of range, where Python raises an exception, gives NaN."""
+        items = self.elements(tree.value)
+        if items is None or isinstance(tree.slice, ast.Slice | ast.Tuple):
+            raise untranslated(tree)
+        at = self._integer(tree.slice)
+        if at is None:
+            return m.Call(m.Name("py:element"), (self.value(tree.slice), *items))
+        if not -len(items) <= at < len(items):
+            raise UntranslatableError(f"the index {at} is out of range", tree.lineno)
+        return items[at]
+
+    def sequence_call(self, tree: ast.Call) -> m.Expression | None:
+        """Translate a call of a function that takes lists; None for others."""
+        module, name = self._library_name(tree.func)
+        if (module, name) == ("numpy", "interp"):
+            return self._interpolation(tree)
+        if tree.keywords or not tree.args or not module:
+            return None
+        items = self.elements(tree.args[0])
+        if (module, name) == ("numpy", "polyval") and items and len(tree.args) == 2:
+            x = self.value(tree.args[1])
+            # Horner's scheme: ((c0 x + c1) x + c2) x ...
+            return reduce(lambda total, c: m.Binary("+", m.Binary(".*", total, x), c), items)
+        if items is None or len(tree.args) > 1:
+            return None
+        if (module, name) == ("builtins", "len"):
+            return m.Number(float(len(items)))
+        if (module, name) in _SUMS:
+            return reduce(lambda a, b: m.Binary("+", a, b), items) if items else m.Number(0.0)
+        if (module, name) in _EXTREMES and items:
+            return fold(_EXTREMES[module, name], items)
+        return None
+
+    def _interpolation(self, tree: ast.Call) -> m.Expression:
+        """Translate `numpy.interp` over increasing numbers."""
+        ends = {keyword.arg: keyword.value for keyword in tree.keywords}
+        arguments = [*tree.args, *(ends[name] for name in ("left", "right")[len(tree.args) - 3 :] if name in ends)]
+        if len(tree.args) < 3 or len(arguments) not in (3, 5) or len(arguments) != len(tree.args) + len(tree.keywords):
+            raise untranslated(tree)
+        breakpoints, values = self.elements(arguments[1]), self.elements(arguments[2])
+        points = [item.value for item in breakpoints or () if isinstance(item, m.Number)]
+        is_rising = all(a < b for a, b in pairwise(points))
+        if not breakpoints or not values or not len(breakpoints) == len(values) == len(points) or not is_rising:
+            raise untranslated(tree)
+        left, right = map(self.value, arguments[3:]) if len(arguments) == 5 else (values[0], values[-1])
+        count = m.Number(float(len(points)))
+        return m.Call(m.Name("py:interp"), (self.value(arguments[0]), left, right, count, *breakpoints, *values))
+
+
+def _ends(part: ast.Slice) -> tuple[ast.expr | None, ...]:
+    return part.lower, part.upper, part.step
+
+
+def target_names(target: ast.expr, count: int) -> list[str]:
+    """Return the names that a loop assigns, which must be as many as the values of a row.
+
+    Raises:
+        UntranslatableError: there are others.
+    """
+    items = target.elts if isinstance(target, ast.Tuple) else [target]
+    names = [item.id for item in items if isinstance(item, ast.Name)]
+    if len(names) != len(items) or len(names) != count:
+        raise untranslated(target)
+    return names

@@ -1,0 +1,141 @@
+"""Translation of Python functions with lists, closures and tables, against Python itself."""
+
+import numpy as np
+import pytest
+
+from kennfeld.models.function_files import read_function_file
+from tests.importers.python.translated_functions import computed, translated
+
+HEAD = """\
+import math
+import numpy as np
+
+X = [-1.0, 1.0, 2.5, 4.0]
+Y = (1.0, -3.0, 2.0, 0.5)
+Z = np.array([-1.0, 0.0, 3.0, 7.0])
+CHANGED = [1.0, 2.0]
+
+
+def amplifier(k, offset):
+    half = k / 2
+
+    def amplified(k):
+        return half * k + offset
+
+    return amplified
+
+
+gain = amplifier(3.0, 1.5)
+
+
+def doubler(k):
+    return lambda x: 2 * k * x
+
+
+double = doubler(1.0)
+
+
+def horner(coefficients, x):
+    y = 0.0
+    for c in coefficients:
+        y = y * x + c
+    return y
+
+
+def sum_and_difference(a, b=2.0):
+    return a + b, a - b
+
+
+def changing(values):
+    values[0] = 3.0
+    return values[0]
+
+
+def grow():
+    CHANGED.append(1.0)
+
+
+"""
+CASES = {
+    "a table between breakpoints": "return np.interp(a, X, Y)",
+    "a table with ends": "return np.interp(a, [0, 1, 2], [b, 2, 3], left=-1, right=b) + np.interp(b, Z, X, -5, 5)",
+    "polynomials": "return np.polyval([1, a, -2.5], b) + np.polyval(X, a)",
+    "functions that functions return": "return gain(a) - double(gain(b))",
+    "names around": """
+    k = 2 * a
+    def g(y):
+        return k * y + h(y)
+    def h(z, w=3):
+        return k - z + w
+    k = k + 1
+    scaled = lambda x: x * k
+    return g(b) + g(1) + scaled(b)""",
+    "lists": """
+    v = [a, b, a * b]
+    v[1] += 2
+    v[-1] = v[0] - 1
+    total = 0
+    for i, e in enumerate(v):
+        total += i * e
+    return total + sum(v) + max(v) + min(v[1:]) + len(v) + v[-1]""",
+    "comprehensions": """
+    v = [k * a for k in range(4)]
+    w = [x * y for x, y in zip(v, X)]
+    return sum(w) + v[int(abs(b)) % 4] + sum(x ** 2 for x in w)""",
+    "exchanges": """
+    a, b = b, a
+    v = [a, b]
+    v = [v[1], v[0]]
+    c, d = sum_and_difference(a)
+    e, g = sum_and_difference(b=v[0], a=b)
+    return c * d + e - g + horner(X, a) + horner([a, 1, b], 2)""",
+    "a list that changes while it is read": """
+    v = [a, b]
+    total = 0
+    for x in v:
+        v[1] = 7
+        total = 2 * total + x
+    return total""",
+    "expressions that are read once": """
+    total = 0
+    for x in [a, b]:
+        b = 7
+        total = 2 * total + x
+    return total""",
+    "a search for the interval": """
+    i = 0
+    while i < len(X) - 2 and a > X[i + 1]:
+        i += 1
+    return Y[i] + (a - X[i]) * (Y[i + 1] - Y[i]) / (X[i + 1] - X[i])""",
+    "an index out of range": "return X[int(4 * a)]",
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_lists_closures_and_tables_are_those_of_python(name, tmp_path):
+    rng = np.random.default_rng(1)
+    a, b = (np.append(rng.normal(0, 2, 100), rng.integers(-4, 8, 100) / 2) for _ in range(2))
+    body = CASES[name] if CASES[name].startswith("\n") else f"\n    {CASES[name]}"
+    text = f"{HEAD}def f(a, b):{body}\n"
+    columns = {"a": a, "b": b}
+    np.testing.assert_allclose(translated(text, tmp_path, columns), computed(text, columns), rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "v = [a]\n    w = v\n    w[0] = 2.0\n    return v[0]",  # two names for one list
+        "return changing([a])",
+        "return sum(CHANGED) + a",
+        "v = [a]\n    v.append(b)\n    return sum(v)",
+        "v = a\n    v = [a, b]\n    return v[0]",
+        "return np.interp(a, [2.0, 1.0], [0.0, 1.0])",
+        "k = 0\n    def g():\n        nonlocal k\n        k = k + 1\n        return k\n    return g() + a",
+        "return {0: a}[0]",
+        "return round(a, int(b))",
+    ],
+)
+def test_what_a_graph_cannot_express_is_called(body, tmp_path):
+    (tmp_path / "f.py").write_text(f"{HEAD}def f(a, b):\n    {body}\n")
+    (remark,) = read_function_file("f.py:f", tmp_path).remarks
+    assert "cannot be translated" in remark.message
