@@ -72,7 +72,12 @@ def _to_struct(value: m.MatlabStruct) -> Value:
     attributes: dict[str, Value] = {"Unit": content.unit, "Description": content.description}
     attributes = {name: word for name, word in attributes.items() if word}
     if not isinstance(content, LookupTable):
-        return StructValue({"Value": content.value, **attributes})
+        number = content.value
+        return (
+            UnreadableObject(value.kind)
+            if isinstance(number, m.MatlabStruct)
+            else StructValue({"Value": number, **attributes})
+        )
     axes = dict(zip(AXIS_LETTERS, content.breakpoints, strict=False))
     units: dict[str, Value] = {f"{letter}_unit": axis.unit for letter, axis in axes.items() if axis.unit}
     points: dict[str, Value] = {letter: axis.value for letter, axis in axes.items()}

@@ -53,6 +53,7 @@ class SimulinkParameter:
 class Breakpoint(SimulinkParameter):
     """The breakpoints of one dimension, from a Simulink.Breakpoint or a Simulink.LookupTable."""
 
+    value: Float
     name: str = ""
 
 
@@ -60,6 +61,7 @@ class Breakpoint(SimulinkParameter):
 class LookupTable(SimulinkParameter):
     """A Simulink.LookupTable: the values of its table and the breakpoints of each dimension."""
 
+    value: Float
     breakpoints: Sequence[Breakpoint] = ()
 
 

@@ -29,7 +29,6 @@ from kennfeld.models.imperative.node_arrays import Numbers
 _BIND = "Bind it to a measured channel."
 _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 _BUILDER_VARIABLE = "tuvar"
-_MAX_WIDTH = 1000  # elements of an input in place of a recording
 
 
 @block("Repeating table", "Repeating Sequence", linked=True, rep_seq_t="[0 2]", rep_seq_y="[0 2]")
@@ -191,14 +190,10 @@ def _measured_ports(block: BlockContext, why: str) -> Outputs:
 
 def _measured(block: BlockContext, name: str, why: str) -> Signal:
     """Return an input of the model in place of a recording that is not there, with a remark."""
-    shape = block.compiler.shapes.input_shape(block.flat)
-    size = int(np.prod(shape))
-    if size > _MAX_WIDTH:
-        raise UnsupportedError(f"{why}, and {size} elements are too many for an input", _BIND)
-    name = block.compiler.inputs.channel(block.flat, name)
+    inputs = block.compiler.inputs
+    name = inputs.channel(block.flat, name)
     block.warn(f"is the input {name} of the model: {why}. Measure that channel, bind the block, or give its data")
-    names = [name] if size == 1 else [f"{name}[{at + 1}]" for at in range(size)]
-    return block.signal([block.builder.input(text) for text in names], CONTINUOUS, shape)
+    return inputs.open_signal(block.flat, name, "its recording is not there")
 
 
 def _joined(block: BlockContext, columns: Sequence[Signal]) -> Signal:

@@ -74,9 +74,11 @@ class AssignedNames:
         text = self._texts[path] = path.read_bytes().decode("utf-8", "replace")
         if is_class(text):
             self.classes.add(path)
-            name, members = enumeration_of(text) or ("", {})
+            enumeration = enumeration_of(text)
             # models find a class by the name of its file
-            return frozenset(f"{name}.{member}" for member in members if name == path.stem)
+            if enumeration is None or enumeration.name != path.stem:
+                return frozenset()
+            return frozenset(f"{enumeration.name}.{member}" for member in enumeration.members)
         words = "|".join(sorted({re.escape(name.partition(".")[0]) for name in self.wanted}))
         if not re.search(rf"\b(?:{words})\b", text):
             return frozenset()
