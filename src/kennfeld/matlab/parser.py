@@ -1,6 +1,7 @@
 """The parser of MATLAB text: expressions, and scripts with their local functions."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 from kennfeld.base.errors import Finding
 from kennfeld.matlab.errors import MatlabError
@@ -13,6 +14,7 @@ _JUMPS = frozenset({"break", "continue", "return"})
 _TARGETS = (m.Name, m.Field, m.DynamicField, m.Call, m.CellIndex)
 _MAX_FINDINGS = 50
 _MAX_DEPTH = 25
+_MAX_KEPT = 500  # characters of an expression whose tree is kept
 _CLAUSES = frozenset({"end", "else", "elseif", "case", "otherwise", "catch", "function"})
 
 _END = frozenset({"end"})
@@ -35,6 +37,11 @@ def parse_expression(text: str, name: str = "") -> m.Expression:
         >>> parse_expression("K*2") == m.Binary("*", m.Name("K"), m.Number(2.0))
         True
     """
+    # fields of blocks repeat: `[0 1 2 3]` or `Ts` stands in hundreds of blocks of a model
+    return _parse(text, name) if len(text) > _MAX_KEPT else _parse_once(text, name)
+
+
+def _parse(text: str, name: str) -> m.Expression:
     parser = _ScriptParser(text, name, commands=False)
     parser.pass_stops()
     tree = parser.expression()
@@ -42,6 +49,9 @@ def parse_expression(text: str, name: str = "") -> m.Expression:
     if parser.token.kind != TokenKind.END:
         raise parser.fail(f"unexpected {parser.describe_token()} after the expression")
     return tree
+
+
+_parse_once = lru_cache(2048)(_parse)  # trees are immutable
 
 
 def parse_script(text: str, name: str = "") -> m.Script:
