@@ -36,15 +36,20 @@ _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", 
 
 @dataclass(frozen=True, eq=False)
 class SimulinkParameter:
-    """A Simulink.Parameter: its value, limits (None if not set), unit and description.
+    """A Simulink.Parameter: its value, limits (None if not set), unit and description."""
 
-    The value is an array of numbers, or a struct, whose fields have neither limits nor units of their own.
-    """
-
-    value: Float | v.MatlabStruct
+    value: Float
     min: float | None = None
     max: float | None = None
     unit: str = ""
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class StructParameter:
+    """A Simulink.Parameter whose value is a struct, the fields of which have neither limits nor units of their own."""
+
+    value: v.MatlabStruct
     description: str = ""
 
 
@@ -142,7 +147,7 @@ def default_properties(kind: str) -> dict[str, v.Value]:
     return {}
 
 
-def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:
+def to_calibration_parameter(value: v.Value) -> SimulinkParameter | StructParameter | None:
     """Convert a parameter object; None for any other value and for objects without numbers."""
     if not isinstance(value, v.MatlabStruct) or value.kind in ("", ENUMERATION) or value.elements.size != 1:
         return None
@@ -155,7 +160,7 @@ def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:
         return _breakpoint(points.fields)
     inner = fields.get("Value")
     if isinstance(inner, v.MatlabStruct) and not inner.kind:
-        return SimulinkParameter(inner, description=_word(fields, "Description"))
+        return StructParameter(inner, _word(fields, "Description"))
     properties = _properties(fields)
     return None if properties is None else SimulinkParameter(*properties)
 
