@@ -261,9 +261,11 @@ def test_objects_of_parameters_are_read(tmp_path):
             "Simulink.Parameter", {"Value": 3.0, "Min": 0.0, "Unit": "", "DocUnits": "Nm", "Description": "gain"}
         ),
         "L": Thing("Simulink.LookupTable", {"Table": table, "Breakpoints": [axis]}),
+        "S": Thing("Simulink.Parameter", {"Value": {"A": 7.0, "in": {"B": 2.0}}}),
     }
     (tmp_path / "a.mat").write_bytes(matfile(variables))
     parameters = read(tmp_path / "a.mat")
+    assert (parameters["S.A"].value, parameters["S.in.B"].value) == (7.0, 2.0)
     assert parameters["P"] == Scalar("P", 3.0, unit="Nm", description="gain")
     assert parameters["L"] == Curve("L", Axis([700, 1500], unit="rpm"), [1, 2], unit="Nm")
     assert describe(tmp_path / "a.mat").findings == ()

@@ -74,6 +74,13 @@ def test_hand_written_scripts_are_read(script):
     assert parameters.texts == (Text("T", "text with % and ..."),)
 
 
+def test_the_fields_of_a_parameter_object_are_parameters(script):
+    text = "V.A = single(7); V.in.B = [1 2];\nP = Simulink.Parameter(V);\nP.CoderInfo.StorageClass = 'ExportedGlobal';"
+    parameters = read(script(text))
+    assert parameters["P.A"] == Scalar("P.A", 7)
+    assert parameters["P.in.B"] == Block("P.in.B", [1, 2])
+
+
 def test_skipped_entries_are_reported_with_their_line(script):
     remarks = "\n".join(str(warning) for warning in describe(script(PEOPLE)).findings)
     assert "clear" not in remarks

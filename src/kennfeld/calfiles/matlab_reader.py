@@ -22,7 +22,7 @@ from kennfeld.matlab.mat_reader import read_nodes, to_value
 from kennfeld.matlab.mat_v73 import is_matlab_guarded
 from kennfeld.matlab.script_files import Files
 from kennfeld.matlab.script_runner import run_script
-from kennfeld.matlab.simulink_objects import LookupTable, to_calibration_parameter
+from kennfeld.matlab.simulink_objects import LookupTable, StructParameter, to_calibration_parameter
 
 _MAX_DEPTH = 40
 
@@ -48,7 +48,7 @@ def to_plain_value(value: m.Value, depth: int = 0) -> Value:
     if isinstance(value, m.MatlabCell):
         return [to_plain_value(element, depth + 1) for element in value.values.ravel(order="F")]
     if value.kind:
-        return _to_struct(value)
+        return _to_struct(value, depth)
     elements = [
         StructValue({name: to_plain_value(field, depth + 1) for name, field in element.items()})
         for element in value.elements.ravel(order="F")
@@ -65,19 +65,17 @@ def _to_array(value: m.Array) -> Value:
     return value.astype(np.float64)
 
 
-def _to_struct(value: m.MatlabStruct) -> Value:
+def _to_struct(value: m.MatlabStruct, depth: int) -> Value:
     content = to_calibration_parameter(value)
     if content is None:
         return UnreadableObject(value.kind)
+    # each field is a parameter of its own, as those of a plain struct
+    if isinstance(content, StructParameter):
+        return to_plain_value(content.value, depth + 1)
     attributes: dict[str, Value] = {"Unit": content.unit, "Description": content.description}
     attributes = {name: word for name, word in attributes.items() if word}
     if not isinstance(content, LookupTable):
-        number = content.value
-        return (
-            UnreadableObject(value.kind)
-            if isinstance(number, m.MatlabStruct)
-            else StructValue({"Value": number, **attributes})
-        )
+        return StructValue({"Value": content.value, **attributes})
     axes = dict(zip(AXIS_LETTERS, content.breakpoints, strict=False))
     units: dict[str, Value] = {f"{letter}_unit": axis.unit for letter, axis in axes.items() if axis.unit}
     points: dict[str, Value] = {letter: axis.value for letter, axis in axes.items()}

@@ -37,12 +37,9 @@ _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", 
 
 @dataclass(frozen=True, eq=False)
 class SimulinkParameter:
-    """A Simulink.Parameter: its value, limits (None if not set), unit and description.
+    """A Simulink.Parameter: its value, limits (None if not set), unit and description."""
 
-    The value is an array of numbers, or a struct, whose fields have neither limits nor units of their own.
-    """
-
-    value: Float | v.MatlabStruct
+    value: Float
     min: float | None = None
     max: float | None = None
     unit: str = ""
@@ -50,10 +47,17 @@ class SimulinkParameter:
 
 
 @dataclass(frozen=True, eq=False)
+class StructParameter:
+    """A Simulink.Parameter whose value is a struct, the fields of which have neither limits nor units of their own."""
+
+    value: v.MatlabStruct
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
 class Breakpoint(SimulinkParameter):
     """The breakpoints of one dimension, from a Simulink.Breakpoint or a Simulink.LookupTable."""
 
-    value: Float
     name: str = ""
 
 
@@ -61,7 +65,6 @@ class Breakpoint(SimulinkParameter):
 class LookupTable(SimulinkParameter):
     """A Simulink.LookupTable: the values of its table and the breakpoints of each dimension."""
 
-    value: Float
     breakpoints: Sequence[Breakpoint] = ()
 
 
@@ -145,7 +148,7 @@ def default_properties(kind: str) -> dict[str, v.Value]:
     return type_properties(kind)
 
 
-def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:
+def to_calibration_parameter(value: v.Value) -> SimulinkParameter | StructParameter | None:
     """Convert a parameter object; None for any other value and for objects without numbers."""
     if not isinstance(value, v.MatlabStruct) or value.kind in ("", ENUMERATION) or value.elements.size != 1:
         return None
@@ -158,7 +161,7 @@ def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:
         return _breakpoint(points.fields)
     inner = fields.get("Value")
     if isinstance(inner, v.MatlabStruct) and not inner.kind:
-        return SimulinkParameter(inner, description=_word(fields, "Description"))
+        return StructParameter(inner, _word(fields, "Description"))
     properties = _properties(fields)
     return None if properties is None else SimulinkParameter(*properties)
 

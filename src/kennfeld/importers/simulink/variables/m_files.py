@@ -29,7 +29,7 @@ from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
-from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, SimulinkParameter, to_calibration_parameter
+from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, StructParameter, to_calibration_parameter
 from kennfeld.matlab.simulink_types import BUS, BUS_ELEMENT, TYPE_CLASSES
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, object_array, text
 from kennfeld.matlab.values import Value as MatlabValue
@@ -156,22 +156,18 @@ def supported_value(value: Any) -> ParameterValue | None:
 def to_variable(value: Any, source: str) -> Variable | None:
     """Convert a value to a variable with the limits, unit and description of its object."""
     meant = to_calibration_parameter(value)
+    if isinstance(meant, StructParameter):
+        return Variable(_struct(meant.value), description=meant.description, source=source)
     if meant is not None:
-        variable = Variable(_parameter_value(meant), unit=meant.unit, description=meant.description, source=source)
+        numbers: ParameterValue = (
+            _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
+        )
+        variable = Variable(numbers, unit=meant.unit, description=meant.description, source=source)
         return variable.limited(meant.min, meant.max)
-    if isinstance(value, MatlabStruct) and isinstance(inner := value.fields.get("Value"), MatlabStruct) and value.kind:
-        # the parameter of a bus: its value is a struct
-        value = inner
     plain = _plain(value)
     kind = value.kind if isinstance(value, MatlabStruct) else ""
     type_class = kind if kind in TYPE_CLASSES else ""
     return Variable(plain, source=source, fixed=kind == ENUMERATION, kind=type_class) if plain is not None else None
-
-
-def _parameter_value(meant: SimulinkParameter) -> ParameterValue:
-    if isinstance(meant, LookupTable):
-        return _table(meant)
-    return _struct(meant.value) if isinstance(meant.value, MatlabStruct) else np.asarray(meant.value, dtype=np.float64)
 
 
 def _table(meant: LookupTable) -> dict[str, ParameterValue]:
