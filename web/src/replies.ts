@@ -902,7 +902,7 @@ export interface BlockRow {
 export interface FormulaLine {
   /** The line. */
   text: string;
-  /** Name of the node in the model; empty for declarations and comments. */
+  /** Name of the node in the model whose statement begins here; empty for other lines. */
   node: string;
   /** Where it comes from: the path of a block. */
   path: string;
