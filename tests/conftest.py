@@ -93,9 +93,10 @@ def do_not_wait_for_disks():
 def compile_quickly(request, monkeypatch):
     """Select instructions as for long code, in a fifth of the time.
 
-    Slow tests and those of the machine code itself compile as users do.
+    Slow tests, those of the machine code itself and those with the mark `bits` compile as users do.
     """
-    if not (request.node.get_closest_marker("slow") or MACHINE_CODE & set(request.path.parts)):
+    marked = any(request.node.get_closest_marker(name) for name in ("slow", "bits"))
+    if not (marked or MACHINE_CODE & set(request.path.parts)):
         monkeypatch.setattr("kennfeld.base.machine_code.engine.BEST", 0)
 
 

@@ -52,6 +52,7 @@ def test_undo_and_redo_restore_the_numbers(torque: Path) -> None:
     assert session.require_view().now.scores == edited
 
 
+@pytest.mark.bits
 def test_a_run_gives_the_same_values_as_the_command_line(exhaust: Path) -> None:
     session = Session(exhaust)
     session.run()

@@ -43,9 +43,12 @@ from tests.project.partitioned_projects import (
 )
 from tests.report.report_projects import Page
 
-pytestmark = pytest.mark.skipif(
-    find_spec("distributed") is None, reason="dask.distributed is not installed: pip install kennfeld[cluster]"
-)
+pytestmark = [
+    pytest.mark.bits,
+    pytest.mark.skipif(
+        find_spec("distributed") is None, reason="dask.distributed is not installed: pip install kennfeld[cluster]"
+    ),
+]
 
 
 def assert_same_bits(result, serial):
