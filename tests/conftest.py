@@ -91,13 +91,13 @@ def do_not_wait_for_disks():
 
 @pytest.fixture(autouse=True)
 def compile_quickly(request, monkeypatch):
-    """Select instructions as for long code, in a fifth of the time.
+    """Select the instructions of models as for long ones, in a fifth of the time.
 
     Slow tests, those of the machine code itself and those with the mark `bits` compile as users do.
     """
     marked = any(request.node.get_closest_marker(name) for name in ("slow", "bits"))
     if not (marked or MACHINE_CODE & set(request.path.parts)):
-        monkeypatch.setattr("kennfeld.base.machine_code.engine.BEST", 0)
+        monkeypatch.setattr("kennfeld.base.machine_code.engine.LEVEL", 0)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -47,6 +47,12 @@ class ForkedProcess:
     def terminate(self) -> None:
         self._send(signal.SIGTERM)
 
+    def poll(self) -> int | None:
+        with suppress(ProcessLookupError):
+            self._send(0)
+            return self.returncode
+        return self.wait()
+
     def wait(self) -> int:
         if self.returncode is None:
             try:
@@ -55,7 +61,7 @@ class ForkedProcess:
                 self.returncode = -signal.SIGKILL
         return self.returncode
 
-    def _send(self, number: signal.Signals) -> None:
+    def _send(self, number: int) -> None:
         if self.returncode is None:  # else the number may be that of another process
             os.kill(self.pid, number)
 

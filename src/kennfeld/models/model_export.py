@@ -1,5 +1,6 @@
 """Writing of an imported model as formula text with a parameter file next to it."""
 
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from kennfeld.base.errors import InputError, Location
 from kennfeld.base.formatting import toml_text
 from kennfeld.files.file_format import call
 from kennfeld.graph import Graph
+from kennfeld.models.formula.line_wrapping import WIDTH
 from kennfeld.models.formula.printer import TextLayout, to_lines
 from kennfeld.models.importer import FormulaLine, Importer, ImportRequest
 from kennfeld.models.model import Model
@@ -67,7 +69,7 @@ def write_formula(importer: Importer, request: ImportRequest, target: Path) -> t
 def _write(model: Model, target: Path, head: Iterable[str], lines: Iterable[str]) -> tuple[Path, ...]:
     from kennfeld.calfiles import write as write_parameters
 
-    comments = [f"# {' '.join(line.split())}" for line in head]
+    comments = [part for line in head for part in _comment_lines(line)]
     paths = [target]
     try:
         write_whole(target, "\n".join([*comments, *lines, ""]), follow=True)
@@ -78,3 +80,8 @@ def _write(model: Model, target: Path, head: Iterable[str], lines: Iterable[str]
         message = f"cannot be written: {error.strerror or error}"
         raise InputError.of(Location(str(target)), message, "Choose another output file.") from None
     return tuple(paths)
+
+
+def _comment_lines(text: str) -> list[str]:
+    """Return a comment as lines that begin with #, broken between words."""
+    return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="#   ", break_long_words=False)

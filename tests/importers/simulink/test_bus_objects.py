@@ -115,7 +115,7 @@ def test_elements_of_buses_in_buses_are_matrices_column_by_column(source, tmp_pa
     np.testing.assert_allclose(outputs["y[2]"], V + 2 * U)
 
 
-def test_an_unknown_width_is_said_with_the_bus_that_is_not_defined(tmp_path):
+def test_an_unknown_width_is_reported_with_the_bus_that_is_not_defined(tmp_path):
     result = import_simulink(selecting().write(tmp_path))
     assert result.model.graph.inputs == ("In.v",)
     remark = next(str(finding) for finding in result.report.remarks if "width" in finding.message)

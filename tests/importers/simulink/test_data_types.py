@@ -118,7 +118,7 @@ def test_without_saturation_the_limits_are_reported(tmp_path):
     ]
 
 
-def test_each_kind_of_ignored_effect_is_said_once_with_its_blocks(tmp_path):
+def test_each_kind_of_ignored_effect_is_reported_once_with_its_blocks(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u", OutDataTypeStr="fixdt(1,16,2^-4,0)")
     kinds = {

@@ -70,7 +70,7 @@ def test_a_delay_by_no_sample_can_be_held_and_has_nothing_to_reset(length, tmp_p
 
 @pytest.mark.parametrize(("kind", "field"), [("Delay", "DelayLength"), ("Integer Delay", "NumDelays")])
 @pytest.mark.parametrize("length", ["-1", "1.5"])
-def test_a_delay_by_part_of_a_sample_is_told(kind, field, length, tmp_path):
+def test_a_delay_by_part_of_a_sample_draws_a_remark(kind, field, length, tmp_path):
     with pytest.raises(InputError, match=f"its {field} must be an integer from 0 to 100000, got {length}"):
         imported(alone(kind, **{field: length}), tmp_path)
 

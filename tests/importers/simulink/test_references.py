@@ -162,22 +162,22 @@ def test_variables_of_one_name_in_several_models_are_distinguished(tmp_path):
 
 
 @pytest.mark.parametrize("visibility", ["global", "scoped"])
-def test_tags_of_one_name_in_several_models_are_told_apart(visibility, tmp_path):
+def test_tags_of_one_name_in_several_models_are_distinguished(visibility, tmp_path):
     for name, factor in (("one", "2"), ("two", "3")):
-        made = Model(name, step="0.1", solver="FixedStepDiscrete")
-        made.inport("x")
-        made.block("GotoTagVisibility", "V", ports=(0, 0), GotoTag="A")
-        inner = made.subsystem("S")
+        model = Model(name, step="0.1", solver="FixedStepDiscrete")
+        model.inport("x")
+        model.block("GotoTagVisibility", "V", ports=(0, 0), GotoTag="A")
+        inner = model.subsystem("S")
         inner.inport("a")
         inner.block("Gain", "K", Gain=factor)
         inner.block("Goto", "T", ports=(1, 0), GotoTag="A", TagVisibility=visibility)
         inner.chain("a", "K", "T")
-        made.block("From", "F", ports=(0, 1), GotoTag="A")
-        made.line("x", "S")
+        model.block("From", "F", ports=(0, 1), GotoTag="A")
+        model.line("x", "S")
         for port in ("y", "z"):
-            made.outport(port)
-            made.line("F", port)
-        made.write(tmp_path)
+            model.outport(port)
+            model.line("F", port)
+        model.write(tmp_path)
     outputs = run(imported(around("k = 5;"), tmp_path), {"u": U})
     for name, factor in (("one", 2), ("two", 3)):
         np.testing.assert_allclose(outputs[f"{name}1"], factor * U, rtol=1e-13)

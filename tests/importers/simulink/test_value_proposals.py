@@ -48,7 +48,7 @@ def test_a_script_counts_with_what_it_runs_and_loads(tmp_path):
     assert proposals(tmp_path, ["K", "L", "M"]) == [("parameters", "setup.m", ("K", "L", "M"), "")]
 
 
-def test_fields_of_structs_are_told_apart(tmp_path):
+def test_fields_of_structs_are_distinguished(tmp_path):
     write(tmp_path, one="par.L = 1;", two="par.K = 2;", three="data = struct('K', 1);")
     assert proposals(tmp_path, ["par.K", "data.K"]) == [
         ("parameters", "three.m", ("data.K",), ""),
@@ -91,7 +91,7 @@ def test_files_of_the_project_above_the_model_are_searched_and_no_others(tmp_pat
     assert (own.path, own.names) == (tmp_path / "project" / "scripts" / "init.m", ("K",))
 
 
-def test_links_and_broken_files_are_no_obstacle(tmp_path):
+def test_links_and_broken_files_do_not_stop_the_search(tmp_path):
     write(tmp_path, init="K = 1;")
     (tmp_path / "round").symlink_to(tmp_path)
     (tmp_path / "v.mat").write_bytes(b"no data")

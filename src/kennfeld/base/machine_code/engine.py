@@ -26,6 +26,7 @@ NativeFunction = Callable[..., None]
 Functions = Sequence[FunctionWriter]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
 BEST = 2  # level at which LLVM selects instructions; 0 takes a fifth of the time, for code that runs longer
+LEVEL = BEST  # of code that is written for a model
 _WORTH = 0.004  # s of writing and compiling from which code is kept
 
 _loading = threading.Lock()  # of LLVM, which compiles and loads
@@ -90,7 +91,7 @@ def compile_functions(*functions: FunctionWriter, loops: bool = False) -> dict[s
         loops: optimise loops over doubles; the code of a model runs as fast without.
     """
     text = "".join(f.text() for f in functions)
-    return Engine(_module(lambda: functions, fingerprint_of_text(text), loops)).functions()
+    return Engine(_module(lambda: functions, fingerprint_of_text(text), BEST, loops=loops)).functions()
 
 
 def compile_written(write: Callable[..., Functions], *arguments: Any) -> dict[str, NativeFunction]:
@@ -98,7 +99,7 @@ def compile_written(write: Callable[..., Functions], *arguments: Any) -> dict[st
 
     Nothing is written if the code of an equal call is kept; see `fingerprint` for what `write` may depend on.
     """
-    return Engine(_module(lambda: write(*arguments), fingerprint(write, arguments), loops=False)).functions()
+    return Engine(_module(lambda: write(*arguments), fingerprint(write, arguments), LEVEL)).functions()
 
 
 class SharedFunction:
@@ -119,7 +120,7 @@ class SharedFunction:
         with self._lock:
             if self._engine is None:
                 written = fingerprint(self._write, self._arguments)
-                module = _module(lambda: [self._write(*self._arguments)], written, loops=False)
+                module = _module(lambda: [self._write(*self._arguments)], written, BEST)
                 self._engine = Engine(module)
                 (self._address,) = map(self._engine.address, module.functions)
             return self._address
@@ -140,33 +141,33 @@ def _address_of(external: External) -> int:
     return shared_function(getattr(import_module(external.module), external.name), *external.arguments).address()
 
 
-def _module(write: Callable[[], Functions], content: str | None, loops: bool) -> ObjectModule:
+def _module(write: Callable[[], Functions], content: str | None, level: int, *, loops: bool = False) -> ObjectModule:
     """Return the code of functions, compiled now or before.
 
     `content` determines what is written, and how it is compiled; without, nothing is kept.
     """
     if content is None:
-        return _compile(write(), loops)
+        return _compile(write(), level, loops)
     # code for another processor may have instructions that this one lacks
     target = f"{_target().triple} {llvm.get_host_cpu_name()} {_features()}"
-    key = key_of(llvmlite.__version__, target, str(BEST), str(loops), content)
+    key = key_of(llvmlite.__version__, target, str(level), str(loops), content)
     kept = read_code(key)
     if kept is not None:
         return ObjectModule.of_bytes(kept)
     began = time.perf_counter()
-    module = _compile(write(), loops)
+    module = _compile(write(), level, loops)
     if time.perf_counter() - began > _WORTH:
         keep_code(key, module.to_bytes())
     return module
 
 
-def _compile(functions: Functions, loops: bool) -> ObjectModule:
+def _compile(functions: Functions, level: int, loops: bool) -> ObjectModule:
     text = "".join(f.text() for f in functions)
     externals = externals_of(text)
     # set after loading; the optimiser must not take the pointers for null
     text += "".join(f"@{external.pointer} = externally_initialized global ptr null\n" for external in externals)
     with _loading:
-        code = _object_code(text, loops and len(text) <= LONG)
+        code = _object_code(text, 0, False) if len(text) > LONG else _object_code(text, level, loops)
     return ObjectModule(code, {f.name: [kind.split()[0] for kind, _ in f.parameters] for f in functions}, externals)
 
 
@@ -180,8 +181,8 @@ def _load(code: bytes) -> Any:
     return engine
 
 
-def _object_code(text: str, loops: bool) -> bytes:
-    machine = _machine(0 if len(text) > LONG else BEST)
+def _object_code(text: str, level: int, loops: bool) -> bytes:
+    machine = _machine(level)
     module = llvm.parse_assembly(_DECLARATIONS + text)
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)

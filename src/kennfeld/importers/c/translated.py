@@ -244,7 +244,7 @@ def _kept_arguments(whole: TranslatedFunction) -> Iterator[str]:
     """Yield remarks about numbers that a function reads and writes through their addresses."""
     for number in whole.interface.written:
         if number.is_result and number.name in whole.interface.states:
-            yield f"{number.label} is read and written through its address: it keeps its value between calls, from 0 on"
+            yield f"{number.label} is read and written through its address: it keeps its value between calls"
 
 
 def _initializations(whole: TranslatedFunction, own: Collection[str]) -> Iterator[str]:

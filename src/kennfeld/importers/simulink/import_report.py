@@ -48,7 +48,7 @@ class UnsupportedBlock:
 
 
 @dataclass(frozen=True)
-class FileProposal:
+class VariableFile:
     """A file of the project that supplies what the import lacks.
 
     Attributes:
@@ -67,7 +67,7 @@ class FileProposal:
 
     @property
     def values(self) -> tuple[Path, ...]:
-        """What the user adds to the key: the first, or one of the others instead."""
+        """The paths to add to the key: the first, or one of the others instead."""
         return (self.path, *self.others) if self.key == "parameters" else (self.path.parent,)
 
     def message(self, shown: Callable[[Path], str]) -> str:
@@ -155,7 +155,7 @@ class SimulinkReport(ImportReport):
     reasons: dict[str, str] = field(default_factory=dict)
     definitions: tuple[UndefinedParameter, ...] = ()
     missing_files: dict[str, str] = field(default_factory=dict)
-    proposals: tuple[FileProposal, ...] = ()
+    proposals: tuple[VariableFile, ...] = ()
     stopped: tuple[Finding, ...] = ()
     unreached: tuple[str, ...] = ()
     results: tuple[str, ...] = ()

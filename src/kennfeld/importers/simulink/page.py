@@ -8,7 +8,7 @@ from typing import Any
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.importers.simulink.diagram import Diagram, read_diagram
 from kennfeld.importers.simulink.formula_export import formula_lines
-from kennfeld.importers.simulink.import_report import FileProposal, ImportableSubsystem, SimulinkReport
+from kennfeld.importers.simulink.import_report import ImportableSubsystem, SimulinkReport, VariableFile
 from kennfeld.importers.simulink.importable_subsystems import find_subsystems
 from kennfeld.importers.simulink.importing import arguments_of
 from kennfeld.models.import_view import problem_views, report_view
@@ -53,7 +53,7 @@ def _of_report(report: SimulinkReport, model: Model | None, folder: Path) -> dic
     }
 
 
-def _proposal(proposal: FileProposal, folder: Path) -> dict[str, Any]:
+def _proposal(proposal: VariableFile, folder: Path) -> dict[str, Any]:
     """Return a proposal with paths as the project file writes them."""
 
     def shown(path: Path) -> str:

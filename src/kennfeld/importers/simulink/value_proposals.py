@@ -6,7 +6,7 @@ from pathlib import Path
 
 from kennfeld.base.formatting import join_names
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
-from kennfeld.importers.simulink.import_report import FileProposal
+from kennfeld.importers.simulink.import_report import VariableFile
 from kennfeld.importers.simulink.reader.model_tree import split_path
 from kennfeld.importers.simulink.reader.project_files import ProjectFiles
 from kennfeld.importers.simulink.variables.assigned_names import DATA_ENDINGS, AssignedNames, defines
@@ -23,7 +23,7 @@ def propose_files(
     undefined: Collection[str],
     reasons: Mapping[str, str],
     missing_files: Mapping[str, str],
-) -> tuple[FileProposal, ...]:
+) -> tuple[VariableFile, ...]:
     """Return the files that define variables or are missing, those that define most variables first.
 
     Nothing is run or loaded: scripts are parsed, and of data files the names are read.
@@ -65,13 +65,13 @@ def missing_links(failed: Iterable[FlatBlock]) -> dict[str, str]:
     return {name: join_names(users, 1) for name, users in paths.items()}
 
 
-def _locate(files: ProjectFiles, missing_files: Mapping[str, str]) -> Iterator[FileProposal]:
+def _locate(files: ProjectFiles, missing_files: Mapping[str, str]) -> Iterator[VariableFile]:
     """Yield the missing files that the project has in other folders; what the user passes are these folders."""
     for name, source in missing_files.items():
         plain = file_name(name)
         path = next(iter(files.named([plain] if "." in plain else [f"{plain}.slx", f"{plain}.mdl"])), None)
         if path is not None:
-            yield FileProposal(path, "folders", needed_by=source)
+            yield VariableFile(path, "folders", needed_by=source)
 
 
 def _supplied(
@@ -83,7 +83,7 @@ def _supplied(
     return tuple(name for name in undefined if name not in failed and defines(assigned, name))
 
 
-def _smallest_choice(supplied: Mapping[Path, tuple[str, ...]]) -> Iterator[FileProposal]:
+def _smallest_choice(supplied: Mapping[Path, tuple[str, ...]]) -> Iterator[VariableFile]:
     """Yield the file that defines most variables, then the one that defines most of the others, and so on."""
     left = {path: names for path, names in supplied.items() if names}
     for _ in range(_MAX_PROPOSALS):
@@ -93,18 +93,18 @@ def _smallest_choice(supplied: Mapping[Path, tuple[str, ...]]) -> Iterator[FileP
             return
         names = left[path]
         others = tuple(other for other in left if other != path and set(left[other]) >= set(names))
-        yield FileProposal(path, "parameters", names, others=others[:_MAX_OTHERS])
+        yield VariableFile(path, "parameters", names, others=others[:_MAX_OTHERS])
         rest = {other: tuple(name for name in left[other] if name not in names) for other in left}
         left = {other: remaining for other, remaining in rest.items() if remaining}
 
 
-def _in_folders(proposals: Iterable[FileProposal], classes: Collection[Path]) -> Iterator[FileProposal]:
+def _in_folders(proposals: Iterable[VariableFile], classes: Collection[Path]) -> Iterator[VariableFile]:
     """Yield proposals with one for all classes of a folder, since a model finds classes by their folder."""
-    folders: dict[Path, list[FileProposal]] = {}
+    folders: dict[Path, list[VariableFile]] = {}
     for proposal in proposals:
         if proposal.path in classes:
             folders.setdefault(proposal.path.parent, []).append(proposal)
         else:
             yield proposal
     for several in folders.values():
-        yield FileProposal(several[0].path, "folders", tuple(name for each in several for name in each.names))
+        yield VariableFile(several[0].path, "folders", tuple(name for each in several for name in each.names))

@@ -13,7 +13,7 @@ _LARGE: Final = 1e8  # from which x^2 + 1 is x^2
 
 
 def rounded_product(builder: GraphBuilder, a: Nodes, b: Nodes) -> tuple[Nodes, Nodes]:
-    """Compute the product of two numbers from 0 on as rounded, and the exact one less that, which is a double as well.
+    """Compute the product of two numbers >= 0 as rounded, and the exact one less that, which is a double as well.
 
     T. J. Dekker, Numer. Math. 18 (1971) 224. Both must be below 1e300.
     """
