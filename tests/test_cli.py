@@ -561,6 +561,7 @@ class TestAFolderThatCannotBeWritten:
 
 
 class TestSeveralStarts:
+    @pytest.mark.slow
     @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
     def test_are_told_of_one_by_one(self, growth, capsys, workers):
         change(growth, "[parameters.Gain]", "[optimizer]\nstarts = 3\n[parameters.Gain]\nbounds = [0, 200]")

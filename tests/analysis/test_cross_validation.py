@@ -38,6 +38,7 @@ def test_it_is_the_fit_of_the_rest_scored_on_the_part():
     assert validation.spread("m") == pytest.approx(np.std(test_mask, ddof=1))
 
 
+@pytest.mark.slow
 def test_a_curve_that_follows_noise_is_detected():
     data = line(40, 0.3)
     start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 25), np.zeros(25))])

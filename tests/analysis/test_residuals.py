@@ -68,6 +68,7 @@ def test_the_summary_counts_scored_samples_alone():
     assert row.r2 == pytest.approx(1 - np.mean(error**2) / target.var())
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 1000), st.integers(2, 5), st.integers(1, 4))
 def test_cells_hold_every_known_sample_once(seed, rows, columns):
@@ -213,6 +214,7 @@ class TestStudentized:
         (analysis,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
         assert abs(analysis.errors[0].scaled[30]) < 1e-6
 
+    @pytest.mark.slow
     @settings(deadline=None, max_examples=15)
     @given(st.integers(0, 1000), st.integers(3, 300), st.sampled_from([0.0, 1.0, 1e160]), st.booleans())
     def test_errors_beyond_three_deviations_are_counted_before_these_are_known(self, seed, count, size, studentized):

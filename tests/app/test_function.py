@@ -153,6 +153,7 @@ def test_a_remark_on_the_model_does_not_stop_it(tmp_path: Path) -> None:
     assert "y = K * u" in {line["text"] for line in own["lines"]}
 
 
+@pytest.mark.slow
 @pytest.mark.guests
 def test_a_solver_is_named_for_models_with_continuous_states(sensor: Session, tmp_path: Path) -> None:
     project = write_model(tmp_path / "discrete")
@@ -200,6 +201,7 @@ def test_formula_text_of_a_converted_model_gives_the_same_errors(sensor: Session
     assert not sensor.stale
 
 
+@pytest.mark.slow
 @pytest.mark.guests
 def test_a_model_that_cannot_run_cannot_be_converted(sensor: Session) -> None:
     set_keys(sensor, (("model", "bind"), None))
@@ -220,6 +222,7 @@ def test_new_formula_text_is_the_function_until_it_is_undone(sensor: Session) ->
     assert sensor.settings["model"]["file"] == "exhaust.mdl"
 
 
+@pytest.mark.slow
 @pytest.mark.guests
 def test_a_model_that_was_changed_on_disk_is_read_again(sensor: Session) -> None:
     path = sensor.path.parent / "exhaust.m"

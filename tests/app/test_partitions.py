@@ -171,6 +171,7 @@ def test_a_report_on_edited_values_has_their_errors_on_all_samples(tmp_path: Pat
     assert f"bench training {errors}" in page.words_in_a_row
 
 
+@pytest.mark.slow
 def test_edits_do_not_read_recordings_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session(write_project(tmp_path))
     calls = []

@@ -132,6 +132,7 @@ def test_the_class_that_no_other_class_uses_is_the_function(empty: Session) -> N
     assert program(empty)["whole"]
 
 
+@pytest.mark.slow
 def test_missing_packages_are_named_until_their_files_are_dropped(empty: Session) -> None:
     drop(empty, BATTERY, "Plant", "Messages", "Types")
     own = program(empty)

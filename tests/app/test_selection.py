@@ -53,6 +53,7 @@ def test_a_rectangle_as_a_condition_scores_the_samples_within_or_beyond(exhaust:
     np.testing.assert_array_equal(np.isfinite(session.require_view().now.errors[0][0]), expected)
 
 
+@pytest.mark.slow
 def test_a_stretch_as_a_condition_scores_its_samples_and_keeps_the_former_condition(exhaust: Path) -> None:
     session = Session(exhaust)
     limit(session, 0, "Speed > 1500 or Speed < 900")

@@ -93,6 +93,7 @@ def test_a_run_can_be_stopped_and_keeps_its_best_values(torque: Path) -> None:
     assert session.require_view().now.scores[0].rmse < session.require_view().start.scores[0].rmse
 
 
+@pytest.mark.slow
 @forked
 def test_a_worker_that_dies_is_reported_and_the_session_continues(torque: Path) -> None:
     session = Session(torque)
@@ -116,6 +117,7 @@ def test_a_project_that_cannot_be_read_shows_the_reason(torque: Path) -> None:
         session.run()
 
 
+@pytest.mark.slow
 @forked
 def test_a_replaced_recording_is_noticed_and_read_before_a_run(exhaust: Path) -> None:
     session = Session(exhaust)
@@ -132,6 +134,7 @@ def test_a_replaced_recording_is_noticed_and_read_before_a_run(exhaust: Path) ->
     assert not session.changed_on_disk
 
 
+@pytest.mark.slow
 def test_files_saved_by_the_app_do_not_count_as_changed_on_disk(torque: Path) -> None:
     session = Session(torque)
     for _ in range(2):

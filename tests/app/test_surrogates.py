@@ -100,6 +100,7 @@ def test_a_training_that_fails_shows_the_reason(bench: Waiting) -> None:
     assert "Did you mean Speed?" in bench.session.training.lines[-1]
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_reported(bench: Waiting) -> None:
     session = bench.session
     COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
@@ -121,6 +122,7 @@ def test_files_that_are_damaged_or_have_no_entry_are_listed(bench: Waiting) -> N
     assert "inputs" in next(row for row in listed if row["training"] == "other.toml")["trainingProblem"]
 
 
+@pytest.mark.slow
 def test_only_training_files_of_the_project_folder_are_trained(bench: Waiting) -> None:
     with pytest.raises(ArgumentError, match="outside"):
         COMMANDS["train-surrogate"](bench.session, {"file": "../../engine.toml"})

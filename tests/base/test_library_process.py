@@ -74,6 +74,7 @@ def test_arrays_are_returned_and_printed_text_is_not(process, source, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @POSIX
 def test_a_crash_is_one_message_and_the_next_file_is_read(process, source):
     message = r"^drive\.csv: the MDF file is damaged: the library that reads it crashed \(SIGSEGV\)\. Copy or export"

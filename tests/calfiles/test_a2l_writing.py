@@ -388,6 +388,7 @@ def tables(draw):
     return module(layout(*entries), label("MAP", axes), common=head), points, np.reshape(raw, sizes)
 
 
+@pytest.mark.slow
 @few_or_many(tables(), few=12, many=300)
 def test_written_tables_are_read_again_in_every_layout(table):
     text, points, raw = table

@@ -250,6 +250,7 @@ def test_another_format_gives_the_variants_again(written, tmp_path):
     assert again.axes == parameters.axes
 
 
+@pytest.mark.slow
 @few_or_many(data=st.data(), few=10, many=100)
 def test_any_change_is_read_back_and_touches_no_other_word(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("sets")

@@ -184,6 +184,7 @@ def repacked(path, change):
     return path
 
 
+@pytest.mark.slow
 def test_a_sheet_that_unpacks_to_gigabytes_is_refused(book, monkeypatch):
     path = repacked(book(), lambda name, raw: raw + b" " * 30_000_000 if name.endswith("sheet1.xml") else raw)
     assert path.stat().st_size < 200_000

@@ -391,6 +391,7 @@ def test_derivatives_extend_the_nodes_of_the_graph():
     assert all(a < at for at, node in enumerate(line.nodes) for a in node.args)
 
 
+@pytest.mark.slow
 def test_a_long_chain_needs_no_recursion():
     def expression(b, x):
         for _ in range(1100):

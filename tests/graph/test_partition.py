@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Curve, Scalar
@@ -41,6 +42,7 @@ def test_the_parts_equal_the_whole(case):
     assert_close(joined(plain), exact, change, steady(exact, change))
 
 
+@pytest.mark.slow
 @few_or_many(cases(), few=10, many=40)
 def test_columns_are_exactly_what_the_reduced_graph_reads(case):
     low = lower_lookups(case.graph, case.parameters)

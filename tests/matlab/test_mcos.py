@@ -152,6 +152,7 @@ def test_an_array_of_more_objects_than_the_file_holds_is_refused():
     assert "are inconsistent" in read_workspace(raw).variables["P"].why
 
 
+@pytest.mark.slow
 def test_a_bomb_within_the_properties_is_refused():
     bomb = zlib.compress(struct.pack("<II", 14, 50_000_000) + bytes(50_000_000), 9)
     subsystem = b"\0\1IM\0\0\0\0" + struct.pack("<II", 15, len(bomb)) + bomb
@@ -165,6 +166,7 @@ def test_a_bomb_within_the_properties_is_refused():
     assert variables["K"].values.item() == 1.0
 
 
+@pytest.mark.slow
 def test_thousands_of_objects_are_read():
     workspace = read_workspace(
         mxarray({f"P{n}": parameter(float(n), Min=0.0, Max=9e9, DocUnits="Nm") for n in range(1000)})

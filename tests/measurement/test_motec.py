@@ -80,6 +80,7 @@ def test_damage_is_reported(log, damage):
         read(log(LogChannel("a", "", RAW.astype("<i2")), change=DAMAGES[damage]))
 
 
+@pytest.mark.slow
 def test_damaged_logs_are_read_or_refused(log):
     rng = random.Random(3)
     whole = motec_file([LogChannel("a", "", RAW.astype("<i2")), LogChannel("b", "", RAW.astype("<f4"), 5)])

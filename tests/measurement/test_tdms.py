@@ -156,6 +156,7 @@ def test_interrupted_recordings_are_read_as_far_as_they_go(tdms):
     assert (finding.severity, "the last segment is incomplete" in str(finding)) == ("warning", True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [11, pytest.param(1, marks=pytest.mark.slow)])  # 11 meets every offset in a number
 def test_files_cut_off_at_any_byte_are_read_or_refused(tmp_path, step):
     path = tmp_path / "bench.tdms"

@@ -356,6 +356,7 @@ def test_text_after_a_few_rows_is_not_a_header_of_fewer_columns(csv):
     assert "line 4" in messages[0]
 
 
+@pytest.mark.slow
 def test_a_table_of_very_many_columns_is_read(csv):
     count = 6_000
     names = ",".join(f"n{i % (count // 2)} [{'rpm' if i < count // 2 else 'Nm'}]" for i in range(count))

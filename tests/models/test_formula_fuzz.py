@@ -3,6 +3,7 @@
 import string
 from collections.abc import Callable
 
+import pytest
 from hypothesis import strategies as st
 
 from kennfeld.base.errors import InputError, Location
@@ -75,6 +76,7 @@ def test_a_text_with_mistakes_is_read_or_answered(data):
     read(text)
 
 
+@pytest.mark.slow
 @few_or_many(graphs(), st.data(), few=15, many=100)
 def test_a_printed_text_with_a_mistake_is_read_or_answered(graph, data):
     text = to_text(graph)

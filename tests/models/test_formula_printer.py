@@ -27,6 +27,7 @@ def test_every_graph_is_printed_as_text_that_reads_back_to_it(graph):
     assert one_nan(formula(to_text(graph)).graph) == one_nan(merge_equal_states(graph))
 
 
+@pytest.mark.slow
 @few_or_many(graphs(), few=15, many=100)
 def test_text_that_was_printed_prints_alike(graph):
     text = to_text(graph, step=0.01)

@@ -31,6 +31,7 @@ def fitted(data, smoothness="auto", start=None, **arguments):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("noise", mostly_slow([0.02, 0.3], [0.3]))
 def test_the_choice_is_about_as_good_as_the_best_fixed_factor(noise, seeds):
@@ -55,6 +56,7 @@ def measured(samples, seed):
     return {"x": x, "y": y, "wanted": clean + 2 * rng.normal(size=samples)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("samples", "seeds"),
     [
@@ -167,6 +169,7 @@ def tables():
     return kf.ParameterSet([*maps, kf.Curve("E", points, 1 - 0.1 * points)])
 
 
+@pytest.mark.slow
 def test_the_last_search_continues_from_the_fit_with_the_chosen_factors():
     """Tables that multiply each other take many steps from their start; the chosen fit has taken them."""
     rng = np.random.default_rng(0)
@@ -268,6 +271,7 @@ def drives(count, seed=0, resembling=0.3, samples=600):
         yield kf.Dataset.of(f"drive {i}", {"x": x, "wanted": np.sin(x) + error}, time=0.1 * np.arange(samples))
 
 
+@pytest.mark.slow
 def test_stretches_are_held_out_if_errors_persist_and_the_result_says_so():
     lasting = fitted(list(drives(2, samples=200)), start=curve(9))
     assert "by 20 held-out blocks of the recordings: the factors with the least predicted" in lasting.message
@@ -409,6 +413,7 @@ def test_a_step_may_choose_its_factors():
     assert any("step 1: smoothness 1" in line.stage for line in single.trace)
 
 
+@pytest.mark.slow
 def test_a_factor_chosen_on_a_coarse_grid_is_reported_for_the_full_one():
     """The same surface has the same penalty, so that the factors of both grids compare."""
     coarse = stepwise(kf.Step(grid_reduction=2, smoothness="auto"))
@@ -438,6 +443,7 @@ def test_a_step_with_a_stated_factor_makes_no_choice():
     assert result.parameters["C"].values == pytest.approx(five.parameters["C"].values, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_every_start_makes_its_own_reproducible_choice(workers):
     first, second = (

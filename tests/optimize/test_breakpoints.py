@@ -150,6 +150,7 @@ def test_a_pin_holds_exactly_with_the_breakpoints_around_it():
     assert points(result)[1] != 2.0
 
 
+@pytest.mark.slow
 def test_breakpoints_of_locked_grid_points_stay():
     locked = np.arange(5) == 2
     result = fitted(even(locked=locked))
@@ -158,12 +159,14 @@ def test_breakpoints_of_locked_grid_points_stay():
     assert points(result)[1] != 2.5
 
 
+@pytest.mark.slow
 def test_bounds_of_values_hold_while_breakpoints_move():
     result = fitted(even(upper=6.0, lower=0.5))
     assert result.parameters["C"].values.max() <= 6.0
     assert result.parameters["C"].values.min() >= 0.5
 
 
+@pytest.mark.slow
 def test_the_cost_after_is_that_of_the_breakpoints_after():
     result = fitted(even(), smoothness=0.5)
     after = kf.calibrate(
@@ -270,6 +273,7 @@ def test_a_stop_ends_with_the_best_breakpoints_so_far():
     assert result.cost_after == min(line.cost for line in lines if line.stage != "dense")
 
 
+@pytest.mark.slow
 def test_breakpoints_move_across_intervals_without_data():
     data = {"x": np.repeat([0.0, 1.0, 2.0, 9.0, 10.0], 20), "y": np.repeat([0.0, 1.0, 2.0, 9.0, 1.0], 20)}
     result = fitted(even(6), data)
@@ -320,6 +324,7 @@ def test_several_starts_keep_the_breakpoints_of_the_best(workers):
     assert best.cost_after == pytest.approx(result.cost_after, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_breakpoints_do_not_move_in_a_step_that_reduces_the_grid_but_in_the_next():
     steps = (kf.Step(name="few", grid_reduction=2), kf.Step(name="all"), kf.Step(name="again"))
     result = fitted(even(), options=kf.Options(steps=steps))
@@ -329,6 +334,7 @@ def test_breakpoints_do_not_move_in_a_step_that_reduces_the_grid_but_in_the_next
     assert cost_of(result) == pytest.approx(result.cost_after, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_breakpoints_fitted_by_a_step_stay_in_place_in_the_next():
     data = bent()
     data["y"] += 3.0

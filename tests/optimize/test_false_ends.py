@@ -175,6 +175,7 @@ def test_a_sequence_that_ends_on_a_coarse_grid_states_the_gain_of_the_full_one()
     assert "End the sequence with a step" in warning.remedy
 
 
+@pytest.mark.slow
 def test_two_terms_that_became_alike_separate_again():
     x = np.linspace(0, 10, 300)
     truth = {"a": 3.0, "b": 1.5, "c": 2.0, "d": 0.2}
@@ -201,6 +202,7 @@ def test_targets_used_as_upper_limits_need_not_be_reached():
     assert not result.warnings
 
 
+@pytest.mark.slow
 def test_an_end_at_the_mean_has_no_warning():
     for seed in range(8):
         m = 5 + np.random.default_rng(seed).normal(size=50)

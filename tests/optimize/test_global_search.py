@@ -145,6 +145,7 @@ def test_a_cost_of_zero_is_the_lowest():
     assert (end.status, end.cost) == ("converged", 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", mostly_slow([2, 5], 1))
 def test_a_smooth_cost_needs_part_of_the_evaluations(size):
     function = Function(lambda values: 1 + np.sum((values - 0.3) ** 2))

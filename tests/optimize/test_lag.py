@@ -112,6 +112,7 @@ def line(data):
     return kf.calibrate("y = k * u", data, {"k": 1.0}, target="m", shift={"m": "auto"})
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("narrow_window")
 def test_the_search_continues_from_the_edge_of_a_narrow_window():
     assert line(noisy(0.9, 300)).shifts["drive"]["m"] == pytest.approx(-0.9, abs=0.03)
@@ -249,6 +250,7 @@ def walked(late):
     return text, shift_channels(data, {"t": late}), start
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("narrow_window")
 def test_synchronous_channels_are_not_moved():
     assert kf.calibrate(*walked(0.0), "t", shift={"t": "auto", "u": "auto"}).shifts == {"d": {"t": 0.0, "u": 0.0}}

@@ -162,6 +162,7 @@ def test_limits_hold_at_every_iterate():
     assert max(violations) <= 1e-9
 
 
+@pytest.mark.slow
 @few_or_many(st.integers(0, 10_000), st.floats(-3, 0), st.floats(0, 3), few=5, many=20)
 def test_any_range_of_slopes_holds(seed, lower, upper):
     fit = Fit(seed, (5, 4), 60)

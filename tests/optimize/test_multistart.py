@@ -107,6 +107,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes(problem, monkeypa
     assert comparable(serial) == comparable(parallel)
 
 
+@pytest.mark.slow
 def test_another_seed_gives_other_starts():
     assert [row.cost_before for row in sine(starts=2).starts][1:] != [
         row.cost_before for row in sine(starts=2, seed=2).starts
@@ -263,6 +264,7 @@ def test_invalid_options_are_refused(name, value):
         kf.Options(**{name: value})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_a_model_with_memory_can_be_started_several_times(workers):
     t = 0.1 * np.arange(200)

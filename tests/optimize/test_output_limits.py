@@ -81,6 +81,7 @@ def test_a_limit_may_follow_a_channel():
     assert result.cost_after == pytest.approx(cost, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_contradictory_limits_are_reported_with_their_distance():
     result = Curve().fitted(Limit("w", lower=2.0), Limit("w", upper=1.0, where="u > 5"))
     assert result.status == "infeasible"
@@ -147,6 +148,7 @@ def test_an_idle_governor_stays_below_its_limit_and_no_gains_nearby_are_better()
     assert cost <= 1.001 * min(c for c, rpm in around if rpm <= 2990)
 
 
+@pytest.mark.slow
 def test_datasets_of_the_same_name_have_separate_limits():
     halves = [{"u": np.linspace(0, 5, 60), "z": np.full(60, 3.0)}, {"u": np.linspace(5, 10, 35), "z": np.full(35, 4.0)}]
     data = [kf.Dataset.of("bench", columns) for columns in halves]

@@ -71,6 +71,7 @@ def test_costs_of_datasets_add_up_with_their_weights():
     assert cost(together) == pytest.approx(reference(together), rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "uneven",
     [pytest.param(False, id="even steps", marks=pytest.mark.slow), pytest.param(True, id="uneven steps")],

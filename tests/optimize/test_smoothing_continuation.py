@@ -203,6 +203,7 @@ def test_a_search_of_a_model_with_memory_begins_with_some_recordings(text, monke
     assert result.parameters["T"].value == pytest.approx(0.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_search_is_abandoned_if_an_earlier_one_was_as_good():
     data, start = problem()
     compiled = CompiledProblem(ProblemSetup(TEXT, data, start, "y", node="m", smoothness=1e-3).problem())

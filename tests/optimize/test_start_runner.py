@@ -140,6 +140,7 @@ def test_locks_bounds_and_pins_hold_after_a_coarse_step():
     assert np.interp(1.9, BREAKPOINTS, values) == pytest.approx(0.77, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_slopes_and_equalities_hold_after_a_coarse_step():
     limits = [Shape("C", 0, "slope", upper=0.05), Equality([Term("C", (0.4,)), Term("C", (2.7,), -1.0)], 0.4)]
     for steps in ([Step(grid_reduction=3)], [Step(grid_reduction=2), Step(free=["k"]), Step(free=["C"])]):
@@ -148,6 +149,7 @@ def test_slopes_and_equalities_hold_after_a_coarse_step():
         assert np.interp(0.4, BREAKPOINTS, values) - np.interp(2.7, BREAKPOINTS, values) == pytest.approx(0.4, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_limits_of_outputs_hold_at_the_end_of_a_sequence():
     limits = {"m": (-np.inf, 2.4)}
     free = sequence(Step(grid_reduction=2), Step())
@@ -168,6 +170,7 @@ def limited_starts(workers):
     return kf.calibrate(TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=options)
 
 
+@pytest.mark.slow
 def test_limits_of_outputs_hold_for_every_start(limited):
     assert kf.simulate(TEXT, DATA, limited.parameters)["m"].values.max() <= 2.4 + 1e-5
 

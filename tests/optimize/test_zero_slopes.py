@@ -170,12 +170,14 @@ def test_steps_of_a_sequence_that_fit_one_factor_each_do_not_stay_at_zero():
     assert rmse(result) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_first_of_several_starts_moves():
     options = kf.Options(starts=2, workers=1)
     result = fitted("y = A(u) * B(v)", curve("A"), curve("B"), options=options)
     assert all(row.cost_after < 1e-6 for row in result.starts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothness", [1e-3, pytest.param("auto", marks=pytest.mark.slow)])
 def test_a_start_without_slope_is_detected_despite_smoothness(smoothness):
     result = fitted("y = A(u) * B(v)", curve("A"), curve("B"), smoothness=smoothness)
@@ -194,6 +196,7 @@ def test_a_model_with_memory_leaves_zero():
     assert rmse(result) < 1e-4
 
 
+@pytest.mark.slow
 def test_leaving_a_start_is_reproducible():
     ends = [fitted("y = A(u) * B(v)", curve("A"), curve("B")).parameters["A"].values for _ in range(2)]
     assert np.array_equal(*ends)

@@ -73,6 +73,7 @@ def names(tmp_path):
     return sorted(path.name for path in (tmp_path / "results" / "saves").iterdir() if path.is_file())
 
 
+@pytest.mark.slow
 def test_every_nth_accepted_set_and_the_end_are_saved(make, tmp_path):
     result = make(SAVING).calibrate()
     expected = [f"1-{i:06d}.json" for i in range(2, result.iterations + 1, 2)]
@@ -86,6 +87,7 @@ def test_no_state_is_saved_by_default(make, tmp_path):
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.slow
 def test_a_state_is_a_calibration_file_like_any_other(make, tmp_path):
     make(SAVING).calibrate()
     path = tmp_path / "results" / "saves" / "1-000002.json"
@@ -113,6 +115,7 @@ def test_a_stopped_search_resumes_from_its_best_state(make, tmp_path):
     assert "1-end.json" in names(tmp_path)
 
 
+@pytest.mark.slow
 def test_locked_values_are_those_of_the_project(make, monkeypatch):
     monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("initial = 0.1\n", ""))
     make("initial = 0.1", SAVING).calibrate(after(5))
@@ -120,6 +123,7 @@ def test_locked_values_are_those_of_the_project(make, monkeypatch):
     assert result.parameters["C"].values[0] == 0.3
 
 
+@pytest.mark.slow
 def test_a_completed_search_is_not_continued(make):
     result = make(SAVING).calibrate()
     lines = []
@@ -129,6 +133,7 @@ def test_a_completed_search_is_not_continued(make):
     assert again.starts == result.starts
 
 
+@pytest.mark.slow
 def test_a_search_that_ran_out_of_iterations_continues(make):
     short = make(f"{SAVING}\nmax_iterations = 2").calibrate()
     assert short.status == "max_iterations"
@@ -164,6 +169,7 @@ def test_other_data_are_noticed_with_the_same_project_file(make, tmp_path):
     assert again.parameters["a"].value != first.parameters["a"].value
 
 
+@pytest.mark.slow
 def test_a_changed_project_file_is_a_warning(make):
     make(SAVING).calibrate(after(5))
     project = make(SAVING, "# a word")
@@ -186,6 +192,7 @@ def test_a_search_without_a_state_cannot_be_resumed(make):
         make().calibrate(resume=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", mostly_slow([b"", b'{"a": {"kind": "sca', b"\0\0\0\0", b"[]", b"{}"], 2))
 def test_a_half_written_state_is_ignored(make, tmp_path, content):
     make(SAVING).calibrate(after(5))
@@ -216,6 +223,7 @@ def test_fixed_values_are_not_saved(make, tmp_path):
     assert set(read_parameters(tmp_path / "results" / "saves" / "1-end.json")) == {"a", "b"}
 
 
+@pytest.mark.slow
 def test_a_step_added_to_a_finished_sequence_is_run(make):
     make("[[step]]\nfree = ['a']", SAVING).calibrate()
     result = make("[[step]]\nfree = ['a']\n[[step]]\nname = 'more'\nfree = ['a', 'b']", SAVING).calibrate(resume=True)
@@ -304,6 +312,7 @@ def test_a_state_that_cannot_be_written_does_not_end_the_search(make, tmp_path):
     assert "checkpoints cannot be written" in result.message
 
 
+@pytest.mark.slow
 def test_states_may_be_saved_in_another_folder(make, tmp_path):
     make(SAVING).calibrate(folder=tmp_path / "other")
     assert (tmp_path / "other" / "saves" / "1-end.json").exists()
@@ -469,6 +478,7 @@ def test_an_end_with_a_later_checkpoint_does_not_end_a_search(make, tmp_path):
     assert state.iteration == 4
 
 
+@pytest.mark.slow
 def test_a_start_that_is_not_repeated_has_its_present_cost(make, monkeypatch):
     make(SAVING).calibrate()
     monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("initial = 3.0", "initial = 2.5"))
@@ -525,6 +535,7 @@ def test_after_workers_were_killed_the_run_ends_and_resuming_completes_it(make, 
     np.testing.assert_allclose(resumed.parameters["C"].values, whole.parameters["C"].values, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_clock_that_goes_backwards_has_no_effect(make, monkeypatch):
     project = make(SAVING)
     whole = project.calibrate()

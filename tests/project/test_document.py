@@ -146,6 +146,7 @@ def test_restoring_a_value_restores_the_text(share):
     check_paths(TEXT, [*paths_in(tomllib.loads(TEXT))][::share])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", mostly_slow(OTHER_FORMS, ["windows", "unfinished"]))
 def test_restoring_a_value_restores_text_in_another_form(form):
     paths = [*paths_in(tomllib.loads(TEXT))]

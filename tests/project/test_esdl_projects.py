@@ -42,6 +42,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_class_is_calibrated_and_its_values_are_written_into_a_copy_of_the_file(folder):
     assert cli.run(["calibrate", str(folder / "kennfeld.toml")]) == 0
     result = read(folder / "results/parameters.esdl")

@@ -30,6 +30,7 @@ def fitted(shop):
     return values, json.loads((folder / "result.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_an_expansion_is_fitted_like_any_parameter(expansion_project):
     values, result = fitted(expansion_project)
     assert values["kind"] == "rbf"

@@ -63,6 +63,7 @@ def test_parameters_of_an_fmu_are_calibrated(tmp_path, built, capsys, text, pref
     assert "remark: kennfeld.toml line 2 [model] file: lag.fmu: slopes are" in capsys.readouterr().err or prefix
 
 
+@pytest.mark.slow
 def test_an_fmu_that_cannot_run_is_a_finding(tmp_path, built, capsys):
     project = written(tmp_path, built, PLANT)
     (tmp_path / "lag.fmu").write_bytes(build(tmp_path, 2, "-DMEMORY").read_bytes())

@@ -80,6 +80,7 @@ def test_files_are_replaced_without_leaving_others(folder):
     assert contents(folder) == expected("new")
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("renames", mostly_slow(range(len(NAMES)), 1))
 def test_a_replacement_of_a_killed_process_is_completed_by_the_next_one(folder, renames):

@@ -199,6 +199,7 @@ def write_lasting(folder, memories=(0.95, 0.95), offset=0.0):
     return folder / "kennfeld.toml"
 
 
+@pytest.mark.slow
 def test_persistence_is_corrected_for_the_fitted_values_in_partitions(tmp_path):
     path = write_lasting(tmp_path)
     plain, parted = (project.calibrate().trust for project in (Project.read(path), in_partitions(path, 400)))
@@ -244,6 +245,7 @@ def test_results_do_not_depend_on_cached_entries(tmp_path):
     assert all(np.array_equal(again.parameters[n].values, first.parameters[n].values) for n in first.parameters)
 
 
+@pytest.mark.slow
 def test_a_damaged_entry_is_prepared_again(tmp_path):
     path = write_few(tmp_path)
     first = CompiledProblem(in_partitions(path, 150).problem()).sums
@@ -254,6 +256,7 @@ def test_a_damaged_entry_is_prepared_again(tmp_path):
     assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_in_an_entry_is_noticed(tmp_path, monkeypatch):
     path = write_few(tmp_path)
     values = CompiledProblem(Project.read(path).problem()).start
@@ -266,6 +269,7 @@ def test_a_flipped_bit_in_an_entry_is_noticed(tmp_path, monkeypatch):
     assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
 
 
+@pytest.mark.slow
 def test_a_recording_of_the_same_size_and_time_counts_as_changed(tmp_path):
     path = write_few(tmp_path)
     file = tmp_path / "bench_0.csv"
@@ -424,6 +428,7 @@ def test_several_starts_and_steps_run_in_partitions(tmp_path):
     assert len(parted.starts) == 2
 
 
+@pytest.mark.slow
 def test_the_excerpt_has_the_extremes_of_every_channel(tmp_path, monkeypatch):
     monkeypatch.setattr(partitioned_loading, "EXCERPT", 300)
     path = write_steady(tmp_path)
@@ -435,6 +440,7 @@ def test_the_excerpt_has_the_extremes_of_every_channel(tmp_path, monkeypatch):
         assert np.nanmin(data[name].values) == np.nanmin(whole[name].values)
 
 
+@pytest.mark.slow
 def test_a_condition_may_exclude_all_samples_of_a_file(tmp_path):
     path = write_steady(
         tmp_path, text=STEADY.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nwhere = "n > 3000"')
@@ -467,6 +473,7 @@ def test_a_missing_channel_names_the_files(tmp_path):
     assert any(message.startswith("bench_1.csv and 1 more file: has no channel zw") for message in messages)
 
 
+@pytest.mark.slow
 def test_units_of_all_files_are_those_of_the_first(tmp_path):
     path = write_steady(tmp_path, files=2)
     (tmp_path / "torque.kf").write_text("TorqueModel = M(n, rl) * C(zw)\n")
@@ -483,6 +490,7 @@ def test_units_of_all_files_are_those_of_the_first(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_files_of_an_object_store_are_copied_to_the_process_that_reads_them(tmp_path):
     fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed")
     path = write_few(tmp_path)
@@ -507,6 +515,7 @@ def test_the_folder_of_prepared_files_stays_within_its_size(tmp_path):
     assert 0 < sum(sizes) <= max(10_000, max(sizes))
 
 
+@pytest.mark.slow
 def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path, monkeypatch):
     monkeypatch.setattr(file_state, "SETTLED", -1)  # as if the files were two seconds old
     path = write_steady(tmp_path)

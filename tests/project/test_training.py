@@ -295,6 +295,7 @@ def test_a_file_that_is_listed_twice_is_reported(training, shop, capsys):
     assert "12 of 24 rows repeat the inputs of another row; they count as one point with less noise" in printed
 
 
+@pytest.mark.slow
 def test_the_surrogate_has_the_number_of_centres_of_the_file(training, shop):
     shop.bench("bench.csv", speed=np.linspace(1000, 3000, 30))
     path = training(STATIC, ("starts = 1", 'starts = 1\ncentres = 7\nkernel = "matern52"'))

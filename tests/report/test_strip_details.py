@@ -96,6 +96,7 @@ def test_strips_have_samples_within_the_size_of_a_page():
     assert numbers + 5 * room.signals <= 3_000_000
 
 
+@pytest.mark.slow
 def test_points_without_time_have_no_details(shop, opened):
     columns = {"x": np.arange(9000.0), "m": np.arange(9000.0)}
     project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", columns)

@@ -143,6 +143,7 @@ def test_leaving_one_out_in_closed_form_is_leaving_it_out():
         assert residual[i] == pytest.approx(y[i] - offset - slopes @ x[i] - weights @ bells, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "count"), [("exact", 150), pytest.param("sparse", 250, marks=pytest.mark.slow)])
 def test_it_finds_function_noise_and_relevance(method, count):
     x, y = points(count, noise=2.0)
@@ -163,6 +164,7 @@ def test_points_far_from_the_data_are_outside():
     assert process.validity.outside(x).mean() < 0.02
 
 
+@pytest.mark.slow
 def test_units_do_not_matter():
     x, y = points(100, inputs=2)
     one = gaussian_process(x, y, starts=1)
@@ -267,6 +269,7 @@ def test_an_outlier_is_detected_and_not_used(value):
     np.testing.assert_allclose(process.expansion(x), clean.expansion(x), rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", ["auto", "student"])
 def test_large_errors_count_less_with_student_noise(noise):
     rng = np.random.default_rng(0)
@@ -309,12 +312,14 @@ def test_a_kinked_plane_is_chosen_where_it_is_better():
     assert rmse(bent.left_out) < rmse(smooth.left_out)
 
 
+@pytest.mark.slow
 def test_a_smooth_function_gets_no_kinks():
     x, y = points(150, inputs=2)
     bent, smooth = (gaussian_process(x, y, kernel="gaussian", starts=1, kinks=kinks) for kinks in (True, False))
     assert bent.expansion == smooth.expansion
 
 
+@pytest.mark.slow
 def test_normal_noise_is_not_taken_for_wide_tails():
     x, y = points(200, inputs=2)
     surrogates = [gaussian_process(x, y, kernel="gaussian", noise=noise, starts=1) for noise in ("auto", "gaussian")]

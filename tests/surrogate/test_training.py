@@ -87,6 +87,7 @@ def test_samples_that_are_not_used_are_named():
     assert rows(surrogate)["a", "static"].rmse < 3
 
 
+@pytest.mark.slow
 def test_a_duplicate_dataset_is_reported_and_does_not_change_the_errors():
     once = train_surrogate([bench("a", 0)], static_settings())
     twice = train_surrogate([bench("a", 0), bench("b", 0)], static_settings())

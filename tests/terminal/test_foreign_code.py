@@ -231,6 +231,7 @@ def write_cluster_project(folder: Path, scheduler: str, options: str = "") -> Pa
     return project
 
 
+@pytest.mark.slow
 def test_check_and_info_never_join_a_scheduler(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], listener: Listener
 ) -> None:

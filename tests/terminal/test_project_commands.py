@@ -47,6 +47,7 @@ def files_in(lines):
 WORST_FIRST = ["drive_1.csv", "drive_2.csv", "drive_0.csv"]
 
 
+@pytest.mark.slow
 def test_by_file_prints_the_worst_recording_first(project, capsys):
     assert cli.run(["calibrate", str(project)]) == 0
     assert files_in(capsys.readouterr().out.splitlines()) == []
@@ -88,6 +89,7 @@ def test_quiet_prints_nothing_if_all_is_well(project, capsys, name):
     assert "Written to" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_quiet_prints_a_table_of_files_neither(project, capsys):
     assert cli.run(["calibrate", str(project), "-q", "--by-file", "--cross-validate", "3"]) == 0
     assert capsys.readouterr() == ("", "")

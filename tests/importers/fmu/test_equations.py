@@ -192,6 +192,7 @@ def test_equations_with_memory_are_refused(tmp_path, version):
         load_instance(str(path), digest_of(path))
 
 
+@pytest.mark.slow
 def test_co_simulation_is_named_where_the_equations_cannot_be_used(tmp_path):
     path, other = build(tmp_path, 2, "-DMEMORY"), tmp_path / "both.fmu"
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
@@ -212,6 +213,7 @@ def test_slopes_that_are_not_needed_are_not_computed(lag):
     np.testing.assert_allclose(slopes[1], [7, 7, 7, 0, *[7] * 7], atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
 def test_a_simulation_that_ends_is_nan_there_alone(tmp_path, version):
     path = build(tmp_path, version, "-DENDING", indicators=1)

@@ -36,6 +36,7 @@ def jumping(request, tmp_path):
     return build(tmp_path, request.param, "-DSTATE_EVENT", indicators=1)
 
 
+@pytest.mark.slow
 def test_an_event_changes_states_at_the_next_sample(jumping):
     y = simulated(jumping, 0.1)
     np.testing.assert_allclose(y - y[0] + 1.0, reset_lag(21, 0.1), rtol=1e-12)
@@ -80,6 +81,7 @@ def test_a_calibration_reports_that_slopes_ignore_moving_events(jumping):
     assert result.cost_after < result.cost_before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_conditions_on_the_time_follow_announced_events(tmp_path, version):
     path = build_signals(tmp_path, version, "-DTIME_EVENT")

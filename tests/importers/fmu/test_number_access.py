@@ -30,6 +30,7 @@ def columns(version):
     return data | ({"narrow": np.full(6, 0.1), "level": np.full(6, 300.0)} if version == 3 else {})
 
 
+@pytest.mark.slow
 def test_inputs_are_rounded_and_outputs_are_numbers(model, version):
     result = kf.simulate(model, columns(version), {"gain": 0.5})
     on = np.array([0, 1, 0, 1, 1, 0])

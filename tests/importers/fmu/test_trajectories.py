@@ -113,6 +113,7 @@ def test_the_process_is_as_the_standards_demand(tmp_path, caplog, version, optio
     assert not caplog.records
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_steps_of_equal_length_are_passed_on_as_equal(tmp_path, version):
     data = recording()
@@ -147,6 +148,7 @@ def test_a_step_at_the_same_time_returns_the_same_outputs_and_an_earlier_one_nan
     assert "does not follow" in caplog.text
 
 
+@pytest.mark.slow
 def test_threads_run_trajectories_at_once(tank):
     model, data = fmu(tank), recording(2000)
     gains = np.linspace(0.5, 2.0, 24)
@@ -156,6 +158,7 @@ def test_threads_run_trajectories_at_once(tank):
         np.testing.assert_allclose(y, closed_form(data, gain), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
 def test_an_fmu_with_one_instance_runs_one_trajectory_at_a_time(tmp_path, version):
     path = build(tmp_path, version, "-DSINGLE", head=SINGLE)

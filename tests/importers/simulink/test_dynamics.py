@@ -372,6 +372,7 @@ def test_a_lag_with_a_parameter_in_front_closes_a_loop(tmp_path):
     np.testing.assert_allclose(output, 0.75 * (1 - np.exp(-8 * t)), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_state_space_model_is_that_of_scipy(tmp_path):
     drawn = alone("StateSpace", A="[0 1; -2 -0.5]", B="[0; 1]", C="[1 0.5]", D="0.2", X0="[1; 0]",
                   model=Model(solver="ode5", step="0.02"))  # fmt: skip

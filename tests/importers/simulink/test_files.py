@@ -352,6 +352,7 @@ def test_lines_to_missing_blocks_count_as_loose_and_are_reported():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json", "mdl"]))
 def test_two_thousand_blocks_are_read(layout):
     model = Model()

@@ -159,6 +159,7 @@ def test_the_text_gives_the_numbers_of_the_model_to_the_last_digit(draw, solver,
     assert f"solver {solver}" in text_of(model).splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", mostly_slow(DRAWINGS, [resettable, sampled]))
 def test_derivatives_pass_through_the_text(draw, tmp_path):
     model = imported(draw("ode4"), tmp_path, parameters=[VALUES])

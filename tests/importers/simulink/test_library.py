@@ -43,6 +43,7 @@ def test_a_discrete_pid_controller(form, method, tmp_path):
         np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_continuous_pid_controller_is_its_transfer_function(tmp_path):
     model = pid(tmp_path, GAINS, Model(solver="ode5", step="0.005"), Controller="PID")
     t = 0.005 * np.arange(300)

@@ -25,6 +25,7 @@ def test_a_held_point_counts_once(average):
     assert counts["G"].tolist() == [2, 3, 4, 3, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("average", "expected"), [(0.0, [0, 0, 0, 6, 6]), (2.05, [0, 0, 6, 6, 6])])
 def test_a_held_point_counts_for_all_values_that_its_average_reads(average, expected, monkeypatch):
     """The ramp is looked up at 1.9, 2.0, ..., 4 s within the last two seconds."""

@@ -77,6 +77,7 @@ def test_values_before_a_state_scatter_as_predicted(count):
     assert agree(trust.covariance() / trust.persistence["m"], repeated(problem, truth, draw, count)) == 9
 
 
+@pytest.mark.slow
 def test_the_error_covers_the_truth_of_smoothed_values():
     """Nychka's promise: averaged over the grid points, two deviations cover the truth in 95 of 100 cases."""
     x = np.linspace(0, 10, 150)

@@ -252,6 +252,7 @@ def test_values_are_scaled_only_if_factors_have_no_effect(text, truth, sentence)
     assert direction.sentence == sentence
 
 
+@pytest.mark.slow
 def test_rounding_does_not_decide_if_the_values_of_a_quotient_are_scaled():
     """Factors and differences have no effect, either of them."""
     x = np.linspace(0, 10, 200)

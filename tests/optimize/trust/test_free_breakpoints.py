@@ -117,6 +117,7 @@ def test_a_remedy_locks_values_before_it_fixes_breakpoints():
     assert space.advice == "To determine all of them, fix the breakpoints of C.x."
 
 
+@pytest.mark.slow
 def test_a_superfluous_breakpoint_is_described_by_its_number():
     target = noisy(np.interp(X, [0, 5, 10], [0, 5, 0]))
     trust = run(problem(bent(np.linspace(0, 10, 5), np.zeros(5)), target), kf.Options()).trust

@@ -34,6 +34,7 @@ def test_outliers_do_not_enter_the_noise_of_a_robust_loss(loss, delta):
     assert result.trust.noise["m"] == pytest.approx(0.5, rel=0.12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", mostly_slow(["huber", "soft_l1"], 1))
 def test_robust_fits_scatter_as_predicted(loss):
     rng = np.random.default_rng(0)

@@ -46,6 +46,7 @@ def map_and_curve(smoothness):
     return problem("m = A(x, z) + B(x)", {"x": X, "z": Z, "y": target}, [table, curve("B", 7)], smoothness)
 
 
+@pytest.mark.slow
 def test_a_curve_within_a_map_has_an_undetermined_change_for_each_grid_point():
     posed = map_and_curve(0.0)
     result = run(posed, PLAIN)
@@ -91,6 +92,7 @@ def test_the_remedy_determines_random_models_of_deficient_rank(seed):
     assert followed(posed, result).trust.null_space.dimension == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "pinned"),
     [

@@ -136,6 +136,7 @@ def fitted_curve(samples, breakpoints, seed, *, steady):
     return result.trust, np.mean(away < 2 * result.trust.deviation["C"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steady", mostly_slow([True, False], 1))
 def test_persistence_does_not_depend_on_the_number_of_fitted_values(steady):
     trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(8)]

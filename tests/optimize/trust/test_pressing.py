@@ -68,6 +68,7 @@ def dense_within(result, lower, upper, *, pinned=(), smoothness=0.0):
     return DenseCovariance(WEIGHTS, holding, bends)
 
 
+@pytest.mark.slow
 def test_samples_at_a_limit_stay_there():
     """Two flat tops, of which many neighbouring samples are at the limit, and a lone sample at the lower one."""
     result = result_of(curve_problem(Limit("w", -2.5, 2.0)))
@@ -109,6 +110,7 @@ def step_problem(upper):
     return Problem(model, (data,), truth, (Criterion("y", "z"),), limits=limits), clean
 
 
+@pytest.mark.slow
 def test_a_limit_of_a_peak_ties_the_gains_together():
     problem, _ = step_problem(0.97)
     result = result_of(problem)
@@ -149,6 +151,7 @@ def test_an_inactive_limit_determines_no_values():
     assert abs(trust.correlation()[0, 1]) < 0.99
 
 
+@pytest.mark.slow
 def test_values_determined_by_a_limit_are_described():
     trust = result_of(curve_problem(Limit("w", upper=2.0))).trust
     (holding,) = trust.holdings
@@ -225,6 +228,7 @@ def test_multipliers_are_those_of_the_best_values_within_the_limits(seed, values
     assert np.all(np.abs(gain[pressure > 0]) <= 1e-6 * size)
 
 
+@pytest.mark.slow
 def test_the_values_determined_by_each_side_of_a_limit_are_counted():
     trust = result_of(curve_problem(Limit("w", -2.5, 2.0))).trust
     assert {holding.limit: holding.directions for holding in trust.holdings} == {"w <= 2": 4, "w >= -2.5": 1}

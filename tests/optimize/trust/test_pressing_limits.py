@@ -68,6 +68,7 @@ def active_by_linear_program(rows, gradient):
     return end.x[size:] < 0.5
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 9))
 def test_active_rows_are_those_of_a_linear_program(seed, size, count):

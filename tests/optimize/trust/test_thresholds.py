@@ -47,6 +47,7 @@ def test_a_smooth_function_has_no_such_warning():
     assert not any("jump" in finding.message for finding in result.warnings)
 
 
+@pytest.mark.slow
 def test_a_threshold_of_a_global_search_is_known_between_samples():
     u, data = relay_data()
     options = kf.Options(method="global", max_evaluations=400)

@@ -119,6 +119,7 @@ def deviations(trust):
     return np.concatenate([np.ravel(trust.deviation[name]) for name in trust.deviation])
 
 
+@pytest.mark.slow
 @few_or_many(st.floats(1e-6, 1e6), st.floats(1e-3, 1e3), few=2, many=10)
 def test_only_the_ratios_of_weights_matter(factor, scale):
     spread = 0.5 / np.sqrt(W)

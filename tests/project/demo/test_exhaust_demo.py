@@ -24,6 +24,7 @@ def result(project):
     return project.calibrate()
 
 
+@pytest.mark.slow
 def test_the_drive_has_the_published_length_and_is_reproducible():
     data = exhaust.training()
     assert data.samples == 26_482
