@@ -291,4 +291,5 @@ DOMAIN = {
     "mul": (_bounded, _always),
 }
 STEPS = {"floor", "ceil", "round", "sign", "lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not", "mod"}
-SMOOTH = tuple(op for op in DRAWN if op not in STEPS | {"min", "max", "select", "abs"})
+# differences see the steps of `single`
+SMOOTH = tuple(op for op in DRAWN if op not in STEPS | {"min", "max", "select", "abs", "single"})

@@ -56,10 +56,12 @@ def by_differences(graph, parameters, columns, starts, free, h=1e-6):
     return np.stack(columns_found, axis=2)
 
 
+# `single` moves in steps of 1e-8 of its argument, which differences over 1e-6 see; its slope is that of the argument
+CONTINUOUS = [op for op in sorted(OPERATIONS) if op != "single"]
 POINTS = {1: [(0.35,), (0.8,)], 2: [(0.7, 0.4), (0.3, 1.7)], 3: [(1.0, 0.4, 2.0), (0.0, 0.4, 2.0)]}
 
 
-@pytest.mark.parametrize("op", sorted(OPERATIONS))
+@pytest.mark.parametrize("op", CONTINUOUS)
 def test_every_operation_on_parameters_has_the_slopes_of_finite_differences(op):
     names = "abc"[: OPERATIONS[op].arity]
     for point in POINTS[len(names)]:
@@ -75,7 +77,7 @@ def test_every_operation_on_parameters_has_the_slopes_of_finite_differences(op):
             assert slope == pytest.approx(expected, rel=1e-7, abs=1e-8), point
 
 
-@pytest.mark.parametrize("op", [op for op in sorted(OPERATIONS) if OPERATIONS[op].arity < 3])
+@pytest.mark.parametrize("op", [op for op in CONTINUOUS if OPERATIONS[op].arity < 3])
 def test_operations_chain(op):
     def expression(b, k, m):
         inner = b.call("add", b.call("mul", k, m), b.const(0.1))
@@ -113,6 +115,26 @@ def test_a_tie_takes_the_first_argument(op):
 @pytest.mark.parametrize("op", ["floor", "ceil", "round", "sign", "not"])
 def test_a_step_has_slope_zero(op):
     assert slopes(lambda b, a: b.call(op, a), a=0.7)[1] == [0.0]
+
+
+def test_a_number_rounded_to_single_precision_has_the_slope_of_the_number():
+    rounded = float(np.float32(0.7))
+    assert slopes(lambda b, a: b.call("single", a), a=0.7) == (rounded, [1.0])
+
+    def chain(b, a):
+        return b.call("mul", b.call("single", b.call("mul", a, b.const(3.0))), a)
+
+    value, gradient = slopes(chain, a=0.7)
+    tripled = float(np.float32(3.0 * 0.7))
+    assert (value, gradient) == (tripled * 0.7, pytest.approx([tripled + 3.0 * 0.7], rel=1e-15))
+
+
+def test_an_infinite_slope_of_a_rounded_number_beside_a_factor_zero_is_zero():
+    def expression(b, a):
+        infinite = b.call("single", b.call("exp", b.call("mul", a, b.const(1000.0))))
+        return b.call("exp", b.call("neg", b.call("mul", a, infinite)))
+
+    assert slopes(expression, a=2.0) == (0.0, [0.0])
 
 
 def test_a_condition_alone_has_slope_zero():
@@ -231,6 +253,9 @@ SATURATED = {
         "sqrt", b.call("sub", b.const(1.0), b.call("pow", b.call("min", k, b.const(1.0)), b.const(2.0)))
     ),
     "root of an absolute value": lambda b, k: b.call("sqrt", b.call("abs", b.call("sub", k, b.const(1.0)))),
+    "root of a rounded quantity cut at 0": lambda b, k: b.call(
+        "sqrt", b.call("single", b.call("max", b.call("sub", k, b.const(1.0)), b.const(0.0)))
+    ),
     "root of a condition": lambda b, k: b.call(
         "sqrt", b.call("select", b.call("ge", k, b.const(1.0)), b.call("sub", k, b.const(1.0)), b.const(0.0))
     ),

@@ -16,6 +16,7 @@ from kennfeld.project.demo import torque
         ("y = A(a * u)", set()),
         ("y = A(u) * -if(v > 0, B(v), a)", {"A", "B", "a"}),
         ("y = u / a + b", {"a"}),
+        ("y = single(a + b) * single(A(u))", {"A", "a", "b"}),
         ("y = sqrt(a * u) + b^2", {"a", "b"}),
         ("y = PT1(a * u, T, b)", {"a", "T"}),
         (torque.FORMULA, {"MapOptTorque", "CurveEtaDeltaSpark"}),

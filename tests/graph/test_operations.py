@@ -14,7 +14,6 @@ POINTS = {
     "asin": [(-0.8,), (0.1,), (0.9,)],
     "acos": [(-0.8,), (0.1,), (0.9,)],
     "pow": [(0.3, 2.5), (2.0, -1.5), (1.7, 3.0)],
-    "single": [],  # whose steps are larger than those of the differences
     "mod": [(5.3, 2.0), (-5.3, 2.0), (5.3, -2.2), (0.7, 3.0)],
     "select": [(1.0, 0.3, -2.0), (0.0, 0.3, -2.0), (-0.5, 4.0, 2.0)],
 }
@@ -42,7 +41,8 @@ def slope(op, args, which):
     return float(evaluate(b.finish({"d": derivative}), columns, ParameterSet())["d"][0])
 
 
-@pytest.mark.parametrize("op", sorted(OPERATIONS))
+# `single` moves in steps that are larger than those of the differences
+@pytest.mark.parametrize("op", sorted(set(OPERATIONS) - {"single"}))
 def test_partials_are_those_of_finite_differences(op):
     rule = OPERATIONS[op]
     assert len(rule.partials) == rule.arity
@@ -62,8 +62,33 @@ def test_steps_have_slope_zero(op):
 
 
 def test_rounding_to_single_precision_has_the_slope_of_what_it_rounds():
-    assert value("single", 0.1) == np.float64(np.float32(0.1))
-    assert slope("single", (0.1,), 0) == 1.0
+    assert len(OPERATIONS["single"].partials) == OPERATIONS["single"].arity == 1
+    assert [slope("single", (x,), 0) for x in (-0.1, 0.0, 1e-50, 0.1, 1e300)] == [1.0] * 5
+
+
+@pytest.mark.parametrize(
+    ("x", "expected"),
+    [
+        (0.1, 0.10000000149011612),
+        (1 + 2.0**-24, 1.0),  # halves go to the even mantissa
+        (1 + 3 * 2.0**-24, 1 + 2.0**-22),
+        (1 + 2.0**-24 + 2.0**-50, 1 + 2.0**-23),
+        (2.0**128 - 2.0**104, 2.0**128 - 2.0**104),  # the largest one
+        (2.0**128 - 2.0**103, np.inf),
+        (-1e300, -np.inf),
+        (2.0**-149, 2.0**-149),  # the smallest one
+        (2.0**-150, 0.0),
+        (3 * 2.0**-150, 2.0**-148),
+        (np.inf, np.inf),
+        (np.nan, np.nan),
+    ],
+)
+def test_single_rounds_to_the_nearest_number_of_single_precision(x, expected):
+    assert np.array_equal(value("single", x), expected, equal_nan=True)
+
+
+def test_single_keeps_the_sign_of_a_number_that_it_rounds_to_zero():
+    assert np.signbit(value("single", -1e-50))
 
 
 def test_the_slope_of_abs_at_zero_is_zero():

@@ -51,6 +51,7 @@ def run(text: str, starts: tuple[int, ...] = (0,), **scalars: float) -> np.ndarr
         ("ceil(u)", np.ceil(U)),
         ("round(u)", np.array([2.0, -2.0, 0.0, 4.0, 4.0, -1.0, 0.0, 8.0, 3.0, -4.0])),
         ("sign(u)", np.sign(U)),
+        ("single(u / 3)", (U / 3).astype(np.float32)),
         ("mod(u, 2)", U - np.floor(U / 2) * 2),
         ("min(u, v)", np.minimum(U, V)),
         ("max(u, v)", np.maximum(U, V)),

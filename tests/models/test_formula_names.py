@@ -35,6 +35,17 @@ def test_a_quoted_name_can_be_a_table_called_like_a_function():
     assert graph.parameters == {"min": 2}
 
 
+@pytest.mark.parametrize("name", ["single", "round"])
+def test_a_table_declared_in_quotes_leaves_the_function_of_its_name_usable(name):
+    graph = formula(f"curve %{name}%\ny = %{name}%(u) + {name}(u)").graph
+    assert graph.parameters == {name: 1}
+    assert name in {node.op for node in graph.nodes}
+
+
+def test_a_scalar_may_have_the_name_of_a_function_that_is_called():
+    assert formula("scalar max\ny = max(u, max)").graph.parameters == {"max": 0}
+
+
 def test_a_quoted_reserved_word_is_an_ordinary_name():
     graph = formula("%t% = u\ny = %t% + t + %and%\nscalar %and%").graph
     assert list(graph.names) == ["t", "y"]
@@ -122,6 +133,11 @@ def test_arguments_of_a_function_hide_other_names():
             "y = M(1, 2, 3, 4, u)",
             "line 1, column 5: M has 5 coordinates; tables have at most 4. "
             "If it is an expansion in radial basis functions, declare it: rbf M.",
+        ),
+        (
+            "curve single\ny = single(u)",
+            "line 2, column 5: single is the built-in function here, and a curve in torque.kf line 1, column 7. "
+            "Write %single%(...) for the curve; quote its declaration to use both.",
         ),
         ("y = M()", "line 1, column 5: M is called without coordinates. Write M(x), or M."),
         ("y = z(2)\nz = u", "line 1, column 5: z is a node, not a table. Write * to multiply."),

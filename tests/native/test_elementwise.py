@@ -10,6 +10,9 @@ from kennfeld.native.simulator import Simulator
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 1.5, 2.5, -2.5, 0.49999999999999994, 3.0, 7.3, -0.3, 1e-310, -1e-310, 1e-8]
 SPECIAL += [1e8, -1e8, 1e17, 4503599627370497.0, 1e300, -1e300, np.inf, -np.inf, np.nan]
 NUMBERS = np.array(SPECIAL)
+# of single precision: halves, the ends of the range, denormal ones
+SINGLE = [1 + n * 2.0**-24 for n in range(-3, 6)] + [2.0**128 - 2.0**n for n in (102, 103, 104, 105)]
+SINGLE += [n * 2.0**-150 for n in range(8)] + [2.0**-126 - 2.0**-150, 2.0**-126 - 2.0**-149, 16777217.0, 0.1, 1 / 3]
 
 
 def native(build, *columns):
@@ -38,6 +41,29 @@ def test_an_operation_agrees_with_the_interpreter_bit_for_bit(op):
     if op not in ("sign", "min", "max", "sub", "add"):  # which of two zeros, IEEE leaves open there
         numbers = ~np.isnan(expected)
         np.testing.assert_array_equal(np.signbit(got)[numbers], np.signbit(expected)[numbers])
+
+
+def test_numbers_are_rounded_to_single_precision_as_the_interpreter_rounds_them():
+    random = np.random.default_rng(2)
+    drawn = random.standard_normal(500) * 10.0 ** random.uniform(-48, 40, 500)
+    numbers = np.concatenate([NUMBERS, SINGLE, np.negative(SINGLE), drawn])
+    got, expected = native(lambda b, x: b.call("single", x), numbers), OPERATIONS["single"].evaluate(numbers)
+    np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(np.signbit(got)[~np.isnan(got)], np.signbit(expected)[~np.isnan(got)])
+    assert not np.array_equal(got, numbers, equal_nan=True)
+
+
+@pytest.mark.parametrize("op", ["add", "sub", "mul", "div"])
+def test_results_of_single_precision_are_those_of_float32(op):
+    random = np.random.default_rng(3)
+    a, b = (random.standard_normal(1000) * 10.0 ** random.uniform(-3, 3, 1000) for _ in "ab")
+
+    def rounded(builder, x, y):
+        x, y = builder.call("single", x), builder.call("single", y)
+        return builder.call("single", builder.call(op, x, y))
+
+    function = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}[op]
+    np.testing.assert_array_equal(native(rounded, a, b), function(np.float32(a), np.float32(b)).astype(np.float64))
 
 
 @pytest.mark.parametrize("op", sorted(set(ELEMENTARY) - {"erfc"}))

@@ -14,8 +14,8 @@ import numpy as np
 
 
 def gain(x, k):
-    parts = [np.tanh(x), k * x]
-    return sum(parts)
+    parts = {"bend": np.tanh(x), "line": k * x}
+    return parts["bend"] + parts["line"]
 """
 TEXT = TIMED + '\n[functions]\ngain = "gain.py:gain"\n'
 

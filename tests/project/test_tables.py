@@ -405,6 +405,15 @@ def test_a_section_of_a_parameter_that_the_function_does_not_use_is_a_warning(sh
     assert "[parameters.other]: the function does not use other" in shop.warning()
 
 
+@pytest.mark.parametrize("name", ["single", "round"])
+def test_a_table_with_the_name_of_a_function_that_is_not_used_is_called_in_quotes(shop, name):
+    shop.text = shop.text.replace("Gain(Speed)", f"{name}(Gain(Speed))")
+    shop.add(f"[parameters.{name}]\nx = {{ breakpoints = [0, 1] }}\ninitial = 0.0")
+    assert f"{name}(...) is the built-in function. Write %{name}%(...) for the table." in "".join(shop.warnings())
+    shop.text = shop.text.replace(f"{name}(", f"%{name}%(")
+    assert not any("does not use" in message for message in shop.warnings())
+
+
 def test_an_undefined_parameter_shows_a_section_to_copy(shop):
     shop.text = "input Speed\ninput Load\nPredict = Gain(Speed) * Load + offset + Extra(Speed, offset)\n"
     (finding,) = shop.findings()

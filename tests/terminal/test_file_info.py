@@ -355,7 +355,7 @@ def test_a_bus_log_is_described_by_its_databases(tmp_path):
 @pytest.mark.guests
 def test_a_function_of_a_file_is_described_without_running_it(tmp_path):
     (tmp_path / "f.py").write_text(
-        'raise RuntimeError("it ran")\ndef eta(a, b=2.0):\n    values = [a, b]\n    return values[0]\n'
+        'raise RuntimeError("it ran")\ndef eta(a, b=2.0):\n    values = {"a": a}\n    return values["a"]\n'
     )
     contents = describe_file(f"{tmp_path}/f.py:eta")
     assert contents.as_json["inputs"][1] == {"name": "b", "unit": "", "default": 2.0}

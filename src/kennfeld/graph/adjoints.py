@@ -27,7 +27,7 @@ SLOPES = {
 }
 
 BRANCHING = ("min", "max", "select")  # the last two arguments are the branches
-ALGEBRAIC = ("add", "sub", "mul", "div", "neg", "abs", "pow")
+ALGEBRAIC = ("add", "sub", "mul", "div", "neg", "abs", "pow", "single")
 
 
 class Partial(NamedTuple):

@@ -27,7 +27,8 @@ from kennfeld.graph.traversal import ancestors, dependents
 
 MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
 UNBOUNDED = ("exp", "log", "log10", "tan", "sinh", "cosh")  # operations with infinite results of finite arguments
-PASSING = ("add", "sub", "mul", "guard", "min", "max", "select", "neg", "abs", "sqrt", "mod")  # infinity as well
+# infinity as well
+PASSING = ("add", "sub", "mul", "guard", "min", "max", "select", "neg", "abs", "sqrt", "mod", "single")
 SHARED = 1.4  # rows that see a node, on the average, from which they share one pull-back
 
 

@@ -6,7 +6,8 @@ from kennfeld.graph.node import Graph
 from kennfeld.graph.traversal import dependents
 
 POSITIVE = ("log", "log10", "sqrt")
-TRANSPARENT = ("add", "sub", "neg", "mul", "div", "min", "max", "abs", "select")  # a part at 0 may make the whole 0
+# a part at 0 may make the whole 0
+TRANSPARENT = ("add", "sub", "neg", "mul", "div", "min", "max", "abs", "select", "single")
 
 
 def factors(graph: Graph) -> set[str]:

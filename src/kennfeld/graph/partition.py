@@ -10,7 +10,7 @@ from kennfeld.graph.traversal import dependents, rewrite
 
 _COST = {
     "const": 0, "input": 1, "state": 1000, "div": 4, "select": 1, "position": 10, "interpolate": 10, "expansion": 1000,
-    "external": 1000, "dense": 1000,
+    "external": 1000, "dense": 1000, "single": 2,
 }  # fmt: skip
 _CHEAP = {"add", "sub", "mul", "neg", "min", "max", "abs", "not", "and", "or", "lt", "le", "gt", "ge", "eq", "ne"}
 _WORTH = 5  # a column costs a load a sample; what is cheaper is computed again

@@ -293,6 +293,13 @@ def find_undefined(function: ProjectModel, known: Collection[str], channels: Col
         yield Finding(function.place(name), message, remedy, "\n".join(lines))
 
 
+def call_remedy(name: str) -> str:
+    """Return how formula text calls a table that has the name of a built-in function; "" for other names."""
+    if name not in FUNCTIONS:
+        return ""
+    return f"In formula text, {name}(...) is the built-in function. Write %{name}%(...) for the table."
+
+
 def axis_count_finding(function: ProjectModel, name: str, kind: str, axes: int) -> Finding:
     """Return the error for a lookup whose number of coordinates differs from the table's number of axes."""
     count = function.graph.parameters[name]

@@ -41,6 +41,7 @@ from kennfeld.project.initial_calibration import read_initial
 from kennfeld.project.model import (
     ProjectModel,
     axis_count_finding,
+    call_remedy,
     defines_values,
     find_undefined,
     read_function,
@@ -250,14 +251,15 @@ class ProblemBuilder:
     def _report_unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
         """Report the section of a parameter that the function does not use."""
         path, entry = ("parameters", name), self.file.parameters[name]
+        called = call_remedy(name) if entry.axes else ""
         if not defines_values(self.file):
-            remedy = nearest(name, [n for n in function.graph.parameters if n not in known])
+            remedy = called or nearest(name, [n for n in function.graph.parameters if n not in known])
             self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy)
         elif ":" in name and entry.initial is not None:
             message = "the block requires this field to be constant; it has the value given here and is not fitted"
             self.findings.remark(self.file.location(*path), message)
         elif entry.initial is not None or entry.axes:  # otherwise the missing value is reported
-            remedy = nearest(name, function.graph.parameters)
+            remedy = called or nearest(name, function.graph.parameters)
             self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy)
 
     def _add_remarks(self, remarks: Sequence[Finding]) -> None:

@@ -39,8 +39,13 @@ def quantized(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     kind = "uint8" if zero is None else constant(zero, "y_zero_point").dtype.name
     if kind not in _RANGES or op.get("output_dtype", 0):
         raise UnsupportedOperatorError(f"quantisation to {kind} is not supported")
-    number = c.apply("div", x, _along(op, scale, x))
+    number = _quotient(c, x, _along(op, scale, x))
     return _limited(c, number, None if zero is None else _along(op, zero, x), kind)
+
+
+def _quotient(c: Context, x: Tensor, scale: Tensor) -> Tensor:
+    """Divide in single precision, which decides whether a number between two integers is a half."""
+    return c.apply("single", c.apply("div", c.apply("single", x), c.apply("single", scale)))
 
 
 def _limited(c: Context, number: Tensor, zero: Tensor | None, kind: str) -> Tensor:
@@ -62,8 +67,8 @@ def dynamically_quantized(c: Context, op: Operator, arguments: Arguments) -> Seq
     span = c.apply("sub", high, low)
     # a tensor of zeros has any scale
     scale = c.where(c.truth("eq", span, 0.0), 1.0, c.apply("div", span, 255.0))
-    zero = _limited(c, c.apply("neg", c.apply("div", low, scale)), None, "uint8")
-    return [_limited(c, c.apply("div", x, scale), zero, "uint8"), scale, zero]
+    zero = _limited(c, c.apply("neg", _quotient(c, low, scale)), None, "uint8")
+    return [_limited(c, _quotient(c, x, scale), zero, "uint8"), scale, zero]
 
 
 def _flat(x: Tensor) -> Tensor:
@@ -90,8 +95,10 @@ def quantized_product(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if kind not in _RANGES:
         raise UnsupportedOperatorError(f"quantisation to {kind} is not supported")
     product = product_of_integers(c, _centered(c, a, zero_a, -2), _centered(c, b, zero_b, -1))
-    factor = c.apply("mul", _spread(scale_a, a, -2), _spread(scale_b, b, -1))
-    number = c.apply("mul", product, c.apply("div", factor, _scalar(scale)))
+    # in single precision, as the quotients above
+    factor = c.apply("single", c.apply("mul", _spread(scale_a, a, -2), _spread(scale_b, b, -1)))
+    factor = _quotient(c, factor, _scalar(scale))
+    number = c.apply("single", c.apply("mul", c.apply("single", product), factor))
     return _limited(c, number, None if zero is None else _scalar(zero), kind)
 
 

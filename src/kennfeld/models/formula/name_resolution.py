@@ -31,6 +31,7 @@ Kind = Literal["clock", "constant", "node", "parameter", "input"]
 
 _AXES: Mapping[str, tuple[int, ...]] = {"scalar": (0,), "curve": (1,), "map": (2,), "cube": (3, 4)}
 _CLOCKS = {STEP: "step", NEXT_STEP: "next step", TIME: "time"}
+_TABLE_KINDS = ("curve", "map", "cube", "rbf")
 _TABLES = {0: "a scalar", 1: "a curve", 2: "a map", 3: "a cube", 4: "a cube"}
 
 
@@ -260,7 +261,14 @@ class NameTable:
         return [known for known in self.around.functions if known.startswith(prefixes)]
 
     def _check_built_in(self, owner: str, call: Call, function: BuiltIn) -> None:
-        count = len(call.args)
+        name, count = call.name, len(call.args)
+        declared = self.declared.get(name)
+        # a declaration without quotes says that the text means the table by this name
+        if name in FUNCTIONS and declared is not None and declared.kind in _TABLE_KINDS and not declared.at.quoted:
+            message = f"{name} is the built-in function here, and a {declared.kind} in {self._location(declared.at)}"
+            remedy = f"Write %{name}%(...) for the {declared.kind}; quote its declaration to use both."
+            self._report(owner, call.at, message, remedy)
+            return
         if function.fewest <= count <= function.most:
             return
         few, many = function.fewest, function.most
