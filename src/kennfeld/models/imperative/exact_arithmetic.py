@@ -15,7 +15,7 @@ _LARGE: Final = 1e8  # from which x^2 + 1 is x^2
 def rounded_product(builder: GraphBuilder, a: Nodes, b: Nodes) -> tuple[Nodes, Nodes]:
     """Compute the product of two numbers >= 0 as rounded, and the exact one less that, which is a double as well.
 
-    T. J. Dekker, Numer. Math. 18 (1971) 224. Both must be below 1e300.
+    T. J. Dekker, Numerische Mathematik 18 (1971) 224. Both must be below 1e300.
     """
     apply = Elementwise(builder)
     # `abs` changes nothing but keeps machine code from fusing the product with a sum, which would not round it
