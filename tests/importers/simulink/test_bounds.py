@@ -47,6 +47,16 @@ def test_a_graph_ends_at_a_number_of_operations_and_names_the_block(tmp_path, mo
     )
 
 
+@pytest.mark.parametrize("field", ["Inport", "SignalSpecification", "Outport"])
+def test_more_elements_than_memory_has_room_for_are_refused(field, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u", **({"PortDimensions": "1e9"} if field == "Inport" else {}))
+    drawn.block("SignalSpecification", "S", **({"Dimensions": "1e9"} if field == "SignalSpecification" else {}))
+    drawn.outport("y", **({"PortDimensions": "1e9"} if field == "Outport" else {}))
+    drawn.chain("u", "S", "y")
+    assert any("it has 1000000000 elements; at most 10000 are supported" in line for line in problems(drawn, tmp_path))
+
+
 def test_a_solver_with_too_many_operations_is_reported(tmp_path, monkeypatch):
     drawn = Model(step="0.1", solver="ode5")
     drawn.inport("u", PortDimensions="20")

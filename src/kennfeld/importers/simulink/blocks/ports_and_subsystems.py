@@ -70,8 +70,7 @@ def inport(block: BlockContext) -> SignalOrBus:
     if not shape:
         # -1 is inherited: a scalar, or what a block downstream suggests
         return inputs.open_signal(block.flat, inputs.name(block.flat), "its port inherits it")
-    if math.prod(shape) > MAX_ELEMENTS:
-        raise UnsupportedError(f"it has {math.prod(shape)} elements; at most {MAX_ELEMENTS} are supported")
+    _limit_size(shape)
     name = inputs.name(block.flat)
     return inputs.signal(name, shape, InputWidth(name, math.prod(shape), "its port"))
 
@@ -103,6 +102,12 @@ def signal_specification(block: BlockContext) -> SignalOrBus:
     return _as_specified(block, block.input_or_bus(0), "Dimensions")
 
 
+def _limit_size(shape: Sequence[int]) -> None:
+    """Raise an error for a shape of more elements than there is memory for."""
+    if math.prod(shape) > MAX_ELEMENTS:
+        raise UnsupportedError(f"it has {math.prod(shape)} elements; at most {MAX_ELEMENTS} are supported")
+
+
 def _as_specified(block: BlockContext, wired: SignalOrBus, field: str) -> SignalOrBus:
     """Return a signal in the dimensions of a field, or a bus as its object specifies."""
     if isinstance(block.output_type, BusType) and isinstance(wired, Bus):
@@ -113,6 +118,7 @@ def _as_specified(block: BlockContext, wired: SignalOrBus, field: str) -> Signal
         wired = wired.signal
     if not shape or not isinstance(wired, Signal):
         return wired
+    _limit_size(shape)
     return fit_to_dimensions(block, wired, shape, "its input", f"its {field}")
 
 
