@@ -133,6 +133,7 @@ def test_lists_closures_and_tables_are_those_of_python(name, tmp_path):
         "k = 0\n    def g():\n        nonlocal k\n        k = k + 1\n        return k\n    return g() + a",
         "return {0: a}[0]",
         "return round(a, int(b))",
+        "return math.fsum([a, 1e16, -1e16, b])",
     ],
 )
 def test_what_a_graph_cannot_express_is_called(body, tmp_path):
