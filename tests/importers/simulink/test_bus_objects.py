@@ -105,6 +105,14 @@ def test_elements_have_the_widths_of_their_object(source, tmp_path):
     assert not any("width" in str(remark) for remark in model.remarks)
 
 
+def test_an_element_of_an_enumerated_type_keeps_its_width(tmp_path):
+    gears = [stored_element("v", 3.0, "Enum: Gear"), stored_element("g", 1.0, "Enum: Gear")]
+    path = tmp_path / "gears.mat"
+    path.write_bytes(matfile({"B": Thing("Simulink.Bus", {"Elements": gears})}))
+    model = imported(selecting(), tmp_path, parameters=[path])
+    assert model.graph.inputs == ("In.v[1]", "In.v[2]", "In.v[3]")
+
+
 @pytest.mark.parametrize("source", SOURCES)
 def test_elements_of_buses_in_buses_are_matrices_column_by_column(source, tmp_path):
     rows = selecting("w.x", Inputs="+", CollapseMode="Specified dimension", CollapseDim="2")

@@ -10,6 +10,7 @@ from kennfeld.base.file_state import note_opened
 from kennfeld.base.formatting import join_names
 from kennfeld.importers.simulink.reader.section_tree import SectionNode
 from kennfeld.importers.simulink.variables.mask_scope import Variable
+from kennfeld.importers.simulink.variables.stored_variables import ENUMERATED
 from kennfeld.matlab.enumerations import MAX_CHARACTERS, Enumeration, enumeration_of, is_class, number_of
 from kennfeld.matlab.simulink_objects import with_default
 
@@ -57,7 +58,7 @@ def members_of(variable: Variable | None) -> Mapping[str, float]:
 
 def enumerated_type(written: str) -> str:
     """Return the class in a data type, "Enum: Mode" or "Mode"."""
-    return written.removeprefix("Enum:").strip()
+    return written.removeprefix(ENUMERATED).strip()
 
 
 def unqualified_member(variables: Mapping[str, Variable], name: str, types: Iterable[str] = ()) -> float | None:

@@ -13,7 +13,7 @@ from kennfeld.domain.parameters import Parameter
 from kennfeld.importers.simulink.reader.model_tree import ModelDocument, StoredSolver
 from kennfeld.importers.simulink.variables.data_dictionary import file_name, find_beside
 from kennfeld.importers.simulink.variables.datasets import is_timeseries, timeseries_points
-from kennfeld.importers.simulink.variables.enumerations import enumeration_variable, members_of
+from kennfeld.importers.simulink.variables.enumerations import enumerated_type, enumeration_variable, members_of
 from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
 from kennfeld.importers.simulink.variables.m_files import run_parameter_script, run_text
 from kennfeld.importers.simulink.variables.mask_scope import (
@@ -245,7 +245,7 @@ def _member_numbers(entry: StoredVariable, known: Mapping[str, Variable]) -> Par
     names = entry.value if isinstance(entry.value, tuple) else (entry.value,)
     if not names or not all(isinstance(name, str) for name in names):
         return _value(entry.value, known)
-    kind = entry.type.removeprefix(ENUMERATED).strip()
+    kind = enumerated_type(entry.type)
     members = members_of(known.get(kind))
     if not members:
         raise UnusableValueError(
@@ -259,10 +259,11 @@ def _member_numbers(entry: StoredVariable, known: Mapping[str, Variable]) -> Par
 
 def _value(stored: Stored, known: Mapping[str, Variable]) -> ParameterValue | None:
     if isinstance(stored, StoredVariable):
-        if _is_enumerated(stored):
-            return _member_numbers(stored, known)
+        # first, since an element of a bus may have the type of an enumeration
         if stored.kind in TYPE_CLASSES or stored.kind == BUS_ELEMENT:
             return _value(stored.properties, known)
+        if _is_enumerated(stored):
+            return _member_numbers(stored, known)
         if not stored.breakpoints:
             return _value(stored.value, known)
         axes = {f"Breakpoints{number}": variable for number, variable in enumerate(stored.breakpoints, 1)}
