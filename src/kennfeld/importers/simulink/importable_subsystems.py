@@ -80,7 +80,7 @@ def find_subsystems(
     """
     loaded = LoadedModel.of(path, parameters, folders)
     system, scope, _ = loaded.system(None)
-    search = _SubsystemSearch(loaded, ModelImport(loaded, system, scope).inspect().report, 0, nested=True)
+    search = _SubsystemSearch(loaded, ModelImport(loaded, system, scope).survey(), 0, nested=True)
     search.search(system, scope)
     return search.largest
 

@@ -12,7 +12,7 @@ from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.expressions.code_parameters import resolve_parameter
 from kennfeld.importers.simulink.expressions.parameter_expressions import parameter_value_at
 from kennfeld.importers.simulink.lowering.block_context import BlockContext
-from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.importers.simulink.lowering.diagnostics import BUS_REMEDY, UnsupportedError
 from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.parameter_fields import variable_field
 from kennfeld.importers.simulink.signals import CONSTANT, Bus, ExternalBus, Signal, SignalOrBus, as_vector, period_of
@@ -150,7 +150,7 @@ def _input_value(block: BlockContext, at: int, name: str) -> SymbolicValue:
     stated = next((data.type for data in chart.data if data.name == name), "") if chart is not None else ""
     if isinstance(wired, ExternalBus) and not wired.members and stated.startswith("Bus:"):
         why = f"the elements of its input {name} are unknown: {wired.why}"
-        return InvalidValue(why, "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd.")
+        return InvalidValue(why, BUS_REMEDY)
     value = _to_symbolic(wired)
     word = matlab_word(stated) or integer_type_of(block.source(at))
     return integers(value, word) if isinstance(value, np.ndarray) else value

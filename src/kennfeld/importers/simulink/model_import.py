@@ -22,7 +22,12 @@ from kennfeld.importers.simulink.import_report import (
 )
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
-from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, placeholder_signal, unsupported_reason
+from kennfeld.importers.simulink.lowering.diagnostics import (
+    BUS_REMEDY,
+    UnsupportedError,
+    placeholder_signal,
+    unsupported_reason,
+)
 from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
@@ -44,7 +49,6 @@ from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
 
 _MAX_LISTED = 6
-_BUS_REMEDY = "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd."
 _MAX_ATTEMPTS = 20  # to determine nested iteration counts
 _SYNTHETIC_TYPES = (
     "ConditionalSubsystem",
@@ -153,7 +157,17 @@ class ModelImport:
         try:
             return self.run()
         except InputError as error:
-            return SimulinkImport(None, replace(self.report(self._last), stopped=error.findings), self.path.name)
+            return SimulinkImport(None, self._stopped(error), self.path.name)
+
+    def survey(self) -> SimulinkReport:
+        """Return the report alone: no model is built, and no file is looked for that supplies what is missing."""
+        try:
+            return self.report(self.compile())
+        except InputError as error:
+            return self._stopped(error)
+
+    def _stopped(self, error: InputError) -> SimulinkReport:
+        return replace(self.report(self._last), stopped=error.findings)
 
     def compile(self) -> BlockCompiler:
         """Lower the blocks; iteration counts that depend on signals are determined in earlier attempts."""
@@ -321,7 +335,7 @@ def _unknown_widths(compiler: BlockCompiler) -> Iterator[Finding]:
         groups.setdefault((width.size, width.why, width.required_by), []).append(width)
     for widths in groups.values():
         message = width_note([width.name for width in widths], widths[0])
-        yield Finding(Location(), message, _BUS_REMEDY, severity="warning")
+        yield Finding(Location(), message, BUS_REMEDY, severity="warning")
 
 
 def _output_remedy(system: System) -> str:

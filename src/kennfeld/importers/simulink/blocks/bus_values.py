@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.base.errors import InputError
 from kennfeld.base.formatting import join_names, size_text
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, evaluating
 from kennfeld.importers.simulink.lowering.bus_structure import BusStructure
@@ -34,12 +33,12 @@ def parameter_or_bus(block: BlockContext, field: str) -> SignalOrBus:
     text = block.field_text(field)
     try:
         value = block.compiler.expressions.evaluate(text, block.flat.scope, live=False)
-        path = field_path(parse_expression(text))
-    except (EvaluationError, InputError):
+    except EvaluationError:
         # the parameter itself reports what it lacks
-        value, path = "", None
+        return block.parameter(field)
     if not isinstance(value, Mapping):
         return block.parameter(field)
+    path = field_path(parse_expression(text))
     with evaluating(f"its {field} ({text[:60]}) has no value"):
         return _bus_of_struct(block, value, ".".join(path) if path is not None else "")
 

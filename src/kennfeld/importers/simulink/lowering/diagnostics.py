@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.signals import Signal, constant
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 
 PHYSICAL_NETWORK = "it belongs to a physical network of Simscape, which cannot be calibrated"
+BUS_REMEDY = "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd."
 _PHYSICAL_TYPES = ("Simscape", "PMComponent", "PMIOPort")  # begin the types of their blocks
 
 # raised by numpy and by expressions if the settings of a block do not fit its signals

@@ -55,7 +55,7 @@ def _times(stored: StoredVariable) -> Numbers:
     times = next((part for part in listed if isinstance(part, np.ndarray) and part.size), None)
     if times is not None:
         return np.asarray(times.ravel() * scale, dtype=np.float64)
-    start, increment, length = (_scalar(fields.get(key)) for key in ("Start_", "Increment_", "Length"))
+    start, increment, length = (stored_number(fields.get(key)) for key in ("Start_", "Increment_", "Length"))
     # a length that a damaged file states could take all memory
     if increment is None or length is None or not 0 <= length <= _MAX_POINTS:
         raise EvaluationError("its timeseries has no times")
@@ -63,10 +63,10 @@ def _times(stored: StoredVariable) -> Numbers:
 
 
 def _flag(value: Value) -> bool:
-    return bool(_scalar(value))
+    return bool(stored_number(value))
 
 
-def _scalar(value: Value) -> float | None:
+def stored_number(value: Value) -> float | None:
     return float(value.item()) if isinstance(value, np.ndarray) and value.size == 1 else None
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location, Severity
 from kennfeld.base.file_state import note_opened
+from kennfeld.importers.simulink.variables.data_dictionary import file_name
 from kennfeld.importers.simulink.variables.enumerations import class_variable
 from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
 from kennfeld.importers.simulink.variables.mask_scope import (
@@ -23,6 +24,7 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     VariableTable,
     equal_values,
 )
+from kennfeld.importers.simulink.variables.stored_variables import StoredVariables, mat_variables
 from kennfeld.matlab.enumerations import enumeration_of, is_class
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
@@ -51,7 +53,7 @@ class FunctionFiles:
         self._files = {path.stem: path for path in self._given.values() if path.suffix == ".m"}
         self._folders = tuple(folders)
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
-        self._data: dict[str, bytes | None] = {}
+        self._data: dict[str, StoredVariables | None] = {}
 
     def find(self, name: str) -> Mapping[str, m.FunctionDefinition]:
         """Read the functions of the file `name.m`, its first one under that name; {} for a script."""
@@ -60,22 +62,16 @@ class FunctionFiles:
             self._read[name] = _functions(path) if path is not None else {}
         return self._read[name]
 
-    def data(self, name: str) -> bytes | None:
-        """Read a file that a block names, None if there is none; a file that the user names precedes those in folders.
+    def data(self, name: str) -> StoredVariables | None:
+        """Read a MAT-file that a block names, None if there is none; one that the user names precedes those in folders.
 
         Folders within the name are followed below those of the model, and ignored if they lead elsewhere.
         """
         # several passes over a model ask for the same file
         if name not in self._data:
-            self._data[name] = self._data_of(name)
+            path = self._given.get(file_name(name)) or FileSearch(self._folders).find(name)
+            self._data[name] = None if path is None else mat_variables(read_file(path))
         return self._data[name]
-
-    def _data_of(self, name: str) -> bytes | None:
-        plain = name.replace("\\", "/").rpartition("/")[2]
-        if plain in self._given:
-            return read_file(self._given[plain])
-        path = FileSearch(self._folders).find(name)
-        return None if path is None else read_file(path)
 
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):

@@ -16,13 +16,16 @@ from kennfeld.importers.simulink.variables.datasets import (
     Recorded,
     dataset_signals,
     is_timeseries,
+    stored_number,
     timeseries_points,
 )
 from kennfeld.importers.simulink.variables.stored_variables import (
     StoredVariable,
+    StoredVariables,
     Value,
     mat_variables,
     mxarray_value,
+    several,
 )
 from kennfeld.matlab.mat_nodes import MatFileError
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -45,13 +48,12 @@ class SignalGroup:
     signals: tuple[RecordedSeries, ...]
 
 
-def file_recording(raw: bytes) -> tuple[RecordedSeries, ...]:
+def file_recording(stored: StoredVariables) -> tuple[RecordedSeries, ...]:
     """Read the signals of a MAT-file for a From File block: a timeseries, or a matrix with the times in its first row.
 
     Raises:
         EvaluationError: if the first variable of the file is no such matrix.
     """
-    stored = mat_variables(raw)
     if not stored.entries:
         raise EvaluationError(next(iter(stored.unreadable.values()), "it has no variables"))
     # a From File block names no variable: the first one of the file counts
@@ -66,13 +68,12 @@ def file_recording(raw: bytes) -> tuple[RecordedSeries, ...]:
     return tuple(RecordedSeries(numbers[0], row) for row in numbers[1:])
 
 
-def scenario_recording(raw: bytes, scenario: str) -> tuple[Recorded, ...]:
+def scenario_recording(stored: StoredVariables, scenario: str) -> tuple[Recorded, ...]:
     """Read the signals of a scenario in the file of a Signal Editor, a dataset of its name.
 
     Raises:
         EvaluationError: if the file has no such dataset.
     """
-    stored = mat_variables(raw)
     if scenario not in stored.entries:
         names = join_names([name for name in stored.entries if name], 5) or "none"
         raise EvaluationError(f"it has no scenario {scenario[:40]}, but {names}")
@@ -127,25 +128,25 @@ def _whole_value(stored: StoredWorkspace) -> Value:
 
 
 def _of_suite(suite: StoredVariable) -> SignalGroup:
-    groups = [group for group in _several(suite.properties.get("Groups")) if isinstance(group, StoredVariable)]
+    groups = [group for group in several(suite.properties.get("Groups")) if isinstance(group, StoredVariable)]
     at = _position(suite.properties.get("ActiveGroup"), len(groups))
     if at is None:
         raise EvaluationError("the Signal Builder has no active group")
     # the order of the signals in a group is that of the outputs
-    parts = [part for part in _several(groups[at].properties.get("Signals")) if isinstance(part, StoredVariable)]
+    parts = [part for part in several(groups[at].properties.get("Signals")) if isinstance(part, StoredVariable)]
     signals = tuple(_series(part.properties.get("XData"), part.properties.get("YData")) for part in parts)
     name = groups[at].properties.get("Name")
     return SignalGroup(name if isinstance(name, str) else "", len(groups), signals)
 
 
 def _of_channels(whole: Mapping[str, Value]) -> SignalGroup:
-    channels = [channel for channel in _several(whole.get("channels")) if isinstance(channel, Mapping)]
-    groups = [group for group in _several(whole.get("dataSet")) if isinstance(group, Mapping)]
+    channels = [channel for channel in several(whole.get("channels")) if isinstance(channel, Mapping)]
+    groups = [group for group in several(whole.get("dataSet")) if isinstance(group, Mapping)]
     at = _position(whole.get("dataSetIdx"), max(len(groups), 1))
     if at is None:
         raise EvaluationError("the Signal Builder has no active group")
     # channels are in the order in which they were drawn
-    ordered = sorted(channels, key=lambda channel: _number(channel.get("outIndex")))
+    ordered = sorted(channels, key=lambda channel: stored_number(channel.get("outIndex")) or 0.0)
     name = groups[at].get("name") if groups else ""
     signals = tuple(_of_channel(channel, at) for channel in ordered)
     return SignalGroup(name if isinstance(name, str) else "", max(len(groups), 1), signals)
@@ -165,15 +166,7 @@ def _series(x: Value, y: Value) -> RecordedSeries:
     return RecordedSeries(*(np.asarray(part, dtype=np.float64).ravel() for part in (x, y)))
 
 
-def _several(value: Value) -> tuple[Value, ...]:
-    return value if isinstance(value, tuple) else () if value is None else (value,)
-
-
-def _number(value: Value) -> float:
-    return float(value.item()) if isinstance(value, np.ndarray) and value.size == 1 else 0.0
-
-
 def _position(value: Value, count: int) -> int | None:
     """Return a stored number, which counts from 1, as a position among `count`; the first one if it is not stored."""
-    at = int(_number(value)) or 1
+    at = int(stored_number(value) or 0.0) or 1
     return at - 1 if 1 <= at <= count else None

@@ -74,10 +74,10 @@ def stored_variable(kind: str, properties: Mapping[str, Value]) -> StoredVariabl
     if table is not None:
         breakpoints = tuple(
             _plain(_text(axis, "FieldName") or f".{number}", "breakpoints", axis)
-            for number, axis in enumerate(map(_part, _several(axes)), 1)
+            for number, axis in enumerate(map(_part, several(axes)), 1)
         )
         return replace(_plain("", kind, _part(table)), breakpoints=breakpoints, properties=properties)
-    inner = _several(axes)
+    inner = several(axes)
     # a Simulink.Breakpoint holds its value one level down, in `Breakpoints`
     if inner and "Value" not in properties:
         properties = {**properties, **_part(inner[0])}
@@ -104,7 +104,8 @@ def _part(value: Value) -> Mapping[str, Value]:
     return value if isinstance(value, Mapping) else {"Value": value}
 
 
-def _several(value: Value) -> tuple[Value, ...]:
+def several(value: Value) -> tuple[Value, ...]:
+    """Return the parts of a stored value, which is not a tuple if it is the only one."""
     if value is None:
         return ()
     return value if isinstance(value, tuple) else (value,)
