@@ -262,6 +262,11 @@ class ExternalBus(Bus):
 SignalOrBus: TypeAlias = Signal | Bus
 
 
+def as_signal(wired: SignalOrBus) -> SignalOrBus:
+    """Return the single input that a bus is as long as its elements are unknown; others as they are."""
+    return wired.signal if isinstance(wired, ExternalBus) and not wired.members else wired
+
+
 def leaf_signals(wired: SignalOrBus, name: str = "") -> Iterator[tuple[str, Signal]]:
     """Yield the signals of a bus with their paths `a.b`; a single signal has the given name."""
     if isinstance(wired, ExternalBus):

@@ -36,20 +36,18 @@ from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.models.imperative.node_arrays import Numbers
 
 _MAX_SPLINE_NODES = 50_000
-_SPLINE = ("Cubic spline", "Cubic Spline")
-_AKIMA = ("Akima spline", "Akima Spline")
 _METHODS = {
     "Linear": "linear", "Linear point-slope": "linear", "Linear Lagrange": "linear",
     "Interpolation-Extrapolation": "linear", "Interpolation-Use End Values": "linear",
     "Nearest": "nearest", "Use Input Nearest": "nearest",
     "Flat": "flat", "None - Flat": "flat", "Use Input Below": "flat", "Below": "flat",
     "Use Input Above": "above",
-    **dict.fromkeys(_SPLINE, "spline"), **dict.fromkeys(_AKIMA, "akima"),
+    "Cubic spline": "spline", "Akima spline": "akima",
 }  # fmt: skip
 _EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", "Linear": "linear"}
-_SPLINE_EXTRAPOLATIONS = {**_EXTRAPOLATIONS, **dict.fromkeys(_SPLINE, "cubic")}
+_SPLINE_EXTRAPOLATIONS = {**_EXTRAPOLATIONS, "Cubic spline": "cubic"}
 # the line that goes on from an Akima spline is not documented: the tangent, or that through the last two points
-_AKIMA_EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", **dict.fromkeys(_AKIMA, "akima")}
+_AKIMA_EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", "Akima spline": "akima"}
 
 
 class LookupMethod(NamedTuple):
@@ -60,6 +58,11 @@ class LookupMethod(NamedTuple):
 
     between: str
     beyond: str
+
+    @property
+    def is_spline(self) -> bool:
+        """True if the table is looked up at its breakpoints alone, and the spline computed from these."""
+        return self.between in ("spline", "akima")
 
 
 @block("Lookup_n-D", output=ARITHMETIC,
@@ -183,12 +186,11 @@ def _look_up(
     inputs = block.flat.input_names
     # an axis without a name is described by the signal that it is looked up with
     axes = [axis if axis.name else axis.changed(input=inputs.get(at, "")) for at, axis in enumerate(axes)]
-    is_spline = method.between in ("spline", "akima")
     # a spline looks its table up at breakpoints only
-    kept = "clip" if is_spline else method.beyond
+    kept = "clip" if method.is_spline else method.beyond
     parameter = block.compiler.declared.table(field.name, values, axes, field.variable, locked, kept)
     spread = broadcast(*coordinates)
-    if is_spline:
+    if method.is_spline:
         return _look_up_spline(block, parameter, spread, method)
     if method.between != "linear":
         # at a breakpoint, linear interpolation gives the value there

@@ -6,7 +6,12 @@ import numpy as np
 
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
-from kennfeld.importers.simulink.lowering.parameter_fields import dimension_settings, index_options, selected_indices
+from kennfeld.importers.simulink.lowering.parameter_fields import (
+    dimension_settings,
+    first_index,
+    index_options,
+    selected_indices,
+)
 from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, period_of
 from kennfeld.models.imperative.linear_systems import MAX_EQUATIONS, inverse_matrix, matrix_determinant
@@ -56,8 +61,7 @@ def _variable_indices(
     block: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int
 ) -> Signal:
     """Return the indices from a signal, from 0; a starting index covers as many elements as there are values."""
-    first = 0.0 if block.begins_with("IndexMode", "Zero") else 1.0
-    places = apply("floor", index) - first
+    places = apply("floor", index) - float(first_index(block))
     if option.startswith("Starting"):
         places = places + block.constant(*map(float, range(_extent(values, axis, nodes.ndim))))
     if places.size * nodes.size > _MAX_COMPARISONS:

@@ -27,11 +27,11 @@ from kennfeld.importers.simulink.reader.model_tree import ModelBlock, join_path,
 from kennfeld.importers.simulink.signals import (
     CONTINUOUS,
     Bus,
-    ExternalBus,
     InputWidth,
     Signal,
     SignalOrBus,
     apply,
+    as_signal,
     broadcast,
     fit_to_shape,
     map_members,
@@ -91,9 +91,7 @@ def _call_every_step(block: BlockContext) -> SignalOrBus:
 @block("Outport", output=LIKE_INPUT, SampleTime="-1")
 def result(block: BlockContext) -> SignalOrBus:
     """Pass on a result of the model; of a bus whose object is unknown, it is a single signal."""
-    wired = block.input_or_bus(0)
-    wired = wired.signal if isinstance(wired, ExternalBus) and not wired.members else wired
-    return _as_specified(block, wired, "PortDimensions")
+    return _as_specified(block, as_signal(block.input_or_bus(0)), "PortDimensions")
 
 
 @block("SignalSpecification", output=LIKE_INPUT, Dimensions="-1")
@@ -113,9 +111,8 @@ def _as_specified(block: BlockContext, wired: SignalOrBus, field: str) -> Signal
     if isinstance(block.output_type, BusType) and isinstance(wired, Bus):
         return fit_to_bus(block, block.output_type, wired)
     shape = tuple(int(n) for n in block.numeric_array(field, "-1").ravel() if n > 0)
-    if shape and isinstance(wired, ExternalBus) and not wired.members:
-        # what has dimensions is not a bus
-        wired = wired.signal
+    # what has dimensions is not a bus
+    wired = as_signal(wired) if shape else wired
     if not shape or not isinstance(wired, Signal):
         return wired
     _limit_size(shape)

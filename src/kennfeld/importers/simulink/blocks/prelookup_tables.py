@@ -83,7 +83,7 @@ def interpolation(block: BlockContext) -> SignalOrBus:
     count = block.integer_field("NumberOfTableDimensions", 1, 4)
     chosen = block.integer_field("NumSelectionDims", 0, count - 1)
     method = method_of(block)
-    if method.between in ("spline", "akima"):
+    if method.is_spline:
         raise UnsupportedError("it uses splines, which require the breakpoints", "Use an n-D Lookup Table block.")
     before = [context for at in range(count) if (context := _prelookup_of(block, at)) is not None]
     plain = not chosen and method.between == "linear" and not block.is_on("RequireIndexFractionAsBus")

@@ -24,16 +24,17 @@ from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.parameter_fields import (
     case_values,
     dimension_settings,
+    first_index,
     index_options,
     selected_indices,
     selection_length,
 )
 from kennfeld.importers.simulink.signals import (
     Bus,
-    ExternalBus,
     Signal,
     SignalOrBus,
     apply,
+    as_signal,
     fit_to_shape,
     leaf_signals,
     map_members,
@@ -101,9 +102,7 @@ def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
 @block("Demux", Outputs="4")
 def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Split a vector into outputs of the specified widths."""
-    wired = block.input_or_bus(0)
-    if isinstance(wired, ExternalBus) and not wired.members:
-        wired = wired.signal
+    wired = as_signal(block.input_or_bus(0))
     if isinstance(wired, Bus):
         members = list(wired.members.values())
         # a bus of as many members is taken apart, any other one is a vector
@@ -332,7 +331,7 @@ def _last_index(block: BlockContext, option: str, text: str) -> int:
     """Return the number of the last element that constant indices select, 0 if they are not constant."""
     if option != "Index vector (dialog)" or not text:
         return 0
-    first = 0 if block.field_text("IndexMode").startswith("Zero") else 1
+    first = first_index(block)
     return int(max(block.evaluate(text).ravel(), default=first)) - first + 1
 
 
@@ -356,12 +355,11 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
     """Select elements at variable indices by comparing the index with each candidate."""
     if places.size * nodes.size > _MAX_COMPARISONS:
         raise UnsupportedError(f"{places.size} variable indices into {nodes.size} elements are too many")
-    first = 0.0 if block.begins_with("IndexMode", "Zero") else 1.0
     slices = [block.signal(np.atleast_1d(np.take(nodes, at, axis=axis))) for at in range(nodes.shape[axis])]
     picked = []
     for place in places.flat:
         # an index is cut off to an integer; beyond the ends, it selects the first or last element
-        selected = select_by_index(block.signal([place]), slices, 1.0 + first)
+        selected = select_by_index(block.signal([place]), slices, 1.0 + first_index(block))
         picked.append(selected.nodes.reshape(np.take(nodes, 0, axis=axis).shape))
     return np.stack(picked, axis=axis)
 

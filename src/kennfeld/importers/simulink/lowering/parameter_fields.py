@@ -158,6 +158,11 @@ def index_options(block: BlockContext) -> list[str]:
     return [match_word(option, _INDEX_OPTIONS) or option for option in written]
 
 
+def first_index(block: BlockContext) -> int:
+    """Return the number of the first element, 0 or 1."""
+    return 0 if block.begins_with("IndexMode", "Zero") else 1
+
+
 def selected_indices(
     block: BlockContext, option: str, text: str, size: int, axis: int, count: int | None = None, note: str = ""
 ) -> list[int]:
@@ -169,7 +174,7 @@ def selected_indices(
         return list(range(size))
     if option not in ("Index vector (dialog)", "Starting index (dialog)"):
         raise UnsupportedError(f"the index option {option!r} is not supported")
-    first = 0 if block.begins_with("IndexMode", "Zero") else 1
+    first = first_index(block)
     places = [int(n) - first for n in block.evaluate(text).ravel()]
     if option == "Starting index (dialog)" and places:
         length = selection_length(block, axis) if count is None else count

@@ -191,7 +191,6 @@ class ChartExpressions(ChartPart):
         if not isinstance(tree, m.Name) or self.diagram.chart.language != "C" or self.scope.find(tree.name) is not None:
             return None
         # the time, unless something else has this name
-        # actions in C know the time by this name
         if tree.name == "t":
             return self._array(self.machine.time)
         member = unqualified_member(self.scope.variables, tree.name, self.diagram.types)
