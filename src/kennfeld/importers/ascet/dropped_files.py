@@ -19,7 +19,6 @@ from kennfeld.importers.ascet.method_choice import APPLICATION, source_root
 
 _COPY = re.compile(r"-\d+$")  # behind the name of a file whose name was taken
 _CLASS = re.compile(r"^[^\S\n]*(?:(?:public|singleton|static|stateless)\s+)*class\s+\w", re.MULTILINE)
-_WITHOUT_LINKS = "Name a file in the folder of the project, without links."
 _MAX_DEPTH = 8  # of folders that are searched
 _MAX_FILES = 20_000  # that are looked at
 _WORD = re.compile(r"[A-Za-z_]\w*")

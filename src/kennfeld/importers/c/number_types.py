@@ -53,7 +53,6 @@ LONG_LONG: Final = CType("long long", IntegerType(64, True))
 SIZE: Final = CType("size_t", IntegerType(64, False))
 # the data model LP64: int has 32 bits, long 64; `known_types` returns those of others
 _BITS: Final = {"char": 8, "short": 16, "long": 64}
-VOID: Final = "void"
 
 # names of stdint.h, stdbool.h and of code that Simulink generates
 _SIZED: Final = {f"{'u' * unsigned}int{bits}": (bits, unsigned) for bits in (8, 16, 32, 64) for unsigned in (0, 1)}
@@ -92,14 +91,12 @@ def type_of_names(names: list[str], typedefs: Mapping[str, CType], line: int) ->
     if len(names) == 1 and names[0] in typedefs:
         return typedefs[names[0]]
     words = sorted(names)
-    if words == ["float"]:
-        return FLOAT
     if "double" in words:
         return DOUBLE
     if words == ["_Bool"]:
         return BOOL
     bits = next((_BITS[word] for word in ("char", "short", "long") if word in words), 32)
-    long = typedefs.get("long", LONG).word
+    long = typedefs["long"].word
     if words.count("long") == 1 and long is not None:
         bits = long.bits
     if set(words) <= {"int", "char", "short", "long", "signed", "unsigned"}:

@@ -185,7 +185,9 @@ class TypeTable:
 
     def number(self, name: str) -> CType:
         """Return a number type that is always known, such as `long` of the target."""
-        return self.numbers[name]
+        kind = self.typedefs[name].type
+        assert isinstance(kind, CType)
+        return kind
 
     def declared(self, tree: c_ast.Node, depth: int = 0) -> DeclaredType:
         """Return what a declaration says."""

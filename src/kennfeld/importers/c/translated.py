@@ -66,12 +66,13 @@ class TranslatedFunction:
     problems: tuple[UnsupportedCError, ...] = ()
     open_loops: tuple[int, ...] = ()
 
-    def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> list[int]:
-        """Add the nodes of a call to a graph; return those of the results."""
-        return self.write_noting(builder, arguments, lambda line: None)
+    def write(
+        self, builder: GraphBuilder, arguments: Sequence[int], note: Callable[[int], None] = lambda line: None
+    ) -> list[int]:
+        """Add the nodes of a call to a graph; return those of the results.
 
-    def write_noting(self, builder: GraphBuilder, arguments: Sequence[int], note: Callable[[int], None]) -> list[int]:
-        """Write the same; call `note` with the lines of loops whose end is not known."""
+        `note` is called with the lines of loops whose end is not known.
+        """
         call = _FunctionCall(self, builder, note)
         last = call.run(arguments)
         for number in self.interface.written:
@@ -326,10 +327,8 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
             message = f"{whole.function.name} has no result: it returns and writes nothing"
             raise ProgramError(message, line=whole.function.line)
         builder = BoundedGraphBuilder()
-        lines: dict[int, None] = {}
-        whole.write_noting(
-            builder, [builder.input(name) for name in whole.inputs], lambda line: lines.update({line: None})
-        )
+        lines = set[int]()
+        whole.write(builder, [builder.input(name) for name in whole.inputs], lines.add)
     except ProgramError as error:
         problem = UnsupportedCError(error.message, error.line or whole.function.line)
     except UnsupportedCError as error:

@@ -41,7 +41,9 @@ def choose_outputs(description: FmuDescription, patterns: Sequence[str], path: P
         return () if description.number_outputs else tuple(v.name for v in description.states)
     computed, findings, chosen = computed_variables(description), Findings(), dict[str, None]()
     for pattern in patterns:
-        matching = [v.name for v in computed if _matches(v, pattern)]
+        # brackets are part of names, such as `pipe[1].p`, not of patterns
+        expression = re.compile(re.escape(pattern).replace(r"\*", ".*").replace(r"\?", "."))
+        matching = [v.name for v in computed if any(map(expression.fullmatch, _names(v)))]
         if not matching:
             findings.error(Location(path.name), *_unknown(description, computed, pattern))
         chosen |= dict.fromkeys(matching)
@@ -60,12 +62,6 @@ def describe_choice(description: FmuDescription) -> str:
 def digest_with_outputs(digest: str, outputs: str) -> str:
     """Return what tells the functions of an FMU with these further outputs, a line each, from those with others."""
     return f"{digest}_{blake2b(outputs.encode(), digest_size=8).hexdigest()}" if outputs else digest
-
-
-def _matches(variable: FmuVariable, pattern: str) -> bool:
-    # brackets are part of names, such as `pipe[1].p`, not of patterns
-    expression = re.escape(pattern).replace(r"\*", ".*").replace(r"\?", ".")
-    return any(re.fullmatch(expression, name) for name in _names(variable))
 
 
 def _names(variable: FmuVariable) -> Iterator[str]:

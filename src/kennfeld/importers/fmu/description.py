@@ -190,8 +190,9 @@ class FmuDescription:
 
     def with_outputs(self, names: Collection[str]) -> "FmuDescription":
         """Return the description with further variables among the outputs, whose dependencies are unknown."""
+        chosen = frozenset(names)
         # unknown dependencies are those on everything, time included
-        further = tuple(Dependency(v, None) for v in self.variables if v.name in names)
+        further = tuple(Dependency(v, None) for v in self.variables if v.name in chosen)
         return replace(self, outputs=(*self.outputs, *further)) if further else self
 
     def sorted_by_type(self, variables: Sequence[FmuVariable]) -> tuple[FmuVariable, ...]:

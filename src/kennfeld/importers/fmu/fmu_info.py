@@ -108,13 +108,14 @@ class _FmuNumbers(NamedTuple):
         kept = description.started_states if stepped else description.states
         starts = start_groups(description.started_states)
         variability = {v.name: v.variability for v in description.parameters}
+        outputs = description.number_outputs
         return cls(
             [(name, v.unit) for v in description.number_inputs for name in v.elements],
             (*parameter_groups(description.parameters), *starts),
             variability | dict.fromkeys((group.name for group in starts), "start value"),
             [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)],
-            [(name, v.unit) for v in description.number_outputs for name in v.elements],
-            [(v.name, v.unit, v.type) for v in computed_variables(description) if v not in description.number_outputs],
+            [(name, v.unit) for v in outputs for name in v.elements],
+            [(v.name, v.unit, v.type) for v in computed_variables(description) if v not in outputs],
         )
 
     def tables(self) -> list[Table]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.finite_differences import difference_step
 
@@ -106,7 +106,8 @@ class PythonEvaluation:
         compute = self._at_all if self._accepts_arrays(points) else self._by_sample
         with np.errstate(all="ignore"):
             results = compute(points)
-            self._note_calls(_picked(points), _picked(results))
+            places = _places(points.shape[1])
+            self._note_calls(points[:, places], results[:, places])
             if not len(along):
                 return results, np.empty((self.outputs, 0, points.shape[1]))
             if self.jacobian is not None:
@@ -269,9 +270,12 @@ def _is_same(a: float, b: float) -> bool:
 
 
 def _picked(points: Float) -> Float:
-    if not points.shape[1]:
-        return points
-    return points[:, np.unique(np.linspace(0, points.shape[1] - 1, _COMPARED).astype(np.int64))]
+    return points[:, _places(points.shape[1])]
+
+
+def _places(samples: int) -> Int:
+    """Return some of the samples, spread over all of them."""
+    return np.unique(np.linspace(0, max(samples - 1, 0), _COMPARED).astype(np.int64))[:samples]
 
 
 def _sequence(result: Any, count: int) -> Sequence[Any]:
