@@ -22,7 +22,7 @@ _NEUTRAL: dict[str, tuple[float | None, float | None]] = {
 # comparisons with 0 that leave a condition as it is, and the operations that give conditions
 _TRUTHS = ("ne", "gt")
 _NEUTRAL_TRUTH = {"and": 1.0, "or": 0.0}
-_CONDITIONS = frozenset({"eq", "ne", "lt", "le", "gt", "ge", "and", "or", "not"})
+CONDITIONS = frozenset({"eq", "ne", "lt", "le", "gt", "ge", "and", "or", "not"})  # operations that give 1 or 0
 
 
 _MAX_NODES = 500_000  # different operations in a step of a bounded graph
@@ -123,7 +123,7 @@ class GraphBuilder:
     def _is_truth(self, node: int) -> bool:
         """Return True if a node can only be 0 or 1."""
         op, args, _ = self.nodes[node]
-        return op in _CONDITIONS or (op == "hold" and self._is_truth(args[0]))
+        return op in CONDITIONS or (op == "hold" and self._is_truth(args[0]))
 
     def _neutral(self, op: str, args: tuple[int, ...]) -> int:
         left, right, left_stays, right_stays = args[0], args[-1], *_NEUTRAL[op]

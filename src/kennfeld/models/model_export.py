@@ -84,4 +84,11 @@ def _write(model: Model, target: Path, head: Iterable[str], lines: Iterable[str]
 
 def _comment_lines(text: str) -> list[str]:
     """Return a comment as lines that begin with #, broken between words."""
-    return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="#   ", break_long_words=False)
+    return textwrap.wrap(
+        " ".join(text.split()),
+        WIDTH,
+        initial_indent="# ",
+        subsequent_indent="#   ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

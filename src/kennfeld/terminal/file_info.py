@@ -53,12 +53,11 @@ def describe_file(
 
 def text_lines(info: FileInfo) -> list[str]:
     """Return the contents of a file as text for a person; a terminal folds long lines by itself."""
-    if get_terminal_size((UNLIMITED_WIDTH, 24)).columns != UNLIMITED_WIDTH:
-        tables, notes = list(info.tables), list(info.notes)
-    else:
-        tables = [fold(table, LINE_WIDTH) for table in info.tables if len(table) > 1]
-        notes = [line for note in info.notes for line in _wrapped(note)]
-    blocks = [[info.summary], *(align(table) for table in tables if len(table) > 1), notes]
+    tables, notes = [table for table in info.tables if len(table) > 1], list(info.notes)
+    if get_terminal_size((UNLIMITED_WIDTH, 24)).columns == UNLIMITED_WIDTH:
+        tables = [fold(table, LINE_WIDTH) for table in tables]
+        notes = [line for note in notes for line in _wrapped(note)]
+    blocks = [[info.summary], *map(align, tables), notes]
     return separate(filter(None, blocks))
 
 

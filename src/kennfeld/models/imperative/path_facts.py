@@ -3,11 +3,10 @@
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.builder import CONDITIONS, GraphBuilder
 
-TRUTHS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})  # operations that give 1 or 0
 _MAX_DEPTH = 40
 _MAX_CONDITIONS = 200  # conditions that are looked at for one
 
@@ -19,7 +18,7 @@ def truth_of(builder: GraphBuilder, node: int) -> int:
     value = builder.value(node)
     if value is not None:
         return builder.const(float(value != 0))
-    return node if builder.nodes[node].op in TRUTHS else builder.call("ne", node, builder.const(0.0))
+    return node if builder.nodes[node].op in CONDITIONS else builder.call("ne", node, builder.const(0.0))
 
 
 def logical_not(builder: GraphBuilder, node: int) -> int:
@@ -146,7 +145,7 @@ class _IntervalAnalysis:
         op, args, payload = self.builder.nodes[node]
         if op == "const":
             return Interval(payload, payload)
-        if op in TRUTHS or op == "sign":
+        if op in CONDITIONS or op == "sign":
             return Interval(-1.0 if op == "sign" else 0.0, 1.0)
         if depth > _MAX_BOUND_DEPTH:
             return Interval()
