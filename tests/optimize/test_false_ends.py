@@ -186,6 +186,18 @@ def test_two_terms_that_became_alike_separate_again():
     assert {name: result.parameters[name].value for name in truth} == pytest.approx(truth, rel=2e-3)
 
 
+@pytest.mark.parametrize("last", [10.1, 10.4, 10.7, 11.0])
+def test_an_exact_fit_on_a_ridge_stays_near_the_start(last):
+    x = np.linspace(0, last, 60)
+    points = [0.0, 5.0, last]
+    data = {"x": x, "q": np.interp(x, points, [1, 3, 4])}
+    start = kf.ParameterSet([kf.Curve("C", points, [1.0, 1.0, 1.0]), kf.Scalar("k", 1.0)])
+    rising = [kf.Shape("C", 0, "slope", lower=0.0)]
+    result = kf.calibrate("y = C(x) + k*x", data, start, target="q", constraints=rising)
+    # from k = 1 down to the first k with which C does not fall; any lower one is as exact
+    assert result.parameters["k"].value == pytest.approx(1 / (last - 5))
+
+
 def test_a_value_whose_slope_vanishes_at_the_minimum_has_converged():
     result = kf.calibrate("y = b + a^2*x", {"x": X, "m": 3 - 0.5 * X}, {"a": 1.0, "b": 0.0}, target="m")
     assert result.converged

@@ -13,7 +13,7 @@ from kennfeld.optimize.ends.runaways import run_away
 from kennfeld.optimize.ends.zero_slopes import departure
 from kennfeld.optimize.fit.descent_strategy import DescentSetup, minimise
 from kennfeld.optimize.limits.projection import FEASIBLE
-from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, levenberg_marquardt
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, is_rounding, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
@@ -55,11 +55,15 @@ class Restarts:
     def _descend(self, values: Float, limits: LinearLimits | None = None) -> SolverResult:
         return descend(self.setup, values, limits or self.limits)
 
+    def _leaves_errors(self, end: SolverResult) -> bool:
+        """Return if a descent has converged with errors that another one may lower; rounding it would only shuffle."""
+        return end.status == "converged" and not self.setup.is_global and not is_rounding(self.setup.objective, end.cost)
+
     def _leave_saddles(self, end: SolverResult) -> SolverResult:
         """Search again from points at which values cannot move; failed if all searches lead to such points."""
         ends = [end]
         for _ in range(MAX_DEPARTURES):
-            if end.status != "converged" or end.cost == 0 or self.setup.is_global:
+            if not self._leaves_errors(end):
                 break
             off = departure(self.setup.exact, end.values, self.limits)
             if off is None:
@@ -85,9 +89,9 @@ class Restarts:
         search goes on with these parameters at their start, the second one begins at the start with shorter steps for
         values whose effect shrinks.
         """
-        if end.status != "converged" or end.cost == 0 or self.setup.is_global:
-            return end
         ends = [end]
+        if not self._leaves_errors(end):
+            return end
         for remembers in (False, True):
             values = self.setup.objective.with_effect(end.values, self.start)
             if np.array_equal(values, end.values):
@@ -104,7 +108,7 @@ class Restarts:
     def _return_from_infinity(self, end: SolverResult) -> SolverResult:
         """Search again if parameters ran towards infinity: from the best values with one of them at its start."""
         ends = [end]
-        if end.status != "converged" or not end.cost > 0 or self.setup.is_global:
+        if not self._leaves_errors(end):
             return end
         for away in run_away(self.setup.exact, self.setup.objective, self.start, end.values)[:MAX_DEPARTURES]:
             lower, upper = (np.where(away, self.start, side) for side in (self.limits.lower, self.limits.upper))
@@ -122,8 +126,7 @@ class Restarts:
         ends = [end]
         for _ in range(MAX_DEPARTURES):
             # ridges are the null space of the Jacobian, which only small problems have at hand
-            small = self.setup.objective.uses_qr and not self.setup.is_global
-            if end.status != "converged" or not small or not end.cost > 0:
+            if not self._leaves_errors(end) or not self.setup.objective.uses_qr:
                 break
             lower = lower_values(self.setup.objective, end.values, end.cost, self.limits)
             if lower is None:

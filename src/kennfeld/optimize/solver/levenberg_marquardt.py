@@ -155,6 +155,14 @@ def certificate_at(objective: Objective, values: Float, limits: LinearLimits) ->
     return _LevenbergMarquardt(objective, values, limits, SolverSettings(), lambda line, values: None).certify()
 
 
+def is_rounding(objective: Objective, cost: float) -> bool:
+    """Return if residuals of this cost are as small as the rounding of the targets.
+
+    |J p| may be smaller than these: a time constant of 0 has no share in the output that it leaves as it is.
+    """
+    return bool(cost <= (EXACT_FIT * np.finfo(float).eps) ** 2 * objective.target_squares)
+
+
 @dataclass(kw_only=True)
 class _State:
     """Everything that changes during a descent, grouped by when it changes."""
@@ -348,14 +356,6 @@ class _LevenbergMarquardt:
     def _fits_exactly(self, model: GaussNewtonModel) -> bool:
         return bool(np.sqrt(self.state.cost) <= EXACT_FIT * model.rounding)
 
-    @property
-    def _is_rounding_of_targets(self) -> bool:
-        """True if the residuals are as small as the rounding of the targets, where |J p| is smaller than these.
-
-        A time constant of 0 has no share in the output that it leaves as it is.
-        """
-        return bool(self.state.cost <= (EXACT_FIT * np.finfo(float).eps) ** 2 * self.objective.target_squares)
-
     def _accelerate(self, model: GaussNewtonModel, proposal: _Proposal) -> QpSolution | None:
         """Correct a Gauss-Newton step by half its geodesic acceleration; None if that is too large for the step."""
         if not self.objective.supports_acceleration or self.state.use_secant:
@@ -469,7 +469,7 @@ class _LevenbergMarquardt:
             self._restart(model)
             return None
         failed = promise > PROMISED_SHARE or (state.iterations == 0 and slope > STEEP)
-        if failed and self._is_rounding_of_targets:
+        if failed and is_rounding(self.objective, state.cost):
             state.certificate = Certificate(0.0, 0.0)
         elif failed:
             by_costs = self._certificate_by_costs(model)
