@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from kennfeld.analysis.residuals import residuals
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.calfiles import read as read_parameters
+    from kennfeld.design import design
     from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
     from kennfeld.domain.criteria import Criterion, Region, Target
     from kennfeld.domain.dataset import Channel, Dataset, Settling
@@ -99,6 +100,7 @@ __all__ = [
     "calibrate",
     "compress_map",
     "cross_validate",
+    "design",
     "esdl",
     "find_extrapolation",
     "fmu",
@@ -126,6 +128,7 @@ _NAMES = {
     "analysis.extrapolation": "find_extrapolation",
     "analysis.residuals": "residuals",
     "calfiles": "read_parameters",
+    "design.api": "design",
     "domain.constraints": "Equality Limit Pin Shape Term",
     "domain.criteria": "Criterion Region Target",
     "domain.dataset": "Channel Dataset Settling",

@@ -1,0 +1,73 @@
+"""Information of candidates, of the present data and of the use, at several sets of values around a fit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.base.arrays import Bool, Float, Int, ignore_floating_errors
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.design.candidate_data import CandidateData
+from kennfeld.design.coverage import Coverage
+from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.domain.dataset import Dataset
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Sums of squared slopes, each at several sets of values.
+
+    Attributes:
+        known: of the data of the fit, with what is known without data, Float[draws, free].
+        candidates: of each candidate, Float[draws, candidates, free].
+        use: mean of a sample of the use, Float[draws, free].
+        usable: candidates at which the function has finite values, Bool[candidates].
+    """
+
+    known: Float
+    candidates: Float
+    use: Float
+    usable: Bool
+
+    @classmethod
+    def of(
+        cls,
+        fitted: FittedFunction,
+        candidates: Sequence[Dataset],
+        owners: Sequence[Int],
+        count: int,
+        use: Sequence[Dataset],
+        seed: int = 0,
+    ) -> "Information":
+        """Evaluate candidates and use together, by one kernel.
+
+        Args:
+            fitted: the fit.
+            candidates: datasets that contain the candidates.
+            owners: for each of them the candidate that a sample belongs to, Int[samples]; -1 for none.
+            count: number of candidates.
+            use: the operation that matters; samples that are not scored do not count.
+            seed: of the sets of values.
+        """
+        together = CandidateData(fitted, [*candidates, *use])
+        groups = [*owners, *(np.where(data.counting, count, -1) for data in use)]
+        # counted once: samples that cannot be evaluated are not visited
+        visits = max(sum(together.problem.bind(data).scored.sum() for data in together.datasets[len(candidates) :]), 1)
+        known, found = list[Float](), list[Float]()
+        for values in fitted.draws(seed):
+            with ignore_floating_errors():
+                own = fitted.compiled.sums.normal(fitted.compiled.full(values)).matrix.diagonal().copy()
+            squares = together.squares(values, groups, count + 1)
+            # a draw at which the function fails says nothing; the fit itself comes first
+            if not known or (np.isfinite(own).all() and np.isfinite(squares[-1]).all()):
+                known.append(np.nan_to_num(own, posinf=0.0) + fitted.prior)
+                found.append(squares)
+        squares = np.array(found)
+        usable: Bool = np.asarray(np.isfinite(squares[:, :-1]).all(axis=(0, 2)))
+        squares = np.nan_to_num(squares, nan=0.0, posinf=0.0)
+        squares[..., fitted.fixed] = 0.0
+        return cls(np.array(known), squares[:, :-1], squares[:, -1] / visits, usable)
+
+    @property
+    def coverage(self) -> Coverage:
+        """The variance of prediction over the use, as a function of the candidates that are measured."""
+        return Coverage(self.known, self.candidates, self.use)
