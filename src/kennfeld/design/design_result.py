@@ -91,8 +91,8 @@ class Design:
     def table(self) -> list[tuple[str, ...]]:
         """Return segments, recordings to drop, or points as rows of text with a heading."""
         if self.segments:
-            names = short_names([segment.file for segment in self.segments])
-            rows = [(names[s.file], f"{s.begin:.6g}", f"{s.end:.6g}", s.settles) for s in self.segments]
+            short = short_names([segment.file for segment in self.segments])
+            rows = [(short[s.file], f"{s.begin:.6g}", f"{s.end:.6g}", s.settles) for s in self.segments]
             return [("file", "from [s]", "to [s]", "determines"), *rows]
         if self.drop:
             return [("adds least",), *((name,) for name in short_names(self.drop).values())]

@@ -21,7 +21,7 @@ from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 
 Criterion = Literal["D", "I"]
-STARTS = 5
+STARTS = 10
 EXCHANGES = 1000  # in one descent; each lowers the criterion
 LEAST_GAIN = 1e-9
 REFRESH = 50  # exchanges after which M^-1 is computed anew, before rounding adds up
@@ -84,7 +84,7 @@ def _require_enough(rows: Float, count: int, *, repeats: bool) -> None:
     if count < size:
         message = f"{count} points cannot determine the {size} coefficients of the model"
         raise InputError.of(PLACE, message, f"Ask for at least {size} points, or choose a simpler model.")
-    if candidates < (size if repeats else count):
+    if not repeats and candidates < count:
         message = f"there are {candidates} candidates for {count} points"
         raise InputError.of(PLACE, message, "Name more candidates, or ask for fewer points.")
     singular = np.linalg.svd(rows, compute_uv=False)
