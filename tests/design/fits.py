@@ -39,12 +39,15 @@ def lag_fit(data):
     return kf.calibrate(LAG, data, start, "m", smoothness={"C": 1e-3})
 
 
-def product_fit(seed=0, count=200):
-    """A curve times an efficiency less a drag: the scale of the curve and the drag are hardly to be told apart."""
+def product_fit(seed=0, count=200, free=("*",)):
+    """A curve times an efficiency less a drag, which nothing tells from a larger curve and a flatter efficiency.
+
+    With a known efficiency, a larger curve and a larger drag are hardly to be told apart.
+    """
     random = np.random.default_rng(seed)
     n, g = random.uniform(0, 1, count), random.uniform(0.4, 0.6, count)
     points = np.linspace(0, 1, 3)
-    truth = (50 + 20 * n) * (1 - (g - 0.5) ** 2) - 10 * n - 5
+    truth = (50 + 20 * n) * (1 - 0.4 * abs(g - 0.5)) - 10 * n - 5
     data = kf.Dataset.of("fired", {"n": n, "g": g, "m": truth + random.normal(0, 0.1, count)})
     start = kf.ParameterSet(
         [
@@ -53,7 +56,7 @@ def product_fit(seed=0, count=200):
             kf.Curve("D", points, [4.0, 8.0, 12.0]),
         ]
     )
-    return kf.calibrate(PRODUCT, data, start, "m", pins=[kf.Pin("E", (0.5,), 1.0)])
+    return kf.calibrate(PRODUCT, data, start, "m", pins=[kf.Pin("E", (0.5,), 1.0)] if "*" in free else (), free=free)
 
 
 def fitted(result):

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,7 @@ def test_levels_are_held_for_the_dwell_times():
     table = plan(Manoeuvre("aprbs", 2000.0, dwell=(4.0, 9.0)), Region(RANGES), SLEW)
     moving = (np.diff(table.columns["speed"]) != 0) | (np.diff(table.columns["load"]) != 0)
     edges = np.flatnonzero(np.diff(moving.astype(int)))
-    holds = [0.1 * (b - a) for a, b in zip(edges[:-1], edges[1:], strict=True) if not moving[a + 1]]
+    holds = [0.1 * (b - a) for a, b in pairwise(edges) if not moving[a + 1]]
     assert len(holds) > 50
     assert min(holds) > 4.0 - 0.21
     assert max(holds) < 9.0 + 0.01

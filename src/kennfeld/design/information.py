@@ -37,6 +37,8 @@ class Information:
         count: int,
         use: Sequence[Dataset],
         seed: int = 0,
+        *,
+        alike: bool = False,
     ) -> "Information":
         """Evaluate candidates and use together, by one kernel.
 
@@ -47,25 +49,34 @@ class Information:
             count: number of candidates.
             use: the operation that matters; samples that are not scored do not count.
             seed: of the sets of values.
+            alike: training and test data of the use count alike, however many samples they have.
         """
         together = CandidateData(fitted, [*candidates, *use])
-        groups = [*owners, *(np.where(data.counting, count, -1) for data in use)]
-        # counted once: samples that cannot be evaluated are not visited
-        visits = max(sum(together.problem.bind(data).scored.sum() for data in together.datasets[len(candidates) :]), 1)
+        kinds = [data.use if alike else "" for data in use]
+        parts = {kind: count + number for number, kind in enumerate(dict.fromkeys(kinds))}
+        groups = [
+            *owners,
+            *(np.where(data.counting, parts[kind], -1) for data, kind in zip(use, kinds, strict=True)),
+        ]
+        visits = np.zeros(len(parts))
+        for data, kind in zip(together.datasets[len(candidates) :], kinds, strict=True):
+            # samples that cannot be evaluated are not visited
+            visits[parts[kind] - count] += together.problem.bind(data).scored.sum()
         known, found = list[Float](), list[Float]()
         for values in fitted.draws(seed):
             with ignore_floating_errors():
                 own = fitted.compiled.sums.normal(fitted.compiled.full(values)).matrix.diagonal().copy()
-            squares = together.squares(values, groups, count + 1)
+            squares = together.squares(values, groups, count + len(parts))
             # a draw at which the function fails says nothing; the fit itself comes first
-            if not known or (np.isfinite(own).all() and np.isfinite(squares[-1]).all()):
+            if not known or (np.isfinite(own).all() and np.isfinite(squares[count:]).all()):
                 known.append(np.nan_to_num(own, posinf=0.0) + fitted.prior)
                 found.append(squares)
         squares = np.array(found)
-        usable: Bool = np.asarray(np.isfinite(squares[:, :-1]).all(axis=(0, 2)))
+        usable: Bool = np.asarray(np.isfinite(squares[:, :count]).all(axis=(0, 2)))
         squares = np.nan_to_num(squares, nan=0.0, posinf=0.0)
         squares[..., fitted.fixed] = 0.0
-        return cls(np.array(known), squares[:, :-1], squares[:, -1] / visits, usable)
+        mean = (squares[:, count:] / np.maximum(visits, 1)[:, None]).mean(axis=1)
+        return cls(np.array(known), squares[:, :count], mean, usable)
 
     @property
     def coverage(self) -> Coverage:

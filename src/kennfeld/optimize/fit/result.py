@@ -215,7 +215,7 @@ class Result(NotebookDisplay):
         widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
         warnings = [f"warning: {warning}" for warning in self.warnings]
-        undetermined = undetermined_lines(self.trust, "; see result.trust")
+        undetermined = undetermined_lines(self.trust, "; see result.trust", "kennfeld.design(result, direction=1)")
         return "\n".join([f"{self.status}: {self.message}", *lines, *warnings, *undetermined])
 
     def plot(self, kind: PlotKind = "convergence", problem: "Problem | None" = None, **selection: Any) -> Any:
