@@ -3,7 +3,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from kennfeld.design.coverage import Coverage
+from kennfeld.design.coverage import WeightedCoverage
 
 
 def random_coverage(seed=0, draws=2, candidates=9, values=12):
@@ -11,7 +11,9 @@ def random_coverage(seed=0, draws=2, candidates=9, values=12):
     information = random.exponential(1.0, (draws, candidates, values)) * (
         random.random((draws, candidates, values)) < 0.3
     )
-    return Coverage(random.uniform(0.1, 0.5, (draws, values)), information, random.exponential(1.0, (draws, values)))
+    return WeightedCoverage(
+        random.uniform(0.1, 0.5, (draws, values)), information, random.exponential(1.0, (draws, values))
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -39,12 +41,12 @@ def test_use_decides_between_candidates_of_equal_information():
     for use in (0, 1):
         weights = np.array([[1.0, 1.0]])
         weights[0, use] = 2.0
-        assert Coverage(np.ones((1, 2)), information, weights).choose(1) == [use]
+        assert WeightedCoverage(np.ones((1, 2)), information, weights).choose(1) == [use]
 
 
 def test_what_is_dropped_first_is_a_copy_of_others():
     information = np.array([[[5.0, 0.0], [5.0, 0.1], [0.0, 5.0], [5.0, 0.0]]])
-    cover = Coverage(np.full((1, 2), 1e-3), information, np.ones((1, 2)))
+    cover = WeightedCoverage(np.full((1, 2), 1e-3), information, np.ones((1, 2)))
     dropped = cover.drop(2)
     assert 2 not in [number for number, _ in dropped]
     assert [variance for _, variance in dropped] == sorted(variance for _, variance in dropped)
@@ -54,7 +56,7 @@ def test_what_is_dropped_first_is_a_copy_of_others():
 
 def test_gains_name_what_only_one_candidate_tells():
     information = np.array([[[5.0, 0.0, 1.0], [0.0, 5.0, 1.0]]])
-    gains = Coverage(np.full((1, 3), 0.1), information, np.ones((1, 3))).gains([0, 1])
+    gains = WeightedCoverage(np.full((1, 3), 0.1), information, np.ones((1, 3))).gains([0, 1])
     assert gains[0].argmax() == 0
     assert gains[1].argmax() == 1
     assert gains[0][1] == 0

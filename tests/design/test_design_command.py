@@ -80,11 +80,11 @@ def append(path, text):
 
 def test_points_are_designed_within_the_limits_of_the_project(steady, capsys):
     append(steady, 'ranges = { n = [0, 1], l = [0, 1] }\nwhere = ["n + l < 1.5"]\nslew = { n = 0.1 }\nwait = 5\n')
-    made = as_json(capsys, steady, "-n", 6, "--for", "M")
-    assert len(made["points"]) == 6
-    assert all(point["n"] + point["l"] < 1.5 for point in made["points"])
-    assert made["deviation"]["after"]["M"][2][1] < made["deviation"]["before"]["M"][2][1]
-    assert any("s of waiting" in sentence for sentence in made["sentences"])
+    proposal = as_json(capsys, steady, "-n", 6, "--for", "M")
+    assert len(proposal["points"]) == 6
+    assert all(point["n"] + point["l"] < 1.5 for point in proposal["points"])
+    assert proposal["deviation"]["after"]["M"][2][1] < proposal["deviation"]["before"]["M"][2][1]
+    assert any("s of waiting" in sentence for sentence in proposal["sentences"])
 
 
 def test_recordings_shorter_than_a_segment_are_an_error(lagging, capsys):
@@ -95,9 +95,9 @@ def test_recordings_shorter_than_a_segment_are_an_error(lagging, capsys):
 def test_segments_have_file_and_times(lagging, capsys):
     folder = lagging.parent
     append(lagging, "[design]\nlength = 10\n")
-    made = as_json(capsys, lagging, "--segments", 2, "--from", folder / "ol*.csv", "-o", folder / "next.csv")
-    assert [segment["file"] for segment in made["segments"]] == [str(folder / "old.csv")] * 2
-    assert all(segment["end"] - segment["begin"] == pytest.approx(9.9, abs=0.11) for segment in made["segments"])
+    proposal = as_json(capsys, lagging, "--segments", 2, "--from", folder / "ol*.csv", "-o", folder / "next.csv")
+    assert [segment["file"] for segment in proposal["segments"]] == [str(folder / "old.csv")] * 2
+    assert all(segment["end"] - segment["begin"] == pytest.approx(9.9, abs=0.11) for segment in proposal["segments"])
     assert len((folder / "next.csv").read_text("utf-8").splitlines()) == 3
 
 
@@ -107,16 +107,16 @@ def test_planned_manoeuvres_are_candidates(lagging, capsys):
         "[design]\nlength = 10\nranges = { u = [0, 1] }\n"
         'manoeuvres = [{ kind = "steps", duration = 60, name = "plan" }]\n',
     )
-    made = as_json(capsys, lagging, "--segments", 1)
-    assert made["segments"][0]["file"] == "plan"
+    proposal = as_json(capsys, lagging, "--segments", 1)
+    assert proposal["segments"][0]["file"] == "plan"
     planned = as_json(capsys, lagging, "-o", lagging.parent / "plan.csv")
     assert planned["sentences"] == ["plan: 60 s, 601 samples."]
     assert kf.read(lagging.parent / "plan.csv").samples == 601
 
 
 def test_recordings_that_add_nothing_are_named(lagging, capsys):
-    made = as_json(capsys, lagging, "--reduce", "--keep", 2)
-    assert [name.rpartition("_")[2] for name in made["drop"]] in (["0.csv"], ["1.csv"])
+    proposal = as_json(capsys, lagging, "--reduce", "--keep", 2)
+    assert [name.rpartition("_")[2] for name in proposal["drop"]] in (["0.csv"], ["1.csv"])
 
 
 def test_the_use_of_a_cycle_changes_the_choice(lagging, capsys):
@@ -126,8 +126,8 @@ def test_the_use_of_a_cycle_changes_the_choice(lagging, capsys):
     write_recording(folder / "high.csv", drive(40, (0.9, 1.0), 21), ("u",))
     for name in ("low", "high"):
         words = ["--segments", 1, "--from", folder / "low.csv", "--from", folder / "high.csv"]
-        made = as_json(capsys, lagging, *words, "--use", folder / f"{name}.csv")
-        assert made["segments"][0]["file"] == str(folder / f"{name}.csv")
+        proposal = as_json(capsys, lagging, *words, "--use", folder / f"{name}.csv")
+        assert proposal["segments"][0]["file"] == str(folder / f"{name}.csv")
 
 
 def test_without_recordings_points_fill_the_ranges(steady, capsys):
@@ -147,9 +147,9 @@ def test_other_methods_need_no_fit(steady, capsys, method):
 
 def test_a_project_in_python_takes_the_same_words(steady):
     project = kf.Project.read(steady)
-    made = project.design(n=4, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
-    assert len(made.points) == 4
-    assert "4 points of bench leave" in str(made)
+    proposal = project.design(n=4, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
+    assert len(proposal.points) == 4
+    assert "4 points of bench leave" in str(proposal)
 
 
 @pytest.mark.parametrize(

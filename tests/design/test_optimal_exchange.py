@@ -26,15 +26,15 @@ def grid(levels, factors):
     ],
 )
 def test_published_d_optimal_designs_are_found(points, model, count, determinant):
-    found = exchange(polynomial_rows(points, model), count)
-    assert np.exp(found.log_det) == pytest.approx(determinant, rel=1e-9)
+    optimal = exchange(polynomial_rows(points, model), count)
+    assert np.exp(optimal.log_det) == pytest.approx(determinant, rel=1e-9)
 
 
 @pytest.mark.parametrize("criterion", ["D", "I"])
 def test_no_single_exchange_improves_a_design(criterion):
     points = np.random.default_rng(0).uniform(-1, 1, (40, 2))
     rows = polynomial_rows(points, "quadratic")
-    found = exchange(rows, 9, criterion)
+    optimal = exchange(rows, 9, criterion)
 
     def value(chosen):
         moment = rows[chosen].T @ rows[chosen]
@@ -42,10 +42,10 @@ def test_no_single_exchange_improves_a_design(criterion):
             return -np.linalg.slogdet(moment)[1]
         return np.einsum("ij,jk,ik->i", rows, np.linalg.inv(moment), rows).mean()
 
-    best = value(list(found.chosen))
-    assert best == pytest.approx(-found.log_det if criterion == "D" else found.variance)
+    best = value(list(optimal.chosen))
+    assert best == pytest.approx(-optimal.log_det if criterion == "D" else optimal.variance)
     for at, other in product(range(9), range(40)):
-        chosen = list(found.chosen)
+        chosen = list(optimal.chosen)
         chosen[at] = other
         assert value(chosen) >= best * (1 - 1e-6 * np.sign(best))
 

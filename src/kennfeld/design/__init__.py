@@ -1,4 +1,4 @@
-"""What to measure next: the drives or points that determine most of a fitted function, and designs without a fit.
+"""Design of measurements: the drives or points that determine most of a fitted function, and designs without a fit.
 
 `kennfeld.design` is a function as well: once this package is imported, its name in `kennfeld` is bound to it.
 """

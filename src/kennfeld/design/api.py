@@ -18,7 +18,7 @@ from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.limits_of_design import axis_ranges, measured_inputs, region_of
 from kennfeld.design.point_design import PointKind, design_points, point_kinds
 from kennfeld.design.project_data import ProjectData, has_recordings
-from kennfeld.design.region import Region
+from kennfeld.design.region import BenchRegion
 from kennfeld.design.segment_design import design_segments, reduce_recordings
 from kennfeld.design.space_filling import fill
 from kennfeld.domain.dataset import Dataset
@@ -35,7 +35,7 @@ PLACE = Location("design")
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a design, see `design`."""
+    """The question that a design answers, see `design`."""
 
     n: int | None = None
     segments: int | None = None
@@ -107,9 +107,9 @@ def design(
     """
     request = Request(n, segments, reduce, keep, tuple(names), direction)
     request.check()
-    made = _design(fit, request, candidates, use, progress, settings)
-    warn(finding for finding in made.findings if finding.severity == "warning")
-    return made
+    proposal = _design(fit, request, candidates, use, progress, settings)
+    warn(finding for finding in proposal.findings if finding.severity == "warning")
+    return proposal
 
 
 def _design(
@@ -127,12 +127,12 @@ def _design(
         if request.reduce or request.segments or request.names or request.direction is not None:
             raise InputError.of(PLACE, "this design requires a fit", "Give a project or a result.")
         region = region_of(entry, PLACE)
-        given = _datasets(candidates, "candidates", None)
-        return _without_fit(entry, region, request, given)
+        supplied = _datasets(candidates, "candidates", None)
+        return _without_fit(entry, region, request, supplied)
     fitted = FittedFunction.of(fit)
     problem = fitted.problem
-    given = _datasets(candidates, "candidates", problem)
-    return _around(fitted, entry, request, given, _datasets(use, "use", problem), PLACE)
+    supplied = _datasets(candidates, "candidates", problem)
+    return _around(fitted, entry, request, supplied, _datasets(use, "use", problem), PLACE)
 
 
 def design_project(
@@ -153,12 +153,12 @@ def design_project(
     if not needs_fit and (entry.method != "auto" or not has_recordings(project)):
         data = ProjectData.of(project, candidates, ()) if candidates else None
         region = _project_region(project, entry, place)
-        made = _without_fit(entry, region, request, data.candidates if data else ())
+        proposal = _without_fit(entry, region, request, data.candidates if data else ())
         if entry.method == "auto":
             message = "there are no recordings: the points fill the ranges, and are not chosen for the function"
             finding = Finding(place, message, "Measure them, then run kennfeld design again.", severity="warning")
-            made = replace(made, findings=(finding, *made.findings))
-        return made
+            proposal = replace(proposal, findings=(finding, *proposal.findings))
+        return proposal
     data = ProjectData.of(project, candidates, [*use, *(() if use else entry.use)])
     planned = _planned(entry, data.problem, place) if request.segments is not None and entry.manoeuvres else []
     fitted = data.fit(progress)
@@ -187,16 +187,16 @@ def _around(
     known = [*findings, *doubts(fitted)]
     use = use or problem.datasets
     if request.reduce:
-        made = reduce_recordings(fitted, problem.fitted_datasets, use, request.keep, entry.seed)
+        proposal = reduce_recordings(fitted, problem.fitted_datasets, use, request.keep, entry.seed)
     elif request.segments is not None or (request.n is None and _drives(problem, request)):
         if not candidates:
             remedy = "Name recordings, or time tables of planned manoeuvres, with --from."
             raise InputError.of(place, "there is nothing to choose segments from", remedy)
         count = SEGMENTS if request.segments is None else request.segments
-        made = design_segments(fitted, candidates, use, count, entry.length, entry.warmup, entry.seed)
+        proposal = design_segments(fitted, candidates, use, count, entry.length, entry.warmup, entry.seed)
     else:
-        made = _points_around(fitted, entry, request, candidates, use, place)
-    return replace(made, findings=(*known, *made.findings))
+        proposal = _points_around(fitted, entry, request, candidates, use, place)
+    return replace(proposal, findings=(*known, *proposal.findings))
 
 
 def _drives(problem: Problem, request: Request) -> bool:
@@ -228,7 +228,7 @@ def _points_around(
     else:
         columns = fill(region, CANDIDATES, "sobol", entry.seed)
     count = POINTS if request.n is None else request.n
-    made, chosen = design_points(
+    proposal, chosen = design_points(
         fitted,
         columns,
         count,
@@ -238,7 +238,7 @@ def _points_around(
         direction=request.direction,
         seed=entry.seed,
     )
-    return _arranged(replace(made, findings=(*findings, *made.findings)), columns, chosen, entry)
+    return _arranged(replace(proposal, findings=(*findings, *proposal.findings)), columns, chosen, entry)
 
 
 def _kind_of(fitted: FittedFunction, candidates: Sequence[Dataset]) -> PointKind:
@@ -263,7 +263,7 @@ def _states_limits(entry: DesignEntry) -> bool:
 
 
 def _inside(
-    columns: dict[str, Float], region: Region | None, problem: Problem, findings: list[Finding]
+    columns: dict[str, Float], region: BenchRegion | None, problem: Problem, findings: list[Finding]
 ) -> dict[str, Float]:
     """Return the candidates within the limits, and say how many lie outside of them or of the axes."""
     count = len(next(iter(columns.values())))
@@ -284,18 +284,18 @@ def _inside(
     return columns
 
 
-def _without_fit(entry: DesignEntry, region: Region, request: Request, candidates: Sequence[Dataset]) -> Design:
+def _without_fit(entry: DesignEntry, region: BenchRegion, request: Request, candidates: Sequence[Dataset]) -> Design:
     if entry.manoeuvres and request.n is None:
         return plan_manoeuvres(entry, region)
     count = POINTS if request.n is None else request.n
-    given = None
+    supplied = None
     if candidates:
-        given = {name: np.concatenate([data[name].values for data in candidates]) for name in region.ranges}
-    made, columns = fill_region(entry, region, count, given)
-    return _arranged(made, columns, np.arange(len(next(iter(columns.values())))), entry)
+        supplied = {name: np.concatenate([data[name].values for data in candidates]) for name in region.ranges}
+    proposal, columns = fill_region(entry, region, count, supplied)
+    return _arranged(proposal, columns, np.arange(len(next(iter(columns.values())))), entry)
 
 
-def _arranged(made: Design, columns: Mapping[str, Float], chosen: Any, entry: DesignEntry) -> Design:
+def _arranged(proposal: Design, columns: Mapping[str, Float], chosen: Any, entry: DesignEntry) -> Design:
     """Return the design with its points in the order of the bench."""
     run = arrange(
         {name: values[chosen] for name, values in columns.items()},
@@ -312,10 +312,10 @@ def _arranged(made: Design, columns: Mapping[str, Float], chosen: Any, entry: De
     takes = (
         f"The bench takes {seconds:.0f} s: {run.ramp.sum():.0f} s of ramps and {run.wait.sum():.0f} s of waiting.",
     )
-    return replace(made, points=points, run=run, sentences=(*made.sentences, *(takes if seconds > 0 else ())))
+    return replace(proposal, points=points, run=run, sentences=(*proposal.sentences, *(takes if seconds > 0 else ())))
 
 
-def _project_region(project: Project, entry: DesignEntry, place: Location) -> Region:
+def _project_region(project: Project, entry: DesignEntry, place: Location) -> BenchRegion:
     """Return the region of a project without a fit; its data are read only if the ranges do not say all."""
     if entry.ranges and not entry.envelope:
         return region_of(entry, place)
@@ -362,28 +362,28 @@ def _tuples(item: Mapping[str, Any]) -> dict[str, Any]:
     return {name: tuple(value) if isinstance(value, list) else value for name, value in item.items()}
 
 
-def _texts(given: Any) -> tuple[str, ...]:
-    items = [given] if isinstance(given, str) else list(given)
+def _texts(supplied: Any) -> tuple[str, ...]:
+    items = [supplied] if isinstance(supplied, str) else list(supplied)
     for item in items:
         if not isinstance(item, str):
             raise ArgumentError(f"candidates of a project must be paths or patterns, got {type(item).__name__}")
     return tuple(items)
 
 
-def _datasets(given: Any, name: str, problem: Problem | None) -> list[Dataset]:
+def _datasets(supplied: Any, name: str, problem: Problem | None) -> list[Dataset]:
     """Return data of Python as datasets with the channels that the function reads."""
-    items = [given] if isinstance(given, Mapping) else list(given)
+    items = [supplied] if isinstance(supplied, Mapping) else list(supplied)
     if problem is None:
         return [item if isinstance(item, Dataset) else Dataset.of(name, item) for item in items]
     graph, asked = problem.model.graph, set(_input_channels(problem))
     asked |= {criterion.target.name for criterion in problem.criteria}
-    found = [to_dataset(item, name, graph, asked) for item in items]
+    located = [to_dataset(item, name, graph, asked) for item in items]
     missing = [
         Finding(Location(f"{name} {data.name}"), f"has no channel {channel}", nearest(channel, data))
-        for data in found
+        for data in located
         for channel in _input_channels(problem)
         if channel not in data
     ]
     if missing:
         raise InputError(missing)
-    return found
+    return located

@@ -12,7 +12,7 @@ LARGE = 2000  # points from which a sweep replaces the search for a short way
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class BenchRun:
     """Points in the order in which they are measured.
 
     Attributes:
@@ -41,7 +41,7 @@ def arrange(
     wait: float = 0.0,
     sort: bool = True,
     seed: int = 0,
-) -> Run:
+) -> BenchRun:
     """Arrange points for the bench.
 
     Args:
@@ -75,7 +75,7 @@ def arrange(
     if repeat_every and count:
         chosen, block, kinds = _with_repeats(chosen, block, kinds, _middle(unit), repeat_every)
     ramp = _ramps(points[chosen], names, slew)
-    return Run(
+    return BenchRun(
         {name: points[chosen, i] for i, name in enumerate(names)}, block, tuple(kinds), ramp, np.full(chosen.size, wait)
     )
 

@@ -18,7 +18,7 @@ ROUNDS = 10  # of exchanges, of which the first two find nearly all that is to b
 LEAST_GAIN = 1e-9  # relative
 
 
-class Coverage:
+class WeightedCoverage:
     """The mean variance of prediction as a function of the candidates that are measured.
 
     Args:
@@ -26,7 +26,7 @@ class Coverage:
         candidates: information of each candidate, shape (draws, candidates, values).
         use: mean information over the operation that matters, shape (draws, values).
 
-    >>> cover = Coverage(np.ones((1, 2)), np.array([[[9.0, 0.0], [0.0, 9.0], [4.0, 4.0]]]), np.array([[1.0, 2.0]]))
+    >>> cover = WeightedCoverage(np.ones((1, 2)), np.array([[[9.0, 0.0], [0.0, 9.0], [4.0, 4.0]]]), np.array([[1.0, 2.0]]))
     >>> cover.of([]), cover.of([1]), cover.choose(1)
     (3.0, 1.2, [2])
     """
@@ -92,21 +92,34 @@ class Coverage:
             ordered.append(rest.pop(int(variances.argmin())))
         return ordered
 
-    def drop(self, keep: int) -> list[tuple[int, float]]:
-        """Drop candidates one by one, each the one that is missed least, then exchange those that are kept.
+    def drop(self, keep: int, *, exchange: bool = False) -> list[tuple[int, float]]:
+        """Drop candidates one by one, each the one that is missed least.
 
         Args:
             keep: number of candidates that remain.
+            exchange: exchange those that remain for dropped ones, until none of them is better.
 
         Returns:
             The dropped ones, the first missed least, each with the variance without it and those before it.
         """
-        kept = list(range(self._candidates.shape[1]))
+        everything = list(range(self._candidates.shape[1]))
+        dropped = self._eliminate(everything, everything, len(everything) - max(keep, 0))
+        if not exchange:
+            return dropped
+        gone = [number for number, _ in dropped]
+        kept = [number for number in everything if number not in gone]
+        blocked = np.isin(everything, kept)
+        self._exchange(kept, blocked)
+        return self._eliminate(everything, [number for number in everything if number not in kept], len(dropped))
+
+    def _eliminate(self, everything: list[int], droppable: list[int], count: int) -> list[tuple[int, float]]:
+        kept, rest = list(everything), list(droppable)
         dropped: list[tuple[int, float]] = []
-        while len(kept) > max(keep, 0):
-            variances = self._with_each(self._information(kept), -1.0)[kept]
+        for _ in range(count):
+            variances = self._with_each(self._information(kept), -1.0)[rest]
             least = int(variances.argmin())
-            dropped.append((kept.pop(least), float(variances[least])))
+            kept.remove(rest[least])
+            dropped.append((rest.pop(least), float(variances[least])))
         return dropped
 
     def gains(self, chosen: list[int]) -> Float:

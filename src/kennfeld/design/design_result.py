@@ -13,7 +13,7 @@ from kennfeld.base.errors import Finding
 from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none
-from kennfeld.design.bench_order import Run
+from kennfeld.design.bench_order import BenchRun
 from kennfeld.design.manoeuvres import TimeTable
 from kennfeld.domain.file_spans import short_names
 
@@ -39,7 +39,7 @@ class ChosenSegment:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What to measure next.
+    """A list of what to measure next, and what it is predicted to determine.
 
     Attributes:
         points: steady points by channel, in the order of the bench.
@@ -70,7 +70,7 @@ class Design:
     sentences: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     warmup: float = 0.0
-    run: Run | None = field(default=None, repr=False)
+    run: BenchRun | None = field(default=None, repr=False)
     tables: tuple[TimeTable, ...] = field(default=(), repr=False)
     factor: float = float("nan")
 

@@ -10,7 +10,7 @@ from kennfeld.base.formatting import count_noun
 from kennfeld.design.design_result import Design
 from kennfeld.design.manoeuvres import Manoeuvre, plan_all
 from kennfeld.design.optimal_exchange import exchange
-from kennfeld.design.region import Region
+from kennfeld.design.region import BenchRegion
 from kennfeld.design.regression_models import model_rows
 from kennfeld.design.space_filling import factorial, fill
 from kennfeld.project.design_table import DesignEntry, ManoeuvreEntry
@@ -20,7 +20,7 @@ PLACE = Location("design")
 
 
 def fill_region(
-    entry: DesignEntry, region: Region, count: int, candidates: Mapping[str, Float] | None = None
+    entry: DesignEntry, region: BenchRegion, count: int, candidates: Mapping[str, Float] | None = None
 ) -> tuple[Design, dict[str, Float]]:
     """Return points that fill a region or determine a black-box model, by channel, Float[points], and what to say.
 
@@ -39,24 +39,24 @@ def fill_region(
         return _nearest(region, count, candidates, entry.seed)
     kind = "sobol" if entry.method == "auto" else entry.method
     points = fill(region, count, kind, entry.seed)  # type: ignore[arg-type]
-    made = len(next(iter(points.values())))
+    proposal = len(next(iter(points.values())))
     findings = []
-    if made < count and kind == "factorial":
+    if proposal < count and kind == "factorial":
         message = f"a full factorial of at most {count} points has {made}"
         findings.append(Finding(PLACE, message, severity="remark"))
-    elif made < count:
+    elif proposal < count:
         message = "all ranges are single numbers, so that there is one point"
         findings.append(Finding(PLACE, message, "Widen a range.", severity="warning"))
     return Design(findings=tuple(findings)), points
 
 
 def _optimal(
-    entry: DesignEntry, region: Region, count: int, candidates: Mapping[str, Float] | None
+    entry: DesignEntry, region: BenchRegion, count: int, candidates: Mapping[str, Float] | None
 ) -> tuple[Design, dict[str, Float]]:
     columns = _candidates(region, entry.seed) if candidates is None else _admitted(region, candidates)
     rows = model_rows(columns, entry.model, entry.centres)
-    found = exchange(rows, count, "D" if entry.method == "d-optimal" else "I", seed=entry.seed)
-    chosen = list(found.chosen)
+    located = exchange(rows, count, "D" if entry.method == "d-optimal" else "I", seed=entry.seed)
+    chosen = list(located.chosen)
     sentence = (
         f"{count_noun(rows.shape[1], 'coefficient')} of the {entry.model} model: log det {found.log_det:.6g}, mean "
         f"variance of prediction {found.variance:.4g} times that of the noise."
@@ -64,20 +64,22 @@ def _optimal(
     return Design(sentences=(sentence,)), {name: values[chosen] for name, values in columns.items()}
 
 
-def _candidates(region: Region, seed: int) -> dict[str, Float]:
+def _candidates(region: BenchRegion, seed: int) -> dict[str, Float]:
     """Return a grid, as optimal designs lie at corners and middles, and points that fill the rest."""
     grid = factorial(region, CANDIDATES // 2)
     rest = fill(region, CANDIDATES - len(next(iter(grid.values()))), "sobol", seed)
     return {name: np.concatenate([grid[name], rest[name]]) for name in region.ranges}
 
 
-def _admitted(region: Region, candidates: Mapping[str, Float]) -> dict[str, Float]:
+def _admitted(region: BenchRegion, candidates: Mapping[str, Float]) -> dict[str, Float]:
     region.require_room(candidates, PLACE)
     inside = region.admits(candidates)
     return {name: values[inside] for name, values in candidates.items()}
 
 
-def _nearest(region: Region, count: int, candidates: Mapping[str, Float], seed: int) -> tuple[Design, dict[str, Float]]:
+def _nearest(
+    region: BenchRegion, count: int, candidates: Mapping[str, Float], seed: int
+) -> tuple[Design, dict[str, Float]]:
     """Choose candidates far from each other, each the one farthest from those before it (maximin)."""
     columns = _admitted(region, candidates)
     stacked = np.unique(np.column_stack([columns[name] for name in region.ranges]), axis=0)
@@ -97,7 +99,7 @@ def _nearest(region: Region, count: int, candidates: Mapping[str, Float], seed: 
     return Design(findings=tuple(findings)), {name: stacked[chosen, i] for i, name in enumerate(region.ranges)}
 
 
-def plan_manoeuvres(entry: DesignEntry, region: Region) -> Design:
+def plan_manoeuvres(entry: DesignEntry, region: BenchRegion) -> Design:
     """Return the manoeuvres of `[design]` as time tables within a region.
 
     Raises:

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, Int, ignore_floating_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.candidate_data import CandidateData
-from kennfeld.design.coverage import Coverage
+from kennfeld.design.coverage import WeightedCoverage
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.domain.dataset import Dataset
 
@@ -62,7 +62,7 @@ class Information:
         for data, kind in zip(together.datasets[len(candidates) :], kinds, strict=True):
             # samples that cannot be evaluated are not visited
             visits[parts[kind] - count] += together.problem.bind(data).scored.sum()
-        known, found = list[Float](), list[Float]()
+        known, located = list[Float](), list[Float]()
         for values in fitted.draws(seed):
             with ignore_floating_errors():
                 own = fitted.compiled.sums.normal(fitted.compiled.full(values)).matrix.diagonal().copy()
@@ -70,8 +70,8 @@ class Information:
             # a draw at which the function fails says nothing; the fit itself comes first
             if not known or (np.isfinite(own).all() and np.isfinite(squares[count:]).all()):
                 known.append(np.nan_to_num(own, posinf=0.0) + fitted.prior)
-                found.append(squares)
-        squares = np.array(found)
+                located.append(squares)
+        squares = np.array(located)
         usable: Bool = np.asarray(np.isfinite(squares[:, :count]).all(axis=(0, 2)))
         squares = np.nan_to_num(squares, nan=0.0, posinf=0.0)
         squares[..., fitted.fixed] = 0.0
@@ -79,6 +79,6 @@ class Information:
         return cls(np.array(known), squares[:, :count], mean, usable)
 
     @property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> WeightedCoverage:
         """The variance of prediction over the use, as a function of the candidates that are measured."""
-        return Coverage(self.known, self.candidates, self.use)
+        return WeightedCoverage(self.known, self.candidates, self.use)

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, Location
 from kennfeld.base.formatting import join_names
-from kennfeld.design.region import BoundaryCurve, Condition, Envelope, Region, contradictions
+from kennfeld.design.region import BoundaryCurve, RegionCondition, DataEnvelope, BenchRegion, contradictions
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
@@ -19,7 +19,7 @@ MOST_HULL_POINTS = 20_000  # samples of which an envelope is made
 
 def region_of(
     entry: DesignEntry, location: Location, data: Mapping[str, Float] | None = None, inputs: Sequence[str] = ()
-) -> Region:
+) -> BenchRegion:
     """Return the region of a design.
 
     Args:
@@ -44,13 +44,13 @@ def region_of(
     if not ranges and not findings.has_errors:
         remedy = "Write ranges = { speed = [800, 6000] } in [design]."
         findings.error(location.within("ranges"), "no channel has a range", remedy)
-    limits: list[Condition | BoundaryCurve | Envelope] = []
+    limits: list[RegionCondition | BoundaryCurve | DataEnvelope] = []
     for key, texts in (("where", entry.where), ("forbidden", entry.forbidden)):
         for text in texts:
             graph, errors = parse_expression(text, location.within(key))
             findings.add(*errors)
             if graph is not None and _knows(graph.inputs, ranges, location.within(key), findings):
-                limits.append(Condition(text, graph, key == "forbidden"))
+                limits.append(RegionCondition(text, graph, key == "forbidden"))
     for curve in entry.curves:
         if _knows((curve.channel, curve.over), ranges, location.within("curves"), findings):
             at, values = np.array(curve.at), np.array(curve.limits)
@@ -60,7 +60,7 @@ def region_of(
     if data is not None and (not entry.ranges if entry.envelope is None else entry.envelope):
         limits.append(_envelope(data, list(ranges)))
     findings.finish()
-    return Region(ranges, limits)
+    return BenchRegion(ranges, limits)
 
 
 def _knows(names: Sequence[str], ranges: Mapping[str, object], location: Location, findings: Findings) -> bool:
@@ -71,7 +71,7 @@ def _knows(names: Sequence[str], ranges: Mapping[str, object], location: Locatio
     return not unknown
 
 
-def _envelope(data: Mapping[str, Float], names: Sequence[str]) -> Envelope:
+def _envelope(data: Mapping[str, Float], names: Sequence[str]) -> DataEnvelope:
     columns = {name: data[name] for name in names if name in data}
     count = len(next(iter(columns.values())))
     # the extreme samples of each channel, and others evenly between
@@ -83,7 +83,7 @@ def _envelope(data: Mapping[str, Float], names: Sequence[str]) -> Envelope:
             ]
         ).astype(np.int64)
     )
-    return Envelope({name: values[picked] for name, values in columns.items()})
+    return DataEnvelope({name: values[picked] for name, values in columns.items()})
 
 
 def measured_inputs(datasets: Sequence[Dataset], channels: Sequence[str]) -> dict[str, Float] | None:

@@ -13,7 +13,7 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.design.region import Region
+from kennfeld.design.region import BenchRegion
 from kennfeld.design.space_filling import fill
 
 Kind = Literal["steps", "ramps", "chirp", "aprbs"]
@@ -58,7 +58,7 @@ class TimeTable:
         return replace(self, name=name)
 
 
-def plan(manoeuvre: Manoeuvre, region: Region, slew: Mapping[str, float], seed: int = 0) -> TimeTable:
+def plan(manoeuvre: Manoeuvre, region: BenchRegion, slew: Mapping[str, float], seed: int = 0) -> TimeTable:
     """Plan a manoeuvre within a region; consecutive samples keep the slew rates.
 
     Raises:
@@ -80,7 +80,7 @@ def plan(manoeuvre: Manoeuvre, region: Region, slew: Mapping[str, float], seed: 
     return TimeTable(manoeuvre.kind, time, columns)
 
 
-def _check(manoeuvre: Manoeuvre, region: Region) -> None:
+def _check(manoeuvre: Manoeuvre, region: BenchRegion) -> None:
     findings = [
         Finding(PLACE, f"unknown channel {name} of the manoeuvre", f"The ranges are of {', '.join(region.ranges)}.")
         for name in manoeuvre.channels
@@ -103,12 +103,12 @@ def _check(manoeuvre: Manoeuvre, region: Region) -> None:
 
 
 def _levels(
-    manoeuvre: Manoeuvre, region: Region, slew: Mapping[str, float], time: Float, seed: int, way_points: int
+    manoeuvre: Manoeuvre, region: BenchRegion, slew: Mapping[str, float], time: Float, seed: int, way_points: int
 ) -> dict[str, Float]:
     """Return ramps between levels that fill the region, each held for a random time; `ramps` are not held."""
     random = np.random.default_rng(seed)
     moving = manoeuvre.channels or tuple(region.ranges)
-    inner = Region({n: s if n in moving else (sum(s) / 2,) * 2 for n, s in region.ranges.items()}, region.limits)
+    inner = BenchRegion({n: s if n in moving else (sum(s) / 2,) * 2 for n, s in region.ranges.items()}, region.limits)
     low, high = (0.0, 0.0) if manoeuvre.kind == "ramps" else manoeuvre.dwell
     most = int(np.ceil(manoeuvre.duration / max(low, manoeuvre.step))) + 2
     levels = fill(inner, min(most, 4096), "sobol", seed)
@@ -130,7 +130,7 @@ def _levels(
     return {name: np.interp(time, knots, path[:, i]) for i, name in enumerate(region.ranges)}
 
 
-def _reachable(region: Region, here: Float, points: Float, at: int, way_points: int) -> Float:
+def _reachable(region: BenchRegion, here: Float, points: Float, at: int, way_points: int) -> Float:
     """Return a next level to which the straight way stays within the region."""
     names = list(region.ranges)
     for tried in range(len(points)):
@@ -141,7 +141,7 @@ def _reachable(region: Region, here: Float, points: Float, at: int, way_points: 
     return here
 
 
-def _chirp(manoeuvre: Manoeuvre, region: Region, slew: Mapping[str, float], time: Float) -> dict[str, Float]:
+def _chirp(manoeuvre: Manoeuvre, region: BenchRegion, slew: Mapping[str, float], time: Float) -> dict[str, Float]:
     """Return sines of rising frequency whose amplitude falls where a slew rate demands it.
 
     Each channel has a phase of its own, so that they do not move together.
@@ -177,7 +177,7 @@ def _limited(values: Float, most: float) -> Float:
     return limited
 
 
-def _require_inside(region: Region, columns: Mapping[str, Float], manoeuvre: Manoeuvre) -> None:
+def _require_inside(region: BenchRegion, columns: Mapping[str, Float], manoeuvre: Manoeuvre) -> None:
     outside = ~region.admits(columns)
     if outside.any():
         message = f"the {manoeuvre.kind} leaves the limits at {np.count_nonzero(outside)} of {outside.size} samples"
@@ -185,7 +185,7 @@ def _require_inside(region: Region, columns: Mapping[str, Float], manoeuvre: Man
 
 
 def plan_all(
-    manoeuvres: Sequence[Manoeuvre], region: Region, slew: Mapping[str, float], seed: int = 0
+    manoeuvres: Sequence[Manoeuvre], region: BenchRegion, slew: Mapping[str, float], seed: int = 0
 ) -> list[TimeTable]:
     """Plan several manoeuvres, each by random numbers of its own."""
     return [plan(manoeuvre, region, slew, seed + number) for number, manoeuvre in enumerate(manoeuvres)]

@@ -1,4 +1,4 @@
-"""What the data do not determine, as linear functions of the values, and how far a design settles it."""
+"""Undetermined directions as linear functions of the values, and how far a design settles them."""
 
 from collections.abc import Sequence
 

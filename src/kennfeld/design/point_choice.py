@@ -59,7 +59,7 @@ class PointSearch:
         """Choose at most `count` points, and exchange them in `rounds` passes."""
         candidates = len(self._rows)
         count = count if self._repeats else min(count, candidates)
-        state = _State(self._inverse, self._rows, self._functions, self.before)
+        state = _CandidateState(self._inverse, self._rows, self._functions, self.before)
         chosen, factors = list[int](), [1.0]
         for _ in range(count):
             chosen.append(self._best(state, chosen))
@@ -70,13 +70,13 @@ class PointSearch:
                 break
         return self._ordered(chosen) if rounds else PointChoice(tuple(chosen), np.array(factors))
 
-    def _best(self, state: "_State", chosen: list[int]) -> int:
+    def _best(self, state: "_CandidateState", chosen: list[int]) -> int:
         gains = state.gains()
         if not self._repeats:
             gains[chosen] = -np.inf
         return int(gains.argmax())
 
-    def _exchange(self, state: "_State", chosen: list[int]) -> bool:
+    def _exchange(self, state: "_CandidateState", chosen: list[int]) -> bool:
         improved = False
         for at, own in enumerate(chosen):
             before = state.mean
@@ -91,7 +91,7 @@ class PointSearch:
         return improved
 
     def _ordered(self, chosen: list[int]) -> PointChoice:
-        state = _State(self._inverse, self._rows, self._functions, self.before)
+        state = _CandidateState(self._inverse, self._rows, self._functions, self.before)
         rest, ordered, factors = list(chosen), list[int](), [1.0]
         while rest:
             gains = state.gains()[rest]
@@ -101,7 +101,7 @@ class PointSearch:
         return PointChoice(tuple(ordered), np.array(factors))
 
 
-class _State:
+class _CandidateState:
     """J H^-1 F, J H^-1 J' and the variances, as points are added and removed."""
 
     def __init__(self, inverse: Float, rows: Float, functions: Float, before: Float) -> None:

@@ -1,4 +1,4 @@
-"""Which steady points to measure next, for the whole function, named parameters, or one undetermined direction."""
+"""Choice of the steady points to measure next, for the whole function, named parameters, or one undetermined direction."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -38,7 +38,7 @@ NOTICEABLE = 0.8  # of what points leave, below which a second criterion is wort
 
 @dataclass(frozen=True, eq=False)
 class PointKind:
-    """What is measured at a point: the criteria with a target in some of the training data.
+    """A kind of points: the criteria that are measured, those with a target in some of the training data.
 
     Attributes:
         name: the dataset that such points are like, or `candidates`.
@@ -117,7 +117,7 @@ def design_points(
     unsettled: list[str] = []
     factor = float("nan")
     if names or direction is not None:
-        search = _Search(fitted, kind, rows, names, direction)
+        search = _ValueSearch(fitted, kind, rows, names, direction)
         choice = search.choose(count)
         chosen = list(choice.chosen)
         sentences, unsettled = search.sentences(choice, kinds, candidates)
@@ -168,7 +168,7 @@ def _distinct(candidates: Mapping[str, Float], findings: Findings) -> tuple[dict
     return {name: values[numbers] for name, values in candidates.items()}, numbers
 
 
-class _Search:
+class _ValueSearch:
     """The search for points that determine named parameters or a direction, and what to say of it."""
 
     def __init__(

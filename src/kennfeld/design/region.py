@@ -19,7 +19,7 @@ Columns = Mapping[str, Float]  # by channel, Float[points]
 
 
 @dataclass(frozen=True, eq=False)
-class Condition:
+class RegionCondition:
     """A formula that holds in the region, or, if `forbidden`, nowhere in it."""
 
     text: str
@@ -55,13 +55,13 @@ class BoundaryCurve:
         return f"{self.channel} {'above' if self.above else 'below'} its curve over {self.over}"
 
 
-class Envelope:
+class DataEnvelope:
     """The convex hull of measured points, of all channels together or, of more than four, of every pair of them.
 
     Args:
         columns: the measured points by channel; those with NaN are left out.
 
-    >>> envelope = Envelope({"x": np.array([0.0, 1.0, 0.0]), "y": np.array([0.0, 0.0, 1.0])})
+    >>> envelope = DataEnvelope({"x": np.array([0.0, 1.0, 0.0]), "y": np.array([0.0, 0.0, 1.0])})
     >>> envelope.admits({"x": np.array([0.2, 0.9]), "y": np.array([0.2, 0.9])})
     array([ True, False])
     """
@@ -116,7 +116,7 @@ def _planes(points: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class BenchRegion:
     """Where points may be measured.
 
     Attributes:
@@ -125,7 +125,7 @@ class Region:
     """
 
     ranges: Mapping[str, tuple[float, float]]
-    limits: Sequence[Condition | BoundaryCurve | Envelope] = ()
+    limits: Sequence[RegionCondition | BoundaryCurve | DataEnvelope] = ()
 
     def admits(self, columns: Columns) -> Bool:
         """Mark the points within the region, Bool[points]."""

@@ -1,4 +1,4 @@
-"""Which pieces of recordings to drive next, and which recordings add nothing."""
+"""Choice of the pieces of recordings to drive next, and of the recordings that add nothing."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ from kennfeld.design.open_directions import (
     reduced_functions,
 )
 from kennfeld.design.predicted_estimate import deviations
-from kennfeld.design.segments import Segment, cut_files, cut_segments, owners
+from kennfeld.design.segments import RecordedSegment, cut_files, cut_segments, owners
 from kennfeld.design.value_text import ValueNames
 from kennfeld.domain.dataset import Dataset
 from kennfeld.graph.external_function import is_sequential
@@ -96,7 +96,9 @@ def _has_memory(fitted: FittedFunction) -> bool:
     return bool(graph.states) or any(is_sequential(node) for node in graph.nodes)
 
 
-def _usable(segments: list[Segment], information: Information, findings: Findings) -> tuple[list[Segment], Information]:
+def _usable(
+    segments: list[RecordedSegment], information: Information, findings: Findings
+) -> tuple[list[RecordedSegment], Information]:
     """Return the segments at which the function has finite values and that say anything."""
     usable = information.usable
     if usable.all():
@@ -153,7 +155,7 @@ def reduce_recordings(
     )
     cover = alone.coverage
     everything = cover.of(list(range(len(files))))
-    dropped = cover.drop(1 if keep is None else keep)
+    dropped = cover.drop(1 if keep is None else keep, exchange=keep is not None)
     if keep is None:
         dropped = [(number, variance) for number, variance in dropped if variance <= ADDS_NOTHING * everything]
     numbers = [number for number, _ in dropped]
@@ -177,7 +179,7 @@ def _shares(fitted: FittedFunction, use: Float) -> Float:
     """Return the share of each value in the use of its parameter, Float[draws, free].
 
     Weighted by it, the best subset has information in proportion to the use, sum u^2 / I being least for I = u, and so
-    leaves the balance of the errors of a function that is not exact as it was. Coverage alone would keep the extremes.
+    leaves the balance of the errors of a function that is not exact as it was. WeightedCoverage alone would keep the extremes.
     """
     shares = np.zeros_like(use)
     for first, size in fitted.blocks.values():
@@ -187,7 +189,9 @@ def _shares(fitted: FittedFunction, use: Float) -> Float:
     return shares
 
 
-def _predicted_loss(files: Sequence[Segment], dropped: Sequence[tuple[int, float]], everything: float) -> list[str]:
+def _predicted_loss(
+    files: Sequence[RecordedSegment], dropped: Sequence[tuple[int, float]], everything: float
+) -> list[str]:
     if not dropped:
         return []
     percent = 100 * (dropped[-1][1] / everything - 1)
@@ -196,7 +200,7 @@ def _predicted_loss(files: Sequence[Segment], dropped: Sequence[tuple[int, float
 
 
 def _deviations_without(
-    fitted: FittedFunction, recordings: Sequence[Dataset], gone: Sequence[Segment]
+    fitted: FittedFunction, recordings: Sequence[Dataset], gone: Sequence[RecordedSegment]
 ) -> "dict[str, Float]":
     """Return the deviations once recordings are gone, by subtracting what they tell at the fit."""
     if not gone:

@@ -11,7 +11,7 @@ from kennfeld.domain.dataset import Dataset
 
 
 @dataclass(frozen=True)
-class Segment:
+class RecordedSegment:
     """A piece of a recording.
 
     Attributes:
@@ -41,7 +41,7 @@ class Segment:
         return Dataset(f"{data.name} {self.begin:g} s", channels, time=time, scored=scored, max_gap=data.max_gap)
 
 
-def cut_segments(datasets: Sequence[Dataset], length: float, warmup: float) -> list[Segment]:
+def cut_segments(datasets: Sequence[Dataset], length: float, warmup: float) -> list[RecordedSegment]:
     """Cut recordings into segments that follow each other; what is too short at the end of a piece is left out.
 
     Args:
@@ -52,7 +52,7 @@ def cut_segments(datasets: Sequence[Dataset], length: float, warmup: float) -> l
     return [segment for number, data in enumerate(datasets) for segment in _cut(number, data, length, warmup)]
 
 
-def _cut(number: int, data: Dataset, length: float, warmup: float) -> Iterator[Segment]:
+def _cut(number: int, data: Dataset, length: float, warmup: float) -> Iterator[RecordedSegment]:
     assert data.time is not None
     for piece in data.pieces:
         time = data.time[piece]
@@ -66,7 +66,7 @@ def _cut(number: int, data: Dataset, length: float, warmup: float) -> Iterator[S
             if last > first and (last - first) * step >= 0.5 * length:
                 at = piece.start
                 ends = float(time[first]), float(time[last - 1])
-                yield Segment(number, file_of(data, at + first), at + lead, at + first, at + last, *ends)
+                yield RecordedSegment(number, file_of(data, at + first), at + lead, at + first, at + last, *ends)
 
 
 def file_of(data: Dataset, sample: int) -> str:
@@ -76,9 +76,9 @@ def file_of(data: Dataset, sample: int) -> str:
     return data.files.names[int(np.searchsorted(data.files.starts, sample, side="right")) - 1]
 
 
-def cut_files(datasets: Sequence[Dataset]) -> list[Segment]:
+def cut_files(datasets: Sequence[Dataset]) -> list[RecordedSegment]:
     """Return each recording as a whole: the files of the datasets, or their pieces if the files are unknown."""
-    found = []
+    located = []
     for number, data in enumerate(datasets):
         spans = [(piece.start, piece.stop, f"{data.name} {i + 1}") for i, piece in enumerate(data.pieces)]
         if len(spans) == 1:
@@ -89,11 +89,11 @@ def cut_files(datasets: Sequence[Dataset]) -> list[Segment]:
         for first, last, name in spans:
             if last > first:
                 stamps = (0.0, 0.0) if data.time is None else (float(data.time[first]), float(data.time[last - 1]))
-                found.append(Segment(number, name, first, first, last, *stamps))
-    return found
+                located.append(RecordedSegment(number, name, first, first, last, *stamps))
+    return located
 
 
-def owners(segments: Sequence[Segment], datasets: Sequence[Dataset]) -> list[Int]:
+def owners(segments: Sequence[RecordedSegment], datasets: Sequence[Dataset]) -> list[Int]:
     """Return for each dataset the number of the segment of every sample, Int[samples]; -1 for none."""
     numbers = [np.full(data.samples, -1, dtype=np.int64) for data in datasets]
     for number, segment in enumerate(segments):

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import InputError, Location
-from kennfeld.design.region import Region
+from kennfeld.design.region import BenchRegion
 
 Filling = Literal["sobol", "lhs", "factorial"]
 FILLINGS: tuple[Filling, ...] = ("sobol", "lhs", "factorial")
@@ -15,7 +15,7 @@ MOST_LEVELS = 10_000_000  # points of a full factorial
 PLACE = Location("design")
 
 
-def fill(region: Region, count: int, kind: Filling = "sobol", seed: int = 0) -> dict[str, Float]:
+def fill(region: BenchRegion, count: int, kind: Filling = "sobol", seed: int = 0) -> dict[str, Float]:
     """Fill a region with points.
 
     With limits other than ranges, more points are made than are asked for, and those outside left out: of a Sobol
@@ -74,7 +74,7 @@ def _latin_hypercube(count: int, channels: int, seed: int) -> Float:
     return np.asarray(qmc.LatinHypercube(channels, rng=np.random.default_rng(seed)).random(count))
 
 
-def _scaled(region: Region, unit: Float) -> dict[str, Float]:
+def _scaled(region: BenchRegion, unit: Float) -> dict[str, Float]:
     """Scale points of the unit cube, Float[points, moving channels], to the ranges."""
     columns, at = {}, 0
     for name, (low, high) in region.ranges.items():
@@ -87,12 +87,12 @@ def _scaled(region: Region, unit: Float) -> dict[str, Float]:
     return columns
 
 
-def factorial(region: Region, count: int) -> dict[str, Float]:
+def factorial(region: BenchRegion, count: int) -> dict[str, Float]:
     """Return a full factorial with the most levels of which at most `count` points are in the region.
 
     All channels have as many levels, but for a last one more in the first of them, as far as the count allows.
 
-    >>> sorted(zip(*(v.tolist() for v in factorial(Region({"x": (0.0, 1.0), "y": (0.0, 1.0)}), 6).values())))
+    >>> sorted(zip(*(v.tolist() for v in factorial(BenchRegion({"x": (0.0, 1.0), "y": (0.0, 1.0)}), 6).values())))
     [(0.0, 0.0), (0.0, 1.0), (0.5, 0.0), (0.5, 1.0), (1.0, 0.0), (1.0, 1.0)]
     """
     names = [name for name, (low, high) in region.ranges.items() if high > low]
@@ -111,11 +111,11 @@ def factorial(region: Region, count: int) -> dict[str, Float]:
                 levels, best, grown = more, grid, True
                 break
     if not len(next(iter(best.values()))):
-        region.require_room(_grid(Region(region.ranges), dict.fromkeys(names, 9)), PLACE)
+        region.require_room(_grid(BenchRegion(region.ranges), dict.fromkeys(names, 9)), PLACE)
     return best
 
 
-def _grid(region: Region, levels: dict[str, int]) -> dict[str, Float]:
+def _grid(region: BenchRegion, levels: dict[str, int]) -> dict[str, Float]:
     axes = []
     for name, (low, high) in region.ranges.items():
         count = levels.get(name, 1)

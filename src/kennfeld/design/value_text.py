@@ -45,8 +45,8 @@ def matching(names: Sequence[str], fitted: FittedFunction) -> list[int]:
     """Return the numbers of all free values of parameters that match patterns, without those that are held."""
     from fnmatch import fnmatchcase
 
-    found: list[int] = []
+    located: list[int] = []
     for block, (first, size) in fitted.blocks.items():
         if any(fnmatchcase(block, pattern) for pattern in names):
-            found += [at for at in range(first, first + size) if not fitted.fixed[at]]
-    return found
+            located += [at for at in range(first, first + size) if not fitted.fixed[at]]
+    return located

@@ -81,24 +81,24 @@ def design(
         try:
             with Interrupt() as interrupt, display("compiling") as shown:
                 use = tuple(str(Path.cwd() / pattern) for pattern in use)
-                made = design_project(project, request, candidates, use, interrupt.watch(shown))
+                proposal = design_project(project, request, candidates, use, interrupt.watch(shown))
         except KeyboardInterrupt:
             print_findings("Stopped before there was anything to write.")
             return INTERRUPTED
-    print_findings(*made.findings)
+    print_findings(*proposal.findings)
     if target is not None:
-        made.save(target, follow=True)
+        proposal.save(target, follow=True)
     if as_json:
-        print_values(json.dumps(made.as_json(), indent=2))
+        print_values(json.dumps(proposal.as_json(), indent=2))
         return INTERRUPTED if interrupt.pressed else DONE
-    _print_design(made)
+    _print_design(proposal)
     if target is not None:
         print_lines(f"Written to {target}")
     return INTERRUPTED if interrupt.pressed else DONE
 
 
-def _print_design(made: "Design") -> None:
-    rows = made.table()
+def _print_design(proposal: "Design") -> None:
+    rows = proposal.table()
     if rows:
         print_lines(*align(rows), "")
-    print_lines(*made.summary())
+    print_lines(*proposal.summary())
