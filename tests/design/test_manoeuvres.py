@@ -5,7 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.design.manoeuvres import KINDS, Manoeuvre, plan
-from kennfeld.design.region import BoundaryCurve, BenchRegion
+from kennfeld.design.region import BenchRegion, BoundaryCurve
 
 RANGES = {"speed": (800.0, 6000.0), "load": (10.0, 100.0)}
 FULL_LOAD = BoundaryCurve("load", "speed", np.array([800.0, 3000.0, 6000.0]), np.array([60.0, 100.0, 70.0]))

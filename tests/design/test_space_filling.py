@@ -4,7 +4,7 @@ from scipy.stats import qmc
 
 import kennfeld as kf
 from kennfeld.base.errors import Location
-from kennfeld.design.region import RegionCondition, DataEnvelope, BenchRegion
+from kennfeld.design.region import BenchRegion, DataEnvelope, RegionCondition
 from kennfeld.design.space_filling import FILLINGS, factorial, fill
 from kennfeld.models.formula import expression
 

@@ -26,7 +26,8 @@ class WeightedCoverage:
         candidates: information of each candidate, shape (draws, candidates, values).
         use: mean information over the operation that matters, shape (draws, values).
 
-    >>> cover = WeightedCoverage(np.ones((1, 2)), np.array([[[9.0, 0.0], [0.0, 9.0], [4.0, 4.0]]]), np.array([[1.0, 2.0]]))
+    >>> candidates = np.array([[[9.0, 0.0], [0.0, 9.0], [4.0, 4.0]]])
+    >>> cover = WeightedCoverage(np.ones((1, 2)), candidates, np.array([[1.0, 2.0]]))
     >>> cover.of([]), cover.of([1]), cover.choose(1)
     (3.0, 1.2, [2])
     """

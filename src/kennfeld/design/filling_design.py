@@ -39,12 +39,12 @@ def fill_region(
         return _nearest(region, count, candidates, entry.seed)
     kind = "sobol" if entry.method == "auto" else entry.method
     points = fill(region, count, kind, entry.seed)  # type: ignore[arg-type]
-    proposal = len(next(iter(points.values())))
+    size = len(next(iter(points.values())))
     findings = []
-    if proposal < count and kind == "factorial":
-        message = f"a full factorial of at most {count} points has {made}"
+    if size < count and kind == "factorial":
+        message = f"a full factorial of at most {count} points has {size}"
         findings.append(Finding(PLACE, message, severity="remark"))
-    elif proposal < count:
+    elif size < count:
         message = "all ranges are single numbers, so that there is one point"
         findings.append(Finding(PLACE, message, "Widen a range.", severity="warning"))
     return Design(findings=tuple(findings)), points
@@ -55,11 +55,11 @@ def _optimal(
 ) -> tuple[Design, dict[str, Float]]:
     columns = _candidates(region, entry.seed) if candidates is None else _admitted(region, candidates)
     rows = model_rows(columns, entry.model, entry.centres)
-    located = exchange(rows, count, "D" if entry.method == "d-optimal" else "I", seed=entry.seed)
-    chosen = list(located.chosen)
+    optimal = exchange(rows, count, "D" if entry.method == "d-optimal" else "I", seed=entry.seed)
+    chosen = list(optimal.chosen)
     sentence = (
-        f"{count_noun(rows.shape[1], 'coefficient')} of the {entry.model} model: log det {found.log_det:.6g}, mean "
-        f"variance of prediction {found.variance:.4g} times that of the noise."
+        f"{count_noun(rows.shape[1], 'coefficient')} of the {entry.model} model: log det {optimal.log_det:.6g}, mean "
+        f"variance of prediction {optimal.variance:.4g} times that of the noise."
     )
     return Design(sentences=(sentence,)), {name: values[chosen] for name, values in columns.items()}
 

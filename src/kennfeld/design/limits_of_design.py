@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, Location
 from kennfeld.base.formatting import join_names
-from kennfeld.design.region import BoundaryCurve, RegionCondition, DataEnvelope, BenchRegion, contradictions
+from kennfeld.design.region import BenchRegion, BoundaryCurve, DataEnvelope, RegionCondition, contradictions
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph

@@ -1,4 +1,4 @@
-"""Choice of the steady points to measure next, for the whole function, named parameters, or one undetermined direction."""
+"""Choice of steady points to measure next, for the whole function, named parameters, or one undetermined direction."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

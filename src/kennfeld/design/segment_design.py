@@ -179,7 +179,8 @@ def _shares(fitted: FittedFunction, use: Float) -> Float:
     """Return the share of each value in the use of its parameter, Float[draws, free].
 
     Weighted by it, the best subset has information in proportion to the use, sum u^2 / I being least for I = u, and so
-    leaves the balance of the errors of a function that is not exact as it was. WeightedCoverage alone would keep the extremes.
+    leaves the balance of the errors of a function that is not exact as it was. Coverage alone would
+    keep the extremes.
     """
     shares = np.zeros_like(use)
     for first, size in fitted.blocks.values():
