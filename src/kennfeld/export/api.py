@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
+import numpy as np
+
 from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
@@ -154,10 +156,32 @@ def _write(
     problem: Problem | None,
 ) -> Export:
     findings = Findings()
-    function = prepare(model, values, settings.name or name, location, findings, settings.outputs, settings.precision)
+    # an FMU has the names of the function
+    renamed = Findings() if settings.to == "fmu" else findings
+    function = prepare(model, values, settings.name or name, location, renamed, settings.outputs, settings.precision)
     comparison = _checked(function, settings, problem, location, findings) if settings.check else None
-    files = write_c(function, settings.precision)
+    files = _files(function, settings, model.step or _step_of(problem), location, findings)
     return Export(write_files(files, folder), tuple(findings), comparison)
+
+
+def _files(
+    function: PreparedFunction, settings: ExportSettings, step: float | None, location: Location, findings: Findings
+) -> Mapping[str, str | bytes]:
+    if settings.to == "c":
+        return write_c(function, settings.precision)
+    from kennfeld.export.fmu import FmuSettings, is_fixed_step, require_step, write_fmu
+
+    fixed = is_fixed_step(function)
+    length = require_step(settings.step or step, fixed, location)
+    return write_fmu(function, FmuSettings(settings.fmi, settings.inputs, length, fixed), location, findings)
+
+
+def _step_of(problem: Problem | None) -> float | None:
+    """Return the usual distance of the samples of a problem in s; None if none has time stamps."""
+    times = [data.time for data in problem.datasets if data.time is not None] if problem is not None else []
+    steps = np.concatenate([np.diff(time) for time in times if time.size > 1] or [np.zeros(0)])
+    # rounded, as time stamps carry the rounding of their sums
+    return float(f"{np.median(steps):.9g}") if steps.size else None
 
 
 def _checked(

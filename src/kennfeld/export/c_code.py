@@ -6,18 +6,23 @@ from textwrap import wrap
 from kennfeld.export.c_arithmetic import Arithmetic
 from kennfeld.export.c_functions import CFunctions
 from kennfeld.export.c_step import StepWriter
+from kennfeld.export.c_tangent import tangent_declaration, write_tangent
 from kennfeld.export.prepared import ParameterValues, Precision, PreparedFunction, Signal, comment_text
 
 WIDTH = 100
 
 
-def write_c(function: PreparedFunction, precision: Precision = "double") -> dict[str, str]:
-    """Return the texts of header and source by their file names; equal functions give equal texts."""
+def write_c(function: PreparedFunction, precision: Precision = "double", *, tangent: bool = False) -> dict[str, str]:
+    """Return the texts of header and source by their file names; equal functions give equal texts.
+
+    With `tangent`, there is a function of directional derivatives.
+    """
     name, arithmetic = function.name, Arithmetic(precision)
-    return {f"{name}.h": _header(function, arithmetic), f"{name}.c": _source(function, arithmetic)}
+    header, source = _header(function, arithmetic, tangent), _source(function, arithmetic, tangent)
+    return {f"{name}.h": header, f"{name}.c": source}
 
 
-def _header(function: PreparedFunction, arithmetic: Arithmetic) -> str:
+def _header(function: PreparedFunction, arithmetic: Arithmetic, tangent: bool) -> str:
     name, kind = function.name, arithmetic.precision
     guard = f"{name.upper()}_H"
     lines = [
@@ -44,6 +49,7 @@ def _header(function: PreparedFunction, arithmetic: Arithmetic) -> str:
         "/* Computes the outputs of one sample, and remembers what the next one needs */",
         f"void {name}_step(const {name}_parameters *p, {name}_states *s, const {name}_inputs *u, {name}_outputs *y);",
         "",
+        *(tangent_declaration(name) if tangent else ()),
         "#ifdef __cplusplus",
         "}",
         "#endif",
@@ -91,16 +97,17 @@ def _state_members(function: PreparedFunction, kind: str) -> list[str]:
     return [*lines, "    int32_t fresh; /* 1 before the first step */"] if lines else []
 
 
-def _source(function: PreparedFunction, arithmetic: Arithmetic) -> str:
+def _source(function: PreparedFunction, arithmetic: Arithmetic, tangent: bool) -> str:
     name = function.name
     functions = CFunctions(name, arithmetic)
     # written first, as they say which functions they call
     start = _start(function, arithmetic, functions) if function.states else []
     step = _step(function, arithmetic, functions)
+    step += ["", *write_tangent(function, arithmetic, functions)] if tangent else []
     pragma = ["#if defined(__clang__)", "#pragma STDC FP_CONTRACT OFF", "#endif", ""]
     note = [
-        "/* Compilers that fuse sums with products, such as GCC without -std=c99, need -ffp-contract=off to compute the",
-        "   same bits as Kennfeld. Never use -ffast-math: NaN has to stay NaN. */",
+        "/* A compiler that fuses sums with products, such as GCC without -std=c99, needs -ffp-contract=off to compute",
+        "   the same bits as Kennfeld. Never use -ffast-math: NaN has to stay NaN. */",
         "",
     ]
     lines = [

@@ -92,6 +92,20 @@ static T N_clip(T x, const T *points, int32_t i)
 
     return (low > $1) ? $1 : low;
 }""",
+    "outer_slope": """\
+/* slope of the share of cell i */
+static T N_outer_slope(const T *points, int32_t i)
+{
+    return $1 / (points[i + 1] - points[i]);
+}""",
+    "inner_slope": """\
+/* slope of the share of cell i, 0 beyond the ends of the axis */
+static T N_inner_slope(T x, const T *points, int32_t i, int32_t n)
+{
+    const T slope = $1 / (points[i + 1] - points[i]);
+
+    return ((x >= points[0]) && (x <= points[n - 1])) ? slope : $0;
+}""",
     "part": """\
 /* part of a grid point in a value; one of weight 0 does not count, even if it is not finite */
 static T N_part(T weight, T value)
@@ -140,6 +154,41 @@ static T N_expand_{kernel}(const T *values, const T *x, int32_t inputs, int32_t 
     return plane + bells;
 }}"""
 
+# slope of the bell times -1 / r^2
+_DECLINES = {"gaussian": "bell", "matern52": "(($five * $third) * ($1 + s)) * $exp(-s)"}
+_EXPANSION_TANGENT = """\
+/* change of plane and bells for a change dv of their values and dx of the inputs */
+static T N_expand_{kernel}_tangent(const T *v, const T *x, const T *dv, const T *dx, int32_t inputs, int32_t centres)
+{{
+    const int32_t weights = 1 + inputs;
+    const int32_t middles = weights + centres;
+    const int32_t widths = middles + (centres * inputs);
+    T sum = dv[0];
+    int32_t i;
+    int32_t d;
+
+    for (d = 0; d < inputs; d++) {{
+        sum = sum + ((dv[1 + d] * x[d]) + (v[1 + d] * dx[d]));
+    }}
+    for (i = 0; i < centres; i++) {{
+        T square = $0;
+        T change = $0;
+
+        for (d = 0; d < inputs; d++) {{
+            const int32_t at = (d * centres) + i;
+            const T apart = (x[d] - v[middles + at]) / v[widths + at];
+            const T above = (apart > (-$far)) ? apart : (-$far);
+            const T t = (above < $far) ? above : $far;
+
+            square = square + (t * t);
+            change = change + (t * (((dx[d] - dv[middles + at]) - (t * dv[widths + at])) / v[widths + at]));
+        }}
+        {bell}
+        sum = sum + ((dv[weights + i] * bell) - ((v[weights + i] * ({decline})) * change));
+    }}
+    return sum;
+}}"""
+
 _ACTIVATIONS = {
     "identity": "z",
     "relu": "(z < $0) ? $0 : z",
@@ -148,6 +197,14 @@ _ACTIVATIONS = {
     "tanh": "$tanh(z)",
     # by e^-|z|, which cannot overflow
     "sigmoid": "((z < $0) ? $exp(z) : $1) / ($1 + $exp(-$fabs(z)))",
+}
+_SLOPES = {
+    "identity": "$1",
+    "relu": "(z < $0) ? $0 : $1",
+    "leaky_relu": "(z < $0) ? alpha : $1",
+    "elu": "(z < $0) ? (alpha * $exp(z)) : $1",
+    "tanh": "$1 - ($tanh(z) * $tanh(z))",
+    "sigmoid": "$exp(-$fabs(z)) / (($1 + $exp(-$fabs(z))) * ($1 + $exp(-$fabs(z))))",
 }
 WITH_ALPHA = ("leaky_relu", "elu")
 _LAYER = """\
@@ -167,6 +224,26 @@ static void N_layer_{activation}(const T *values, int32_t inputs, int32_t output
     }}
 }}"""
 
+_LAYER_TANGENT = """\
+/* change of the outputs of a dense layer for a change dv of its values and dx of its inputs */
+static void N_layer_{activation}_tangent(
+    const T *v, int32_t inputs, int32_t outputs, {alpha}const T *x, const T *dv, const T *dx, T *dy)
+{{
+    int32_t i;
+    int32_t j;
+
+    for (i = 0; i < outputs; i++) {{
+        {before}T change = dv[(inputs * outputs) + i];
+
+        for (j = 0; j < inputs; j++) {{
+            const int32_t at = (j * outputs) + i;
+
+            {sum}change = change + ((dv[at] * x[j]) + (v[at] * dx[j]));
+        }}
+        dy[i] = change * ({slope});
+    }}
+}}"""
+
 
 class CFunctions:
     """The functions that the code of one exported function calls, in an order in which they can be defined."""
@@ -179,13 +256,15 @@ class CFunctions:
         """Return the name of a function, which becomes a part of the code."""
         return self._add(kind, lambda: _PLAIN[kind], _NEEDS.get(kind, ()))
 
-    def lookup(self, sides: str) -> str:
-        """Return the name of the interpolation in a table.
+    def lookup(self, sides: str, slope: int | None = None) -> str:
+        """Return the name of the interpolation in a table, or of its slope along an axis.
 
         Args:
             sides: for each axis "c" if a coordinate has a cell there, or "s" if the axis has a single breakpoint.
+            slope: the axis.
         """
-        return self._add(f"lookup_{sides}", lambda: _lookup(sides), ("part",))
+        ending = "" if slope is None else f"_slope{slope}"
+        return self._add(f"lookup_{sides}{ending}", lambda: _lookup(sides, slope), ("part",))
 
     def expansion(self, kernel: str) -> str:
         """Return the name of the function of an expansion in radial basis functions."""
@@ -197,6 +276,20 @@ class CFunctions:
         alpha = "T alpha, " if activation in WITH_ALPHA else ""
         parts = {"activation": activation, "alpha": alpha, "value": _ACTIVATIONS[activation]}
         return self._add(f"layer_{activation}", lambda: _LAYER.format(**parts))
+
+    def expansion_tangent(self, kernel: str) -> str:
+        """Return the name of the function of the change of an expansion."""
+        parts = {"kernel": kernel, "bell": "\n        ".join(_BELLS[kernel]), "decline": _DECLINES[kernel]}
+        return self._add(f"expand_{kernel}_tangent", lambda: _EXPANSION_TANGENT.format(**parts))
+
+    def layer_tangent(self, activation: str) -> str:
+        """Return the name of the function of the change of a dense layer."""
+        parts = {"activation": activation, "slope": _SLOPES[activation], "before": "", "sum": ""}
+        parts["alpha"] = "T alpha, " if activation in WITH_ALPHA else ""
+        if activation != "identity":
+            parts |= {"before": "T z = v[(inputs * outputs) + i];\n        "}
+            parts |= {"sum": "z = z + (v[at] * x[j]);\n            "}
+        return self._add(f"layer_{activation}_tangent", lambda: _LAYER_TANGENT.format(**parts))
 
     @property
     def text(self) -> str:
@@ -221,21 +314,20 @@ class CFunctions:
         return self._arithmetic.literal(numbers[word]) if word in numbers else self._arithmetic.library(word)
 
 
-def _lookup(sides: str) -> str:
+def _lookup(sides: str, slope: int | None = None) -> str:
     """Write the interpolation between the grid points around a coordinate: the sum of weight times value.
 
-    Weights are products along the axes, the first one first; grid points are added in the order of their values.
+    Weights are products along the axes, the first one first; grid points are added in the order of their values. Along
+    the axis `slope`, weights are replaced by their slopes.
     """
-    weights = [f"const T g{axis} = $1 - f{axis};" for axis, side in enumerate(sides) if side == "c"]
-    # 1, or NaN if the coordinate is not finite
-    weights += [f"const T g{axis} = $1 + (f{axis} * $0);" for axis, side in enumerate(sides) if side == "s"]
+    weights: list[str] = []
     corners = [("", "")]  # weight and offset
     for axis, side in enumerate(sides):
+        weights += _weights(side, axis, slope)
         factors = (f"g{axis}", f"f{axis}") if side == "c" else (f"g{axis}",)
         if axis:
-            weights += [
-                f"const T {weight}{factor} = {weight} * {factor};" for weight, _ in corners for factor in factors
-            ]
+            pairs = [(weight, factor) for weight, _ in corners for factor in factors]
+            weights += [f"const T {weight}{factor} = {weight} * {factor};" for weight, factor in pairs]
         corners = [
             (f"{weight}{factor}", _plus(offset, _stride(sides, axis)) if step else offset)
             for weight, offset in corners
@@ -246,23 +338,35 @@ def _lookup(sides: str) -> str:
     lines += [*(f"sum = sum + {part};" for part in others), "return sum;"]
     body = [f"    {line}" if line else "" for line in lines]
     kind = {1: "curve", 2: "map"}.get(len(sides), f"table of {len(sides)} axes")
-    head = f"static T N_lookup_{sides}({', '.join(_lookup_parameters(sides))})"
-    return "\n".join([f"/* value of a {kind} */", head, "{", *body, "}"])
+    what = "value" if slope is None else f"slope along axis {slope + 1}"
+    ending = "" if slope is None else f"_slope{slope}"
+    head = f"static T N_lookup_{sides}{ending}({', '.join(_lookup_parameters(sides, slope))})"
+    return "\n".join([f"/* {what} of a {kind} */", head, "{", *body, "}"])
 
 
-def _lookup_parameters(sides: str) -> list[str]:
+def _weights(side: str, axis: int, slope: int | None) -> list[str]:
+    """Return the definitions of the weights along one axis: g of the first grid point, f of the second."""
+    if axis == slope:
+        # of the weights 1 - f and f, or of a single one
+        return [f"const T g{axis} = -$1;", f"const T f{axis} = $1;"] if side == "c" else [f"const T g{axis} = $0;"]
+    # of a single one, 1, or NaN if the coordinate is not finite
+    return [f"const T g{axis} = $1 - f{axis};" if side == "c" else f"const T g{axis} = $1 + (f{axis} * $0);"]
+
+
+def _lookup_parameters(sides: str, slope: int | None) -> list[str]:
     parameters = ["const T *values"]
     for axis, side in enumerate(sides):
         if side == "c":
             parameters.append(f"int32_t i{axis}")
-        parameters.append(f"T f{axis}")
+        if axis != slope:
+            parameters.append(f"T f{axis}")
         if counts_points(sides, axis):
             parameters.append(f"int32_t n{axis}")
     return parameters
 
 
 def counts_points(sides: str, axis: int) -> bool:
-    """Return True if an interpolation takes the number of breakpoints of an axis: it is the stride of an earlier one."""
+    """Return True if an interpolation takes the number of breakpoints of an axis, the stride of an earlier one."""
     return sides[axis] == "c" and "c" in sides[:axis]
 
 

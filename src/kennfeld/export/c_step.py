@@ -119,17 +119,18 @@ class StepWriter:
             return f"p->{self._function.parameter(str(axis.key)).member}"
         return f"{self._function.name}_axis{axis.number}"
 
-    def _table(self, table: TableRef, args: Sequence[int]) -> str:
+    def _table(self, table: TableRef, args: Sequence[int], pointer: str = "p", slope: int | None = None) -> str:
+        """Return the lookup in a table of a struct, or its slope along an axis."""
         parameter = self._function.parameter(table.name)
         if not args:
-            return f"p->{parameter.member}"
+            return f"{pointer}->{parameter.member}"
         sides = "".join("s" if count == 1 else "c" for count in parameter.shape)
-        arguments = [f"p->{parameter.member}"]
+        arguments = [f"{pointer}->{parameter.member}"]
         for axis, (place, count) in enumerate(zip(args, parameter.shape, strict=True)):
             arguments += [f"i{place}"] if count > 1 else []
-            arguments += [f"f{place}"]
+            arguments += [f"f{place}"] if axis != slope else []
             arguments += [str(count)] if counts_points(sides, axis) else []
-        return f"{self._functions.lookup(sides)}({', '.join(arguments)})"
+        return f"{self._functions.lookup(sides, slope)}({', '.join(arguments)})"
 
     def _array(self, name: str, args: Sequence[int]) -> str:
         values = ", ".join(self.value(a) for a in args)
@@ -146,9 +147,11 @@ class StepWriter:
         if (layer, args) not in self._layers:
             x, y = self._array(f"x{at}", args), f"y{at}"
             self.lines.append(f"    {self._type} {y}[{layer.outputs}];")
-            alpha = [self._arithmetic.literal(layer.alpha)] if layer.activation in WITH_ALPHA else []
             values = f"p->{self._function.parameter(layer.name).member}"
-            arguments = [values, str(layer.inputs), str(layer.outputs), *alpha, x, y]
-            self.lines += [f"    {self._functions.layer(layer.activation)}({', '.join(arguments)});"]
+            arguments = f"{values}, {layer.inputs}, {layer.outputs}, {self._alpha(layer)}{x}, {y}"
+            self.lines.append(f"    {self._functions.layer(layer.activation)}({arguments});")
             self._layers[layer, args] = y
         return self._layers[layer, args]
+
+    def _alpha(self, layer: DenseLayer) -> str:
+        return f"{self._arithmetic.literal(layer.alpha)}, " if layer.activation in WITH_ALPHA else ""

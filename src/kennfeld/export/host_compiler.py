@@ -5,7 +5,6 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -16,6 +15,7 @@ import numpy as np
 
 from kennfeld.base.arrays import ArrayLike, Float
 from kennfeld.base.errors import KennfeldError
+from kennfeld.base.fmi_platform import LIBRARY_SUFFIX
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.export.c_code import write_c
 from kennfeld.export.prepared import Precision, PreparedFunction
@@ -66,11 +66,6 @@ class HostCompiler:
             raise CompilationError(f"{self.name} fails: {lines[0] if lines else f'status {run.returncode}'}")
 
 
-def library_suffix() -> str:
-    """Return the ending of shared libraries on this system."""
-    return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-
-
 class CompiledFunction:
     """Exported C code in the memory of this process.
 
@@ -86,7 +81,7 @@ class CompiledFunction:
             folder = Path(name)
             for file, text in write_c(function, precision).items():
                 (folder / file).write_text(text, encoding="utf-8")
-            driver, library = folder / "driver.c", folder / f"driver{library_suffix()}"
+            driver, library = folder / "driver.c", folder / f"driver{LIBRARY_SUFFIX}"
             driver.write_text(_driver(function, precision), encoding="utf-8")
             compiler.shared_library([driver, folder / f"{function.name}.c"], library, flags)
             # the library stays loaded when its file has gone

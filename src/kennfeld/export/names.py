@@ -48,11 +48,12 @@ class NameSpace(NamedTuple):
     kind: str  # for messages: "parameter", "input", "output"
     names: tuple[str, ...]
     taken: tuple[str, ...] = ()  # identifiers that are in use already
+    derived: tuple[str, ...] = ()  # further names, which are not those of the user
 
 
 def member_names(space: NameSpace, location: Location, findings: Findings) -> Mapping[str, str]:
     """Return the identifiers of names; a remark says which differ, an error which are equal."""
-    mapped = {name: c_identifier(name) for name in space.names}
+    mapped = {name: c_identifier(name) for name in (*space.names, *space.derived)}
     users: dict[str, list[str]] = {own: ["a name of the struct"] for own in space.taken}
     for name, own in mapped.items():
         users.setdefault(own, []).append(name)
@@ -60,7 +61,7 @@ def member_names(space: NameSpace, location: Location, findings: Findings) -> Ma
         if len(names) > 1:
             message = f"the {space.kind}s {join_names([repr(name) for name in names])} are both {own} in C"
             findings.error(location, message, "Rename one of them in the function.")
-    renamed = [f"{name!r} is {own}" for name, own in mapped.items() if name != own]
+    renamed = [f"{name!r} is {own}" for name in space.names if (own := mapped[name]) != name]
     if renamed:
         findings.remark(location, f"names of {space.kind}s that are not identifiers of C: {join_names(renamed)}")
     return mapped

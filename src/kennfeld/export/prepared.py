@@ -224,8 +224,8 @@ def _parameters(
     keys = dict.fromkeys(
         node.payload.key for node in lowered.graph.nodes if node.op == "position" and node.payload.key is not None
     )
-    names = (*lowered.shapes, *map(str, keys))
-    members = member_names(NameSpace("parameter", names), location, findings)
+    space = NameSpace("parameter", tuple(lowered.shapes), derived=tuple(map(str, keys)))
+    members = member_names(space, location, findings)
     values = []
     for name in lowered.shapes:
         own = parameters[name]
