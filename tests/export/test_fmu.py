@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 
 from kennfeld import Axis, Curve, InputError, Map, ParameterSet, Scalar, calibrate, simulate
-from kennfeld.export.api import export
+from kennfeld.export.api import export_function
 from kennfeld.export.host_compiler import HostCompiler
 from tests.export.compiled import STRICT, needs_compiler
 from tests.export.fmi2_instance import ERROR, OK, Fmi2
 
 STATIC = "y[Nm] = M(Speed, Load) * K + Curve(Load) ^ 2 + exp(Load / 10)\nz = y * Load\noutput y\noutput z"
 # explicit and implicit steps, and a feedback
-MEMORY = "output y\noutput y2\nlagged = PT1(M(Speed, Load), 0.5)\ny[Nm] = lagged * K + integrator(Load - prev(y, 0), 1)\ny2 = Curve(t)"
+MEMORY = """
+output y
+output y2
+lagged = PT1(M(Speed, Load), 0.5)
+y[Nm] = lagged * K + integrator(Load - prev(y, 0), 1)
+y2 = Curve(t)
+"""
 COUNTING = "y = delay(Load, 3, 0) * K"
 
 
@@ -37,7 +43,9 @@ def _used(text):
 def _content(text, options):
     """Return the bytes of an FMU, which is compiled once for all tests."""
     with TemporaryDirectory() as folder:
-        return export(text, _used(text), folder, to="fmu", name="engine", **dict(options)).files[0].read_bytes()
+        return (
+            export_function(text, _used(text), folder, to="fmu", name="engine", **dict(options)).files[0].read_bytes()
+        )
 
 
 def _written(text, folder, **options):
@@ -106,7 +114,7 @@ def test_a_step_of_another_length_is_an_error_if_the_function_counts_steps(tmp_p
 
 def test_a_function_that_counts_steps_needs_one(tmp_path):
     with pytest.raises(InputError, match=r"the step of the FMU is not known.*State it with --step"):
-        export(COUNTING, _used(COUNTING), tmp_path, to="fmu")
+        export_function(COUNTING, _used(COUNTING), tmp_path, to="fmu")
 
 
 @needs_compiler
@@ -197,7 +205,7 @@ def test_a_calibration_of_the_fmu_finds_the_values_of_the_function(tmp_path):
     options = {"node": "y", "target": "target", "free": ["M", "Curve"]}
     fixed = start.with_parameters(start["Curve"].changed(axes=(start["Curve"].axes[0].changed(free=False),)))
     own = calibrate(STATIC, data, fixed, **options).parameters
-    path = export(STATIC, fixed, tmp_path, to="fmu", name="engine").files[0]
+    path = export_function(STATIC, fixed, tmp_path, to="fmu", name="engine").files[0]
     model = fmu(path)
     result = calibrate(model, data, model.values, **options).parameters
     for name in ("M", "Curve"):
@@ -229,7 +237,7 @@ def test_the_sources_inside_compile_without_a_warning(tmp_path):
 
 def test_without_a_compiler_the_fmu_has_sources_only(tmp_path, monkeypatch):
     monkeypatch.setattr(HostCompiler, "find", lambda: None)
-    done = export(STATIC, _values(), tmp_path, to="fmu", name="engine")
+    done = export_function(STATIC, _values(), tmp_path, to="fmu", name="engine")
     with zipfile.ZipFile(done.files[0]) as archive:
         names = archive.namelist()
     assert "sources/fmi2.c" in names
@@ -238,7 +246,7 @@ def test_without_a_compiler_the_fmu_has_sources_only(tmp_path, monkeypatch):
 
 
 def test_equal_functions_give_equal_files(tmp_path):
-    again = export(STATIC, _used(STATIC), tmp_path, to="fmu", name="engine").files[0].read_bytes()
+    again = export_function(STATIC, _used(STATIC), tmp_path, to="fmu", name="engine").files[0].read_bytes()
     assert again == _content(STATIC, ())
 
 
@@ -246,7 +254,7 @@ def test_values_that_are_not_finite_are_refused(tmp_path):
     values = _values()
     infinite = values.with_parameters(values["K"].with_values(np.array(np.inf)))
     with pytest.raises(InputError, match="values of K are not finite"):
-        export(STATIC, infinite, tmp_path, to="fmu")
+        export_function(STATIC, infinite, tmp_path, to="fmu")
 
 
 @needs_compiler

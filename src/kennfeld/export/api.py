@@ -1,4 +1,4 @@
-"""Export of a function with its calibration: `export`."""
+"""Export of a function with its calibration: `export_function`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -77,7 +77,7 @@ class Export:
     comparison: Comparison | None = None
 
 
-def export(
+def export_function(
     function: Project | Model | str,
     parameters: Start | None = None,
     folder: str | Path = ".",
@@ -113,7 +113,7 @@ def export(
     Raises:
         InputError: the function calls code that cannot be written, or a name or value does not fit the language.
 
-    >>> done = export("y = 2 * x + k", {"k": 1.0}, "exported", name="line")
+    >>> done = export_function("y = 2 * x + k", {"k": 1.0}, "exported", name="line")
     >>> [path.name for path in done.files]
     ['line.c', 'line.h']
     """
@@ -128,7 +128,7 @@ def export(
 
 
 def export_project(project: Project, parameters: ParameterSet | None, folder: Path, settings: ExportSettings) -> Export:
-    """Write the function of a project; see `export`."""
+    """Write the function of a project; see `export_function`."""
     problem = project.problem()
     values = replace_parameters(problem, parameters)
     file = project.file.model.file
@@ -169,6 +169,10 @@ def _files(
 ) -> Mapping[str, str | bytes]:
     if settings.to == "c":
         return write_c(function, settings.precision)
+    if settings.to == "m":
+        from kennfeld.export.matlab_code import write_matlab
+
+        return write_matlab(function)
     from kennfeld.export.fmu import FmuSettings, is_fixed_step, require_step, write_fmu
 
     fixed = is_fixed_step(function)

@@ -34,12 +34,17 @@ def fmi2_description(
         )
     varying = {"canHandleVariableCommunicationStepSize": "false" if fixed else "true"}
     _add_sources(SubElement(root, "CoSimulation", {**common, **varying}), function)
-    _add_units(root, variables)
+    add_units(root, variables)
     SubElement(root, "DefaultExperiment", stepSize=repr(step))
     entries = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         _add_variable(entries, variable, reference)
     _add_structure(root, function, variables)
+    return xml_text(root)
+
+
+def xml_text(root: Element) -> str:
+    """Return the text of a document."""
     indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
 
@@ -55,7 +60,8 @@ def _add_sources(interface: Element, function: PreparedFunction) -> None:
         SubElement(sources, "File", name=name)
 
 
-def _add_units(root: Element, variables: Sequence[Variable]) -> None:
+def add_units(root: Element, variables: Sequence[Variable]) -> None:
+    """Declare the units of variables."""
     units = dict.fromkeys(variable.unit for variable in variables if variable.unit)
     if units:
         definitions = SubElement(root, "UnitDefinitions")

@@ -18,6 +18,7 @@ from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.export.c_code import write_c
 from kennfeld.export.fmi2_description import fmi2_description
+from kennfeld.export.fmi3_description import build_description, fmi3_description
 from kennfeld.export.fmu_variables import Variable, interface_of
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.prepared import PreparedFunction
@@ -74,14 +75,13 @@ def write_fmu(
     _check(variables, location)
     code = write_c(function, tangent=True)
     token = _token(code, settings)
-    sources: dict[str, str] = {
-        **code,
-        "model.h": _model_header(function, variables, settings, token),
-        "core.h": _runtime("core.h"),
-        "fmi2.c": _runtime("fmi2.c"),
-    }
-    description = fmi2_description(function, variables, token, settings.rule, settings.step, settings.fixed)
+    runtime = {name: _runtime(name) for name in ("core.h", f"fmi{settings.version}.c")}
+    sources = {**code, "model.h": _model_header(function, variables, settings, token), **runtime}
+    describe = fmi2_description if settings.version == 2 else fmi3_description
+    description = describe(function, variables, token, settings.rule, settings.step, settings.fixed)
     members: dict[str, str | bytes] = {"modelDescription.xml": description}
+    if settings.version == 3:
+        members["sources/buildDescription.xml"] = build_description(function.name)
     members |= {f"sources/{name}": text for name, text in sources.items()}
     library = _library(function.name, sources, location, findings)
     if library is not None:
@@ -128,7 +128,9 @@ def _model_header(
     name = function.name
     structs = {"input": "inputs", "output": "outputs", "parameter": "parameters"}
     places = [
-        f"    {{PLACE_{v.causality.upper()}, offsetof({name}_{structs[v.causality]}, {v.member}), {v.count}}},"
+        f"    {{PLACE_{v.causality.upper()}, offsetof({name}_{structs[v.causality]}, {v.member}), {v.size}}},"
+        if v.causality in structs
+        else "    {PLACE_TIME, 0, 1},"
         for v in variables
     ]
     flags = {

@@ -13,6 +13,7 @@ from kennfeld.graph.node import CLOCK
 from kennfeld.graph.traversal import ancestors
 
 Causality = Literal["input", "output", "parameter", "independent"]
+TIME = "time"
 _STRUCTURED = re.compile(r"(der\()?[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)*\])?)*\)?", re.ASCII)
 
 
@@ -23,7 +24,7 @@ class Variable(NamedTuple):
         name: its name in the function, with indices from 1 if it is a value of a table.
         causality: as the standard calls it.
         member: expression of its place in the struct, such as `MapX[3]`.
-        count: number of its values.
+        size: number of its values.
         start: its values, Float[shape]; None for an output.
         unit: its unit.
         description: what it is.
@@ -32,7 +33,7 @@ class Variable(NamedTuple):
     name: str
     causality: Causality
     member: str
-    count: int = 1
+    size: int = 1
     start: Float | None = None
     unit: str = ""
     description: str = ""
@@ -46,7 +47,9 @@ def interface_of(function: PreparedFunction, *, arrays: bool) -> tuple[Variable,
         if u.name not in CLOCK
     ]
     outputs = [Variable(y.name, "output", y.member, unit=y.unit) for y in function.outputs]
-    return (*inputs, *outputs, *(_parameters(function, arrays)))
+    # FMI 3.0 requires a variable for the time, FMI 2.0 does not
+    time = [Variable(TIME, "independent", "", unit="s")] if arrays else []
+    return (*inputs, *outputs, *_parameters(function, arrays), *time)
 
 
 def _parameters(function: PreparedFunction, arrays: bool) -> Iterator[Variable]:
