@@ -1,4 +1,4 @@
-"""How FMI calls this machine, and the ending of its shared libraries."""
+"""Name of this machine in FMI, and the ending of its shared libraries."""
 
 import platform
 import sys

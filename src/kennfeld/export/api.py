@@ -28,7 +28,7 @@ NO_COMPILER = "this machine has no C compiler"
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """How a function is written.
+    """Settings of an export.
 
     Attributes:
         to: "c" for C99, "fmu" for an FMU, "m" for a function of MATLAB.
@@ -68,7 +68,7 @@ class Export:
 
     Attributes:
         files: their paths.
-        findings: remarks and warnings, such as on names that are no identifiers of C.
+        findings: remarks and warnings, such as on names that are not identifiers of C.
         comparison: deviations of the compiled code from the simulation; None without data or compiler.
     """
 

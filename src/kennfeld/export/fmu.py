@@ -30,7 +30,7 @@ FLAGS = ("-fvisibility=hidden",)
 
 @dataclass(frozen=True)
 class FmuSettings:
-    """How an FMU runs.
+    """Settings of an FMU.
 
     Attributes:
         version: version of FMI.
