@@ -1,3 +1,4 @@
+import re
 import shutil
 import subprocess
 import zipfile
@@ -226,11 +227,29 @@ def test_kennfeld_reads_the_fmu_back(tmp_path):
 
 
 @needs_compiler
+@pytest.mark.guests
+def test_tables_are_arrays_in_fmi_3(tmp_path):
+    from kennfeld import fmu
+
+    path = _written(STATIC, tmp_path, fmi=3)
+    with zipfile.ZipFile(path) as archive:
+        description = archive.read("modelDescription.xml").decode()
+    table = re.search(r'<Float64 name="M".*?</Float64>', description, re.DOTALL)[0]
+    assert re.findall(r'Dimension start="(\d)"', table) == ["4", "3"]
+    model, columns = fmu(path), _columns(30)
+    np.testing.assert_array_equal(model.values["M"].values, _values()["M"].values)
+    got = simulate(model, columns, model.values)
+    expected = _expected(STATIC, columns, np.arange(30.0), ["y", "z"])
+    np.testing.assert_allclose([got["y"].values, got["z"].values], expected, rtol=1e-12)
+
+
+@needs_compiler
 def test_the_sources_inside_compile_without_a_warning(tmp_path):
-    with zipfile.ZipFile(_written(MEMORY, tmp_path)) as archive:
-        archive.extractall(tmp_path)
+    for options in ({}, {"fmi": 3}):
+        with zipfile.ZipFile(_written(MEMORY, tmp_path, **options)) as archive:
+            archive.extractall(tmp_path)
     for compiler in [HostCompiler.find().command, *((name,) for name in ("clang",) if shutil.which(name))]:
-        command = [*compiler, "-std=c99", *STRICT, "-c", "fmi2.c", "engine.c"]
+        command = [*compiler, "-std=c99", *STRICT, "-c", "fmi2.c", "fmi3.c", "engine.c"]
         run = subprocess.run(command, cwd=tmp_path / "sources", capture_output=True, text=True, check=False)
         assert (run.returncode, run.stderr) == (0, "")
 
@@ -262,8 +281,9 @@ def test_another_tool_takes_the_description_and_gives_the_same_numbers(tmp_path)
     fmpy = pytest.importorskip("fmpy")
     from fmpy.validation import validate_fmu
 
-    for text in (STATIC, MEMORY, "y = %Air/Mass [kg]% * K"):
-        assert validate_fmu(str(_written(text, tmp_path))) == []
+    for fmi in (2, 3):
+        for text in (STATIC, MEMORY, "y = %Air/Mass [kg]% * K"):
+            assert validate_fmu(str(_written(text, tmp_path, fmi=fmi))) == []
     time, columns = np.arange(40) * 0.1, _columns(40)
     inputs = np.rec.fromarrays([time, *columns.values()], names=["time", *columns])
     path = str(_written(MEMORY, tmp_path, inputs="start"))

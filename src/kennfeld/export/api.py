@@ -70,6 +70,9 @@ class Export:
         files: their paths.
         findings: remarks and warnings, such as on names that are not identifiers of C.
         comparison: deviations of the compiled code from the simulation; None without data or compiler.
+
+    >>> export_function("y = 2 * %n rpm%", folder="exported", name="line").findings[0].severity
+    'remark'
     """
 
     files: tuple[Path, ...]
