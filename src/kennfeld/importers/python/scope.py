@@ -3,9 +3,13 @@
 import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import field
+from typing import Literal
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.program import tree as m
+
+# numbers of NumPy divide by 0 without an exception, integers have any number of digits
+NumberKind = Literal["float", "integer", "numpy"]
 
 
 class UntranslatableError(Exception):
@@ -42,7 +46,7 @@ class FunctionScope:
         lists: lengths of those names that are lists; these consist of one variable for each element.
         numbers: those that are certainly not lists.
         fixed: names that stand for an expression, such as those of comprehensions.
-        numpy: names that hold numbers of NumPy, which divide by 0 without an exception.
+        kinds: which kinds of numbers names hold, as they are translated.
         inner: the functions that it defines.
     """
 
@@ -50,7 +54,7 @@ class FunctionScope:
     lists: dict[str, int] = field(default_factory=dict)
     numbers: set[str] = field(default_factory=set)
     fixed: dict[str, m.Expression] = field(default_factory=dict)
-    numpy: set[str] = field(default_factory=set)
+    kinds: dict[str, NumberKind] = field(default_factory=dict)
     inner: dict[str, InnerFunction] = field(default_factory=dict)
 
     def is_local(self, name: str) -> bool:

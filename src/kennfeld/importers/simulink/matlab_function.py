@@ -98,7 +98,7 @@ def _evaluation_context(block: BlockContext, functions: Mapping[str, m.FunctionD
         functions=dict(functions),
         find=block.compiler.files.find,
         frozen=frozen,
-        remark=lambda sentence: block.warn(f"calls a bit function: {sentence}"),
+        remark=lambda sentence, line: block.warn(f"calls a bit function: {sentence}"),
         tables=partial(_look_up, block),
     )
 

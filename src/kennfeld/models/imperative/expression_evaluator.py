@@ -102,6 +102,11 @@ class ExpressionEvaluator:
             raise ProgramError(f"{message} is not a constant scalar")
         return float(numbers.item())
 
+    def fail_where(self, condition: Nodes) -> None:
+        """See `SymbolicEvaluator`."""
+        for node in condition.ravel():
+            self.body.fail_where(int(node))
+
     # names
 
     def _first_result(self, name: str, arguments: Sequence[m.Expression]) -> s.SymbolicValue:

@@ -5,6 +5,7 @@ After a decision each variable is selected by its condition.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
+from functools import partial, reduce
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -39,25 +40,35 @@ class PathState:
     """The state of code along one path: variables, persistent variables by function, jumps and known conditions.
 
     `jumps` are the conditions under which a break, continue or return was executed; `facts` are the conditions known on
-    this path.
+    this path; `failures` are those under which the code has failed, in any function, with values that do not count.
     """
 
     names: dict[str, s.SymbolicValue] = field(default_factory=dict)
     kept: dict[tuple[str, str], s.SymbolicValue] = field(default_factory=dict)
     jumps: dict[str, int] = field(default_factory=dict)
     facts: Mapping[int, bool] = field(default_factory=dict)
+    failures: dict[int, None] = field(default_factory=dict)
 
     def under(self, builder: GraphBuilder, condition: int, holds: bool) -> "PathState":
         """Return a copy for one side of a decision, which may be changed."""
         facts = assume(builder, self.facts, condition, holds)
-        return PathState(dict(self.names), dict(self.kept), dict(self.jumps), facts)
+        return PathState(dict(self.names), dict(self.kept), dict(self.jumps), facts, dict(self.failures))
+
+    def within(self, names: dict[str, s.SymbolicValue]) -> "PathState":
+        """Return the state at the start of a function with its own variables."""
+        return PathState(names, self.kept, {}, self.facts, self.failures)
+
+    def after(self, called: "PathState") -> "PathState":
+        """Return this state after a function that has ended in the state `called`."""
+        return replace(self, kept=called.kept, failures=called.failures)
 
 
 def merge_states(builder: GraphBuilder, condition: int, yes: PathState, no: PathState, before: PathState) -> PathState:
     """Return the state after a decision."""
     work = _StateMerge(builder, condition, yes.facts, no.facts)
     jumps = {kind: work.jump(yes.jumps.get(kind), no.jumps.get(kind)) for kind in {**yes.jumps, **no.jumps}}
-    return replace(before, names=work.mapping(yes.names, no.names), kept=work.mapping(yes.kept, no.kept), jumps=jumps)
+    names, kept = work.mapping(yes.names, no.names), work.mapping(yes.kept, no.kept)
+    return replace(before, names=names, kept=kept, jumps=jumps, failures=work.failures(yes.failures, no.failures))
 
 
 class _StateMerge:
@@ -71,6 +82,16 @@ class _StateMerge:
         item = logical_and(builder, self.condition, never if yes is None else yes)
         other = logical_and(builder, logical_not(builder, self.condition), never if no is None else no)
         return logical_or(builder, item, other)
+
+    def failures(self, yes: Mapping[int, None], no: Mapping[int, None]) -> dict[int, None]:
+        """Return the conditions of both sides; those of one side hold only if it is taken."""
+        result = {node: None for node in yes if node in no}
+        for choice, side in ((self.condition, yes), (logical_not(self.builder, self.condition), no)):
+            # as one condition, or a loop would repeat those of its last passes for each pass
+            own = [node for node in side if node not in result]
+            if own:
+                result[logical_and(self.builder, choice, reduce(partial(logical_or, self.builder), own))] = None
+        return result
 
     def mapping(
         self, yes: Mapping[Key, s.SymbolicValue], no: Mapping[Key, s.SymbolicValue]
@@ -162,6 +183,7 @@ class SymbolicInterpreter(Protocol):
     def assign(self, target: m.Expression | None, value: s.SymbolicValue) -> None: ...
     def run(self, statements: Sequence[m.Statement]) -> None: ...
     def going(self) -> int | None: ...
+    def fail_where(self, condition: int) -> None: ...
     def decide(self, condition: int, yes: Callable[[], None], no: Callable[[], None] = ...) -> None: ...
     def within(self, names: Mapping[str, s.SymbolicValue], make: Callable[[], s.SymbolicValue]) -> s.SymbolicValue: ...
     def call(

@@ -174,13 +174,18 @@ class StatementInterpreter:
         """Return the condition of a value: all elements are non-zero, and there are any."""
         return reduce_nodes(self.builder, "and", s.as_array(s.force(value), "a condition").ravel())
 
+    def fail_where(self, condition: int) -> None:
+        """Note that the code fails where a condition holds; its further values do not count there."""
+        if known_truth(self.builder, self.state.facts, condition) is not False:
+            self.state.failures[condition] = None
+
     def within(self, names: Mapping[str, s.SymbolicValue], make: Callable[[], s.SymbolicValue]) -> s.SymbolicValue:
         """Call `make` with other variables."""
         self._keep_shared()
         outer, around = self.state, self.frame
-        self.state, self.frame = PathState(dict(names), outer.kept, {}, outer.facts), replace(around, shared=[])
+        self.state, self.frame = outer.within(dict(names)), replace(around, shared=[])
         result = make()
-        self.state, self.frame = replace(outer, kept=self.state.kept), around
+        self.state, self.frame = outer.after(self.state), around
         return result
 
     # assignments
@@ -297,9 +302,9 @@ class StatementInterpreter:
         self._keep_shared()
         outer, around = self.state, self.frame
         self.frame = CallFrame(name, len(arguments), wanted, [], self.context.functions_near(function))
-        self.state = PathState(_bind_arguments(function, arguments), outer.kept, {}, outer.facts)
+        self.state = outer.within(_bind_arguments(function, arguments))
         results = self._followed(function, wanted)
-        self.state, self.frame = replace(outer, kept=self.state.kept), around
+        self.state, self.frame = outer.after(self.state), around
         for name in self.frame.shared:
             self.names[name] = self.state.kept[GLOBAL, name]
         return results
