@@ -22,7 +22,7 @@ from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, BlockType, Outputs
 from kennfeld.importers.simulink.reader.model_tree import join_path, split_path
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, limit
-from kennfeld.importers.simulink.variables.data_types import BusType, output_type
+from kennfeld.importers.simulink.variables.data_types import BusType
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
 _MAX_PASSES = 500
@@ -47,7 +47,7 @@ class BlockCompiler(LoweringPass):
                 continue
             # what nothing else needs is not lowered for that, and a bus without an object is not checked
             known = [source is not None and source.flat in self.visits.values for source in flat.inputs]
-            if any(known) and isinstance(output_type(flat.block, flat.scope), BusType):
+            if any(known) and isinstance(flat.output_type, BusType):
                 self._call_handler_for_check(flat)
 
     def _call_handler_for_check(self, flat: FlatBlock) -> None:

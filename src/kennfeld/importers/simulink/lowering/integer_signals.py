@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.registry import output_type_of
 from kennfeld.importers.simulink.reader.dialog_words import match_word
-from kennfeld.importers.simulink.variables.data_types import FixedPointType, PlainType, output_type
+from kennfeld.importers.simulink.variables.data_types import FixedPointType, PlainType
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 
 T = TypeVar("T")
@@ -69,7 +69,7 @@ def is_floating(source: SignalSource | None) -> bool:
         if flat in seen:
             continue
         seen.add(flat)
-        kind = output_type(flat.block, flat.scope)
+        kind = flat.output_type
         if isinstance(kind, PlainType) and kind.name in _FLOATING:
             continue
         if _specified_type(flat) or not output_type_of(flat).floating:
@@ -107,7 +107,7 @@ def _type_inputs(flat: FlatBlock) -> tuple[int, ...]:
 
 def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
     """Return the integer type that a block specifies for its output."""
-    kind = output_type(flat.block, flat.scope)
+    kind = flat.output_type
     if isinstance(kind, FixedPointType):
         return IntegerType(kind.bits, kind.signed, _rounding(flat), is_saturating(flat)) if kind.is_integer else None
     # `int16(3)` as the value of a constant gives its type without any field
@@ -116,7 +116,7 @@ def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
 
 
 def _stated_fixed_point(flat: FlatBlock) -> FixedPointType | None:
-    kind = output_type(flat.block, flat.scope)
+    kind = flat.output_type
     return kind if isinstance(kind, FixedPointType) else None
 
 

@@ -12,7 +12,7 @@ from kennfeld.base.formatting import join_names
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering.integer_signals import fixed_point_type_of, is_saturating
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, output_type_of
-from kennfeld.importers.simulink.variables.data_types import FixedPointType, UndefinedType, output_type
+from kennfeld.importers.simulink.variables.data_types import FixedPointType, UndefinedType
 from kennfeld.models.imperative.integer_types import integer_type_named
 
 _CAST = re.compile(r"\bu?int(?:8|16|32|64)\s*\(")
@@ -27,7 +27,7 @@ Readers = Callable[[FlatBlock], Iterable[FlatBlock]]
 
 def converted_type(flat: FlatBlock, readers: Readers) -> FixedPointType | UndefinedType | None:
     """Return the type to which a block converts its result, None if that is a floating-point or unknown type."""
-    kind = output_type(flat.block, flat.scope)
+    kind = flat.output_type
     if isinstance(kind, FixedPointType | UndefinedType):
         return kind
     written = (flat.block.value("OutDataTypeStr") or flat.block.value("OutDataTypeMode") or "").strip()
@@ -45,7 +45,7 @@ def _type_of_readers(flat: FlatBlock, readers: Readers) -> FixedPointType | None
         # what only displays a signal accepts any type
         if reader.type in BLOCK_TYPES and BLOCK_TYPES[reader.type].sink and reader.type != "Outport":
             continue
-        kinds.add(output_type(reader.block, reader.scope) if reader.type in _STATES_TYPE else None)
+        kinds.add(reader.output_type if reader.type in _STATES_TYPE else None)
     kind = kinds.pop() if len(kinds) == 1 else None
     return kind if isinstance(kind, FixedPointType) else None
 
