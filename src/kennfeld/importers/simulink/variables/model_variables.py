@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
+from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.reader.model_tree import ModelDocument, StoredSolver
 from kennfeld.importers.simulink.variables.data_dictionary import file_name, find_beside
 from kennfeld.importers.simulink.variables.datasets import is_timeseries, timeseries_points
@@ -237,7 +238,7 @@ def _timeseries(entry: StoredVariable) -> tuple[Numbers, Numbers]:
 
 
 def _is_enumerated(stored: Stored) -> bool:
-    return isinstance(stored, StoredVariable) and stored.type.startswith(ENUMERATED)
+    return isinstance(stored, StoredVariable) and begins_with_word(stored.type, ENUMERATED)
 
 
 def _member_numbers(entry: StoredVariable, known: Mapping[str, Variable]) -> ParameterValue | None:
