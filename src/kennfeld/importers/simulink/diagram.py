@@ -110,6 +110,7 @@ def read_diagram(
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    float32: bool = False,
 ) -> Diagram:
     """Read a file and import it as far as possible; the arguments are those of `simulink`.
 
@@ -121,7 +122,7 @@ def read_diagram(
     report, model, findings = None, None, tuple[Finding, ...]()
     try:
         cuts = loaded.cuts(bind or {}, prefix)
-        result = ModelImport(loaded, system, scope, cuts, frozenset(promote), step).inspect()
+        result = ModelImport(loaded, system, scope, cuts, frozenset(promote), step, float32).inspect()
         report, model = result.report, result.model
     except InputError as error:
         findings = error.findings

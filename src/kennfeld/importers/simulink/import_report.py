@@ -14,6 +14,7 @@ from kennfeld.models.import_report import ImportReport
 from kennfeld.models.quantities import CalibratableParameter, Quantity, UndefinedParameter
 
 TYPES_IGNORED = "data types are ignored, except for limits that saturate: all values are physical, in double precision"
+TYPES_ROUNDED = "integer types are ignored, except for limits that saturate: all values are physical"
 
 _MAX_PATHS = 3  # of blocks in a cell
 _MAX_NAMED = 3  # variables in a sentence
@@ -236,7 +237,7 @@ class SimulinkReport(ImportReport):
     @property
     def notes(self) -> tuple[Finding, ...]:
         """Remarks for a user who calibrates the model."""
-        substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
+        substitutions = (text for text in self.substitutions if text not in (TYPES_IGNORED, TYPES_ROUNDED))
         sentences = (Finding(Location(), text, severity="remark") for text in (*substitutions, *self.fixed))
         return (*sentences, *(replace(f, severity="remark") for f in self.remarks if f.severity != "remark"))
 

@@ -110,6 +110,10 @@ class BlockContext:
         return self._array(name, self.field_text(name))
 
     def _array(self, name: str, text: str) -> Nodes:
+        """Return a field as an array of nodes, rounded if the block computes in single precision."""
+        return self.compiler.floats.rounded_nodes(self._unrounded_array(name, text))
+
+    def _unrounded_array(self, name: str, text: str) -> Nodes:
         field = f"{self.flat.path}:{name}"
         variable = self.flat.scope.variables.get(field)
         expressions = self.compiler.expressions
@@ -188,7 +192,7 @@ class BlockContext:
                 remedy = "Select one signal of the bus with a Bus Selector."
                 raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
             signal = members[0]
-        return replace(signal, builder=self.builder)
+        return self.compiler.floats.operand(replace(signal, builder=self.builder))
 
     def _check_frame(self, signal: Signal) -> None:
         """Raise `UnsupportedError` if the rows of an input are successive samples."""

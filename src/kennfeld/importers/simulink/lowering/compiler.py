@@ -83,7 +83,7 @@ class BlockCompiler(LoweringPass):
             self._find_undefined(flat, kind)
         if kind is None or outputs is None:
             return placeholder_outputs(self.builder, flat)
-        outputs = outputs if isinstance(outputs, tuple) else (outputs,)
+        outputs = self.floats.outputs(flat, kind, outputs if isinstance(outputs, tuple) else (outputs,))
         if (limits := self.block_context(flat).type_limits) is not None:
             outputs = tuple(_limited(wired, limits) for wired in outputs)
         if not kind.held:
@@ -141,7 +141,8 @@ class BlockCompiler(LoweringPass):
         """Call the handler of a block; if it fails, its states are not completed."""
         begun = len(self.visits.agenda)
         try:
-            return kind.rule(self.block_context(flat))
+            with self.floats.rounding(flat):
+                return kind.rule(self.block_context(flat))
         except (UnsupportedError, *PARAMETER_ERRORS):
             self.visits.agenda.drop((flat, flat.last), since=begun)
             raise

@@ -30,7 +30,7 @@ class Variable:
     `lower` and `upper` are one number, or one for each number of the value. `axes` are those that a calibration file
     gives a table. A `fixed` variable, such as an enumeration member, is not a parameter. A `local` one is of a model
     workspace, which other models do not see. `kind` is the class of an object that defines a data type, such as
-    Simulink.Bus; its value then are its properties.
+    Simulink.Bus; its value then are its properties. `single` is True for numbers of single precision.
     """
 
     value: ParameterValue
@@ -43,6 +43,7 @@ class Variable:
     fixed: bool = False
     local: bool = False
     kind: str = ""
+    single: bool = False
 
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
         """Add limits to the variable, None for none; limits that its own value violates are ignored."""

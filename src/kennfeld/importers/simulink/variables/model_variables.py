@@ -226,7 +226,10 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     if value is None:
         return None
     fixed = _is_enumerated(entry) or _is_enumerated(entry.value)
-    variable = Variable(value, unit=entry.unit, description=entry.description, source=source, fixed=fixed)
+    single = "single" in (entry.kind, entry.type)
+    variable = Variable(
+        value, unit=entry.unit, description=entry.description, source=source, fixed=fixed, single=single
+    )
     return variable.limited(entry.minimum, entry.maximum)
 
 
@@ -292,7 +295,8 @@ def _with_parameter(known: Variable | None, parameter: Parameter) -> Variable:
     upper: float | Numbers = known.upper if known is not None else np.inf
     if parameter.limited:
         lower, upper = (np.reshape(bound, value.shape) for bound in (parameter.lower, parameter.upper))
-    return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
+    single = known is not None and known.single
+    return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes, single=single)
 
 
 def _sizes(values: Numbers) -> list[int]:
