@@ -122,7 +122,8 @@ class ExpressionEvaluator:
                 parameter = self.context.workspace(path)
                 if parameter is not None:
                     return parameter
-        return s.field_of(self.value(tree.of), field_name(self, tree), _short(tree.of))
+        value = s.field_of(self.value(tree.of), field_name(self, tree), _short(tree.of))
+        return self.body.of_one_size(value) if isinstance(value, s.VaryingArray) else value
 
     def _end(self) -> Nodes:
         if not self.ends:
