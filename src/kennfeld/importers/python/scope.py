@@ -27,17 +27,6 @@ def untranslated(tree: ast.AST) -> UntranslatableError:
 
 
 @dataclass(eq=False)
-class InnerFunction:
-    """A function that a function defines; it reads the names around it at each call, as they are then.
-
-    Attributes:
-        tree: the function; a lambda as one of a single return.
-    """
-
-    tree: ast.FunctionDef
-
-
-@dataclass(eq=False)
 class FunctionScope:
     """The names of a function.
 
@@ -47,7 +36,8 @@ class FunctionScope:
         numbers: those that are certainly not lists.
         fixed: names that stand for an expression, such as those of comprehensions.
         kinds: which kinds of numbers names hold, as they are translated.
-        inner: the functions that it defines.
+        inner: the functions that it defines, lambdas as functions of a single return; they read the names around them
+            at each call, as they are then.
     """
 
     names: set[str] = field(default_factory=set)
@@ -55,7 +45,7 @@ class FunctionScope:
     numbers: set[str] = field(default_factory=set)
     fixed: dict[str, m.Expression] = field(default_factory=dict)
     kinds: dict[str, NumberKind] = field(default_factory=dict)
-    inner: dict[str, InnerFunction] = field(default_factory=dict)
+    inner: dict[str, ast.FunctionDef] = field(default_factory=dict)
 
     def is_local(self, name: str) -> bool:
         """Return True if a name is not one of the file."""

@@ -15,7 +15,6 @@ from kennfeld.importers.python.mathematics import LIBRARY
 from kennfeld.importers.python.reading import PythonFunction, number_of, returns_of
 from kennfeld.importers.python.scope import (
     FunctionScope,
-    InnerFunction,
     UntranslatableError,
     as_function,
     element_name,
@@ -41,23 +40,21 @@ class PythonTranslation(SequenceTranslation):
         self.functions: dict[str, m.FunctionDefinition] = {}
         self._numbers = count()
 
-    def function(self, tree: ast.FunctionDef, scope: FunctionScope, shapes: Sequence[int | None] = ()) -> str:
+    def function(self, tree: ast.FunctionDef, scope: FunctionScope) -> str:
         """Translate a function; return its name in the tree.
 
         Args:
             tree: the function.
-            scope: what it knows from around it; an inner function gets the names that it reads as arguments.
-            shapes: lengths of the arguments that are lists; None for numbers.
+            scope: what it knows at its start: the lengths of its arguments that are lists, the kinds of the others, and
+                the names around it that an inner function reads, which it gets as arguments.
         """
-        own = parameters_of(tree)
-        lengths = dict(zip(own, shapes, strict=False)) | scope.lists
+        own, lengths = parameters_of(tree), scope.lists
         outer_names = [name for name in scope.names if name not in own]
         # a function is translated for each kind of arguments
         kinds = [f"{name}:{lengths.get(name)}:{scope.kinds.get(name)}" for name in (*own, *outer_names)]
         name = f"{tree.name}@{tree.lineno}({','.join(kinds)})"
         if name in self.functions:
             return name
-        scope.lists = {each: size for each in (*own, *outer_names) if (size := lengths.get(each)) is not None}
         parameters = tuple(variable for each in (*own, *outer_names) for variable in _variables(each, scope))
         results = tuple(f"%return{at}" for at in range(self._result_count(tree)))
         # a call of itself ends there
@@ -123,7 +120,7 @@ class PythonTranslation(SequenceTranslation):
     def _define(self, tree: ast.FunctionDef) -> list[m.Statement]:
         if tree.name in self.scope.inner or any(isinstance(node, ast.Nonlocal | ast.Global) for node in ast.walk(tree)):
             raise untranslated(tree)
-        self.scope.inner[tree.name] = InnerFunction(tree)
+        self.scope.inner[tree.name] = tree
         return []
 
     # assignments
@@ -173,15 +170,10 @@ class PythonTranslation(SequenceTranslation):
         self, names: Sequence[str], values: Sequence[m.Expression], place: m.TextPosition
     ) -> list[m.Statement]:
         """Assign values that are all computed before the first assignment, as in `a, b = b, a`."""
-        if all(isinstance(value, m.Number) for value in values) or len(values) == 1:
-            return [m.Assign((m.Name(n),), value, place=place) for n, value in zip(names, values, strict=True)]
-        kept, statements = self._kept(values, place)
-        return [*statements, *self._assign_all_kept(names, kept, place)]
-
-    def _assign_all_kept(
-        self, names: Sequence[str], values: Sequence[m.Expression], place: m.TextPosition
-    ) -> list[m.Statement]:
-        return [m.Assign((m.Name(n),), value, place=place) for n, value in zip(names, values, strict=True)]
+        # a single value, like numbers, reads nothing that is assigned before it
+        kept, statements = self._kept(values, place) if len(values) > 1 else (values, [])
+        assigned = zip(names, kept, strict=True)
+        return [*statements, *(m.Assign((m.Name(name),), value, place=place) for name, value in assigned)]
 
     def _kept(
         self, values: Sequence[m.Expression], place: m.TextPosition
@@ -242,7 +234,7 @@ class PythonTranslation(SequenceTranslation):
             return None
         name = tree.func.id
         if name in self.scope.inner:
-            return self.scope.inner[name].tree
+            return self.scope.inner[name]
         if self.scope.is_local(name):
             return None
         return self.source.functions.get(name) or self.source.closures.get(name)
@@ -257,7 +249,6 @@ class PythonTranslation(SequenceTranslation):
         arguments = [ast.copy_location(ast.Name(name, ast.Load()), tree) for name in around]
         scope = FunctionScope(names=set(around), inner=dict(self.scope.inner) if is_inner else {})
         passed: list[m.Expression] = []
-        shapes: list[int | None] = []
         own = parameters_of(called)
         names = [*own, *(name for name in scope.names if name not in own)]
         by_name = dict(zip(around, arguments, strict=True)) | dict(
@@ -266,12 +257,11 @@ class PythonTranslation(SequenceTranslation):
         for name in names:
             items = self.elements(by_name[name])
             passed += [self.value(by_name[name])] if items is None else items
-            shapes.append(None if items is None else len(items))
             if items is not None:
+                scope.lists[name] = len(items)
                 _check_kept(called, name)
             scope.kinds[name] = self.kind(by_name[name])
-        scope.lists = {name: size for name, size in zip(names, shapes, strict=True) if size is not None}
-        return m.Call(m.Name(self.function(called, scope, shapes[: len(own)])), tuple(passed))
+        return m.Call(m.Name(self.function(called, scope)), tuple(passed))
 
     def _names_around(self, tree: ast.FunctionDef) -> Iterator[str]:
         """Yield the names of this function that an inner one reads, also through others that it calls."""
@@ -282,7 +272,7 @@ class PythonTranslation(SequenceTranslation):
                 if name in self.scope.inner:
                     if name not in seen:
                         seen.add(name)
-                        waiting.append(self.scope.inner[name].tree)
+                        waiting.append(self.scope.inner[name])
                 elif self.scope.is_local(name):
                     names[name] = None
         yield from names
