@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.base.formatting import join_names
+from kennfeld.base.output_paths import file_name
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.import_report import VariableFile
 from kennfeld.importers.simulink.reader.model_tree import split_path
 from kennfeld.importers.simulink.reader.project_files import ProjectFiles
 from kennfeld.importers.simulink.variables.assigned_names import DATA_ENDINGS, AssignedNames, defines
-from kennfeld.importers.simulink.variables.data_dictionary import file_name
 from kennfeld.importers.simulink.variables.file_search import FileSearch
 
 _MAX_PROPOSALS = 10  # files with values

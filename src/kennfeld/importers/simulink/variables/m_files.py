@@ -14,7 +14,7 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location, Severity
 from kennfeld.base.file_state import note_opened
-from kennfeld.importers.simulink.variables.data_dictionary import file_name
+from kennfeld.base.output_paths import file_name
 from kennfeld.importers.simulink.variables.enumerations import class_variable
 from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
 from kennfeld.importers.simulink.variables.mask_scope import (

@@ -8,11 +8,12 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.output_paths import file_name
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.reader.model_tree import ModelDocument, StoredSolver
-from kennfeld.importers.simulink.variables.data_dictionary import file_name, find_beside
+from kennfeld.importers.simulink.variables.data_dictionary import find_beside
 from kennfeld.importers.simulink.variables.datasets import is_timeseries, timeseries_points
 from kennfeld.importers.simulink.variables.enumerations import enumerated_type, enumeration_variable, members_of
 from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
