@@ -37,7 +37,6 @@ _FLOAT = re.compile(r"float\(\s*'(\w+)'\s*\)\Z")
 # sfix16_En4, ufix8_S0p5_B2: a slope 2^-4, and a slope 0.5 with the bias 2
 _ENCODED = re.compile(r"([su])fix(\d{1,3})((?:_[EFSB]n?\d+(?:p\d+)?(?:en?\d+)?)*)\Z")
 _PART = re.compile(r"_([EFSB])([^_]+)")
-_MOST_BITS: Final = 128
 _MAX_DEPTH: Final = 20  # aliases of aliases, masks within masks
 
 
@@ -258,7 +257,7 @@ def _numeric_type(properties: _Properties, scope: Scope, depth: int) -> DataType
         return data_type(mode.casefold(), scope, depth + 1)
     # properties that a file does not store have the defaults of a new object
     bits = properties.number("WordLength", scope, 16)
-    if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
+    if not (bits.is_integer() and 1 <= bits <= types.MOST_BITS):
         return None
     is_unsigned = match_word(properties.text("Signedness", "Signed"), ["Unsigned"]) is not None
     signed = properties.number("Signed", scope, 1) != 0 and not is_unsigned
@@ -278,9 +277,9 @@ def _encoded_type(written: str) -> FixedPointType | None:
         signed, bits = match[1] == "s", int(match[3])
         # a fraction has its binary point behind the sign
         slope = float(np.exp2(int(signed) - bits)) if match[2] == "frac" else 1.0
-        return FixedPointType(bits, signed, slope) if 1 <= bits <= _MOST_BITS else None
+        return FixedPointType(bits, signed, slope) if 1 <= bits <= types.MOST_BITS else None
     match = _ENCODED.match(written)
-    if match is None or not 1 <= int(match[2]) <= _MOST_BITS:
+    if match is None or not 1 <= int(match[2]) <= types.MOST_BITS:
         return None
     parts = {key: _decoded_number(text) for key, text in _PART.findall(match[3])}
     # slope = F 2^E, or S
