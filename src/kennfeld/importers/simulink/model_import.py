@@ -46,6 +46,7 @@ from kennfeld.importers.simulink.undefined_parameters import undefined_parameter
 from kennfeld.importers.simulink.value_proposals import missing_links, propose_files
 from kennfeld.importers.simulink.variables.mask_scope import Scope, signal_unit
 from kennfeld.importers.simulink.variables.model_variables import solver_settings
+from kennfeld.matlab.errors import failed_assignment
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.importer import ImportResult
@@ -155,11 +156,11 @@ class ModelImport:
 
     def _with_definitions(self, report: SimulinkReport, compiler: BlockCompiler) -> SimulinkReport:
         """Return a report with the undefined variables as parameters to define."""
-        failed, reasons = tuple(compiler.failures), self.variables.undefined
-        definitions = undefined_parameters(failed, compiler.expressions, report.undefined, reasons)
+        failed, places = tuple(compiler.failures), self.variables.undefined
+        definitions = undefined_parameters(failed, compiler.expressions, report.undefined, report.reasons)
         missing = dict(self.variables.missing_files) if report.undefined else {}
         needed = missing | missing_links(failed)
-        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), reasons, needed)
+        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), places, needed)
         return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
 
     @property
@@ -306,7 +307,8 @@ class ModelImport:
             tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
-            reasons=dict(self.variables.undefined), unreached=unreached,
+            reasons={name: failed_assignment(place) for name, place in self.variables.undefined.items()},
+            unreached=unreached,
             results=tuple(flat.path for flat in self.flat.results), has_outports=bool(self.flat.outports),
         )  # fmt: skip
 

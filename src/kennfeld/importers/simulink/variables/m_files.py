@@ -246,8 +246,8 @@ def run_text(variables: VariableTable, text: str, name: str, load: Load) -> None
         if before is None or before.kind != result.kind or not equal_values(before.value, result.value):
             comment = result.description or outcome.comments.get(key, "")
             variables[key] = replace(result, description=comment)
-    for key, why in outcome.undefined.items():
-        variables.undefined[key] = why
+    for key, place in outcome.undefined.items():
+        variables.undefined[key] = place
         # an old value must not stand for one that the script fails to compute
         if key in variables and variables[key].source != USER_SOURCE:
             del variables[key]

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias, Union
 
 import numpy as np
 
-from kennfeld.base.errors import Finding
+from kennfeld.base.errors import Finding, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis
@@ -253,7 +253,7 @@ def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
 class VariableTable(dict[str, Variable]):
     """Variables by name, with findings of their sources.
 
-    `undefined` gives reasons why scripts could not assign a variable, `missing_files` are absent data files with the
+    `undefined` says where scripts could not assign a variable, `missing_files` are absent data files with the
     scripts or models that need them, `solvers` are configurations by name, `strangers` parameters of calibration files
     unknown to the model.
     """
@@ -261,7 +261,7 @@ class VariableTable(dict[str, Variable]):
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
-        self.undefined: dict[str, str] = {}
+        self.undefined: dict[str, Location] = {}
         self.missing_files: dict[str, str] = {}
         self.solvers: dict[str, StoredSolver] = {}
         self.strangers = ParameterSet()
