@@ -16,8 +16,8 @@ from kennfeld.terminal.command_line import (
     project_file,
     trusted,
 )
+from kennfeld.terminal.opened_project import opened_project
 from kennfeld.terminal.output import align, print_findings, print_lines, print_values
-from kennfeld.terminal.project_commands import open_project
 
 if TYPE_CHECKING:
     from kennfeld.design import Design
@@ -77,7 +77,7 @@ def design(
     target = None if output is None else output_file(path, output)
     if target is not None:
         require_design_format(target)
-    with open_project(path, trust=trust) as project:
+    with opened_project(path, trust=trust) as project:
         try:
             with Interrupt() as interrupt, display("compiling") as shown:
                 use = tuple(str(Path.cwd() / pattern) for pattern in use)
