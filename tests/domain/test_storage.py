@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.base.errors import Location
-from kennfeld.domain.storage import StorageGrid, StorageRounding, storage_findings, within_storage
+from kennfeld.domain.storage import StorageGrid, StorageRounding, storage_findings
 
 
 @given(st.integers(-(10**6), 10**6), st.decimals("0.0001", "1000", places=4))
@@ -35,11 +35,9 @@ def test_a_range_of_whole_numbers_has_exactly_the_values_within_bounds(lower, wi
 
 def test_bounds_are_narrowed_to_storable_values_and_stay_open_where_storage_has_no_end():
     table = kf.Curve("C", [0, 1, 2], [1.0, 2.0, 3.0], lower=0.3, upper=[2.2, np.inf, 9.1])
-    narrowed = within_storage(kf.ParameterSet([table]), StorageRounding(grids={"C": StorageGrid.of_step(0.5)}), ["C"])[
-        "C"
-    ]
-    np.testing.assert_array_equal(narrowed.lower, [0.5, 0.5, 0.5])
-    np.testing.assert_array_equal(narrowed.upper, [2.0, np.inf, 9.0])
+    lower, upper = StorageRounding(grids={"C": StorageGrid.of_step(0.5)}).bounds(table)
+    np.testing.assert_array_equal(lower, [0.5, 0.5, 0.5])
+    np.testing.assert_array_equal(upper, [2.0, np.inf, 9.0])
 
 
 def test_bounds_without_a_storable_value_and_locked_values_between_steps_are_named():
@@ -47,7 +45,7 @@ def test_bounds_without_a_storable_value_and_locked_values_between_steps_are_nam
     locked = kf.Curve("C", [0, 1], [0.5, 0.7], locked=[False, True])
     free = kf.Scalar("F", 1.0)
     grids = {"K": StorageGrid.of_step(0.5), "C": StorageGrid.of_step(0.5)}
-    rounding = StorageRounding(grids=grids, unrounded={"F": "is stored as FLOAT32_IEEE, which needs no rounding"})
+    rounding = StorageRounding(grids=grids, unrounded={"F": "it is stored as FLOAT32_IEEE, which needs no rounding"})
     parameters = kf.ParameterSet([tight, locked, free])
     findings = list(storage_findings(parameters, rounding, ["K", "C", "F"], Location))
     assert [finding.severity for finding in findings] == ["error", "warning", "remark"]
@@ -56,7 +54,7 @@ def test_bounds_without_a_storable_value_and_locked_values_between_steps_are_nam
         "Widen the bounds, or choose a finer step."
     )
     assert "1 locked value of C is between two steps of 0.5, such as 0.7" in str(findings[1])
-    assert "F is not rounded: is stored as FLOAT32_IEEE" in str(findings[2])
+    assert "F is not rounded: it is stored as FLOAT32_IEEE" in str(findings[2])
 
 
 @pytest.mark.parametrize("settings", [{"method": "up"}, {"max_shift": 0.5}, {"max_shift": np.nan}])

@@ -6,7 +6,7 @@ LINEAR of an A2L file has the divisor 1, RAT_FUNC another one. With these three 
 operations with which the conversion computes it, so that what was rounded stays the same when it is stored and read.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from decimal import Decimal
 from math import inf
@@ -21,6 +21,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import number
 from kennfeld.domain.free_axes import AxisKey
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 
 RoundingMethod = Literal["joint", "nearest"]
 MAX_SHIFT = 2.0  # steps
@@ -120,7 +121,8 @@ class StorageRounding:
         grids: the grid of each parameter that is rounded.
         axes: the grid of the breakpoints of each axis that is rounded.
         max_shift: the largest distance from the fit, in steps.
-        unrounded: why other labels of the file are not rounded, by name.
+        unrounded: why other labels of the file are not rounded, a clause by name.
+        source: name of the file that the grids are from; may be empty.
 
     Raises:
         ArgumentError: an unknown method, or a shift below one step.
@@ -134,6 +136,7 @@ class StorageRounding:
     axes: Mapping[AxisKey, StorageGrid] = field(default_factory=dict)
     max_shift: float = MAX_SHIFT
     unrounded: Mapping[str, str] = field(default_factory=dict)
+    source: str = ""
 
     def __post_init__(self) -> None:
         if self.method not in ("joint", "nearest"):
@@ -146,20 +149,16 @@ class StorageRounding:
         rest = {name: reason for name, reason in self.unrounded.items() if name not in own}
         return replace(self, grids={**self.grids, **own}, unrounded=rest)
 
+    def bounds(self, table: Parameter) -> tuple[Float, Float]:
+        """Narrow the bounds of a parameter to storable values, so that a search ends near some; Float[...] each.
 
-def within_storage(parameters: ParameterSet, rounding: StorageRounding, names: Iterable[str]) -> ParameterSet:
-    """Narrow the bounds of some parameters to storable values, so that a search ends near some.
-
-    Bounds without a storable value stay; `storage_findings` reports them.
-    """
-    changed = []
-    for name in names:
-        if name in rounding.grids and name in parameters:
-            table = parameters[name]
-            low, high = rounding.grids[name].bounds_within(table.lower, table.upper)
-            some = low <= high
-            changed.append(table.with_bounds(np.where(some, low, table.lower), np.where(some, high, table.upper)))
-    return parameters.with_parameters(*changed)
+        Bounds without a storable value stay; `storage_findings` reports them.
+        """
+        if table.name not in self.grids:
+            return table.lower, table.upper
+        low, high = self.grids[table.name].bounds_within(table.lower, table.upper)
+        some = low <= high
+        return np.where(some, low, table.lower), np.where(some, high, table.upper)
 
 
 def storage_findings(
@@ -172,7 +171,8 @@ def storage_findings(
     for name in names:
         table, grid = parameters[name], rounding.grids.get(name)
         if grid is None:
-            reason = rounding.unrounded.get(name, "no step is known")
+            missing = f"{rounding.source} does not define it" if rounding.source else "its step is not known"
+            reason = rounding.unrounded.get(name, missing)
             yield Finding(location(name), f"{name} is not rounded: {reason}", severity="remark")
             continue
         low, high = grid.range_within(table.lower, table.upper)

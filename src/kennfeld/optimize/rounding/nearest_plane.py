@@ -18,11 +18,12 @@ from kennfeld.native.symmetric import scaled
 
 MOST_WORK = 3e6  # of an order that is not chosen for its few non-zeros: 0.2 s
 MAX_PATHS = 16  # roundings that are kept side by side
+CONTINUED = 3  # the cheapest of them, which exchange may lead to different ends
 WORK_OF_PATHS = 8000  # values times these roundings: of many values there is one
 
 
 def nearest_planes(matrix: Sparse, centre: Float, lower: Float, upper: Float) -> Iterator[Float]:
-    """Yield roundings, Float[size], one for each order of the values.
+    """Yield roundings, Float[size], a few for each order of the values.
 
     Args:
         matrix: positive definite, in steps; sparse, shape (size, size).
@@ -36,7 +37,7 @@ def nearest_planes(matrix: Sparse, centre: Float, lower: Float, upper: Float) ->
         factor = Factor.empty(envelope)
         blocks = scaled(matrix, np.ones(centre.size))
         if factor.load_blocks(blocks, np.zeros(centre.size)) and factor.factor():  # type: ignore[arg-type]
-            yield _substitute(factor, centre, lower, upper)
+            yield from _substitute(factor, centre, lower, upper)
 
 
 def _envelopes(matrix: Sparse) -> Iterator[Envelope]:
@@ -58,7 +59,7 @@ def _envelope(order: Int, rows: Int, columns: Int) -> Envelope:
 
 
 def _substitute(factor: Factor, centre: Float, lower: Float, upper: Float) -> Float:
-    """Round by back substitution: each value near the best one, given those that are rounded already.
+    """Round by back substitution: each value near the best one, given those rounded before; Float[roundings, size].
 
     The cheapest few roundings of the values behind are kept, each continued by its three nearest numbers (the
     M-algorithm, J. Anderson, S. Mohan: Sequential Coding Algorithms, 1984). A single one is Babai's.
@@ -71,7 +72,7 @@ def _substitute(factor: Factor, centre: Float, lower: Float, upper: Float) -> Fl
     best, numbers, costs = here[None].copy(), np.empty((1, order.size)), np.zeros(1)
     for i in range(order.size - 1, -1, -1):
         block, lane = divmod(i, BLOCK)
-        nearest = np.clip(np.rint(best[:, i]), low[i], high[i])
+        nearest = np.minimum(np.maximum(np.rint(best[:, i]), low[i]), high[i])
         if most > 1:
             beside = np.where(best[:, i] >= nearest, 1.0, -1.0)
             chosen = np.stack([nearest, nearest + beside, nearest - beside])
@@ -86,6 +87,7 @@ def _substitute(factor: Factor, centre: Float, lower: Float, upper: Float) -> Fl
         # row i of L, stored with a stride of a block: the columns from the first one of its envelope to i - 1
         row = factor.panels[start[block] + BLOCK * left + lane : start[block] + BLOCK * i + lane : BLOCK]
         best[:, left:i] -= (nearest - here[i])[:, None] * (row * factor.inverse[left:i])
-    result = np.empty(order.size)
-    result[order] = numbers[int(np.argmin(costs))]
-    return result
+    best_paths = np.argsort(costs, kind="stable")[:CONTINUED]
+    results = np.empty((best_paths.size, order.size))
+    results[:, order] = numbers[best_paths]
+    return results

@@ -1,7 +1,8 @@
 """Whole numbers that keep the rows of limits, as close as possible to numbers that violate some.
 
-Values that rows connect form groups. Each group with a violated row is an integer program: the least weighted distance
-in steps from the target, within bounds and rows. If it has no solution, the values of the group cannot be rounded.
+An integer program finds the least weighted distance in steps from the target, within bounds and rows. First, only
+values around the violated rows may move. If that is not enough, it is solved for each group of values that rows
+connect; if that has no solution either, the values of the group cannot be rounded.
 """
 
 from typing import NamedTuple
@@ -9,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int, Sparse
+from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.rounding.lattice import Lattice, matrix_of
 
 MAX_NODES = 2000  # of the branches of one program; unlike a time, it gives the same result everywhere
+REACH = 3  # rows from a violated one, as far as which values move at first
 GAP = 1e-3  # relative distance from the best repair that is good enough
 
 
@@ -34,17 +37,19 @@ def repair(lattice: Lattice, target: Float, weights: Float) -> Repair:
     violated = violated_rows(lattice, numbers)
     if not violated.any():
         return Repair(numbers, impossible)
-    matrix = matrix_of(lattice.rows, lattice.size)
-    groups = _groups(matrix)
-    # a row belongs to the group of any of its values
-    group_of_row = groups[matrix.indices[matrix.indptr[:-1]]]
-    for group in np.unique(group_of_row[violated]):
-        values, rows = np.flatnonzero(groups == group), np.flatnonzero(group_of_row == group)
-        moves = _nearest_moves(lattice, matrix[rows][:, values].tocsr(), values, rows, numbers, weights)
-        if moves is None:
+    program = _Program(lattice, matrix_of(lattice.rows, lattice.size), weights)
+    near = program.near(violated)
+    if (moved := program.solve(numbers, near)) is not None:
+        return Repair(moved, impossible)
+    groups = program.groups()
+    for group in np.unique(groups[near]):
+        values = np.flatnonzero(groups == group)
+        if not violated_rows(lattice, numbers)[program.rows_of(values)].any():
+            continue
+        if (moved := program.solve(numbers, values)) is None:
             impossible[values] = True
         else:
-            numbers[values] += moves
+            numbers = moved
     return Repair(numbers, impossible)
 
 
@@ -54,38 +59,54 @@ def violated_rows(lattice: Lattice, numbers: Float) -> Bool:
     return np.asarray((product < lattice.rows.lower) | (product > lattice.rows.upper))
 
 
-def _groups(rows: Sparse) -> Int:
-    """Return the number of the group of each value, Int[size], given the rows, shape (rows, size)."""
-    from scipy.sparse.csgraph import connected_components
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """The integer program over some values of a lattice, with the matrix of its rows, shape (rows, size)."""
 
-    linked = (abs(rows).T @ abs(rows)).tocsr()
-    return np.asarray(connected_components(linked, directed=False)[1])
+    lattice: Lattice
+    matrix: Sparse
+    weights: Float
 
+    def rows_of(self, values: Int) -> Int:
+        """Return the rows that touch any of some values, Int[touching]."""
+        return np.flatnonzero(np.diff(self.matrix[:, values].indptr))
 
-def _nearest_moves(
-    lattice: Lattice, matrix: Sparse, values: Int, rows: Int, numbers: Float, weights: Float
-) -> Float | None:
-    """Return the moves of the values of a group, Float[values]; None if no numbers keep its rows."""
-    from scipy.optimize import Bounds, LinearConstraint, milp
-    from scipy.sparse import hstack
+    def near(self, violated: Bool) -> Int:
+        """Return the values within `REACH` rows of the violated ones, Int[near]."""
+        rows = np.flatnonzero(violated)
+        for _ in range(REACH):
+            values = np.unique(self.matrix[rows].indices)
+            rows = self.rows_of(values)
+        return np.asarray(values)
 
-    # upward and downward moves, both >= 0, so that their sum is the distance
-    up, down = lattice.upper[values] - numbers[values], numbers[values] - lattice.lower[values]
-    product = lattice.rows.times(numbers)[rows]
-    both = hstack([matrix, -matrix]).tocsc()
-    solution = milp(
-        np.tile(weights[values] / weights[values].max(), 2),
-        integrality=np.ones(2 * values.size),
-        bounds=Bounds(0.0, np.concatenate([up, down])),
-        constraints=LinearConstraint(both, lattice.rows.lower[rows] - product, lattice.rows.upper[rows] - product),
-        options={"node_limit": MAX_NODES, "mip_rel_gap": GAP},
-    )
-    if solution.x is None:
-        return None
-    moves = np.rint(solution.x[: values.size]) - np.rint(solution.x[values.size :])
-    trial = numbers.copy()
-    trial[values] += moves
-    # the tolerance of the program is coarser than that of the rows
-    kept = ~violated_rows(lattice, trial)[rows]
-    inside = (trial >= lattice.lower) & (trial <= lattice.upper)
-    return moves if kept.all() and inside[values].all() else None
+    def groups(self) -> Int:
+        """Return the number of the group of each value, Int[size]."""
+        from scipy.sparse.csgraph import connected_components
+
+        return np.asarray(connected_components(abs(self.matrix).T @ abs(self.matrix), directed=False)[1])
+
+    def solve(self, numbers: Float, values: Int) -> Float | None:
+        """Return whole numbers in which some values have moved so that their rows hold; None if there are none."""
+        from scipy.optimize import Bounds, LinearConstraint, milp
+        from scipy.sparse import hstack
+
+        lattice, rows = self.lattice, self.rows_of(values)
+        part = self.matrix[rows][:, values]
+        product = lattice.rows.times(numbers)[rows]
+        # upward and downward moves, both >= 0, so that their sum is the distance
+        up, down = lattice.upper[values] - numbers[values], numbers[values] - lattice.lower[values]
+        sides = lattice.rows.lower[rows] - product, lattice.rows.upper[rows] - product
+        solution = milp(
+            np.tile(self.weights[values] / self.weights[values].max(), 2),
+            integrality=np.ones(2 * values.size),
+            bounds=Bounds(0.0, np.concatenate([up, down])),
+            constraints=LinearConstraint(hstack([part, -part]).tocsc(), *sides),
+            options={"node_limit": MAX_NODES, "mip_rel_gap": GAP},
+        )
+        if solution.x is None:
+            return None
+        moved = numbers.copy()
+        moved[values] += np.rint(solution.x[: values.size]) - np.rint(solution.x[values.size :])
+        moved = np.clip(moved, lattice.lower, lattice.upper)
+        # the tolerance of the program is coarser than that of the rows
+        return None if violated_rows(lattice, moved)[rows].any() else moved
