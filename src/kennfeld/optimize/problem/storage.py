@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Union
 
 import numpy as np
 
@@ -13,11 +14,22 @@ from kennfeld.domain.free_axes import AxisKey, key_of, with_breakpoints
 from kennfeld.domain.storage import RoundingMethod, StorageGrid, StorageRounding, storage_findings
 from kennfeld.optimize.problem.problem import Problem
 
+if TYPE_CHECKING:
+    from kennfeld.calfiles.a2l.objects import A2l
+
+Storage = Union[str, Path, "A2l"]  # an A2L file, or its content
+
 
 def rounding_of(
-    method: RoundingMethod, storage: str | Path | None, steps: Mapping[str, float], max_shift: float
+    method: RoundingMethod, storage: Storage | None, steps: Mapping[str, float], max_shift: float
 ) -> StorageRounding:
     """Return the rounding to the storage of an A2L file, or to steps, which precede it.
+
+    Args:
+        method: "joint" or "nearest".
+        storage: the file, or its content.
+        steps: by parameter, in its unit.
+        max_shift: the largest distance from the fit, in steps.
 
     Raises:
         InputError: the file cannot be read.
@@ -25,14 +37,21 @@ def rounding_of(
     """
     rounding = StorageRounding(method, max_shift=max_shift)
     if storage is not None:
-        from kennfeld.calfiles import describe_a2l
         from kennfeld.calfiles.a2l.storage_grids import storage_grids
 
-        description = describe_a2l(storage)
-        grids, name = storage_grids(description.a2l), description.path.name
+        a2l = _described(storage)
+        grids, name = storage_grids(a2l), a2l.file
         unrounded = {label: f"it {reason} in {name}" for label, reason in grids.unrounded.items()}
         rounding = replace(rounding, grids=grids.labels, axes=grids.axes, unrounded=unrounded, source=name)
     return rounding.with_steps(steps)
+
+
+def _described(storage: Storage) -> "A2l":
+    if not isinstance(storage, str | Path):
+        return storage
+    from kennfeld.calfiles import describe_a2l
+
+    return describe_a2l(storage).a2l
 
 
 def with_rounding(

@@ -11,6 +11,7 @@ from kennfeld.domain.storage import RoundingMethod
 from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.quality.recording_quality import error_text
 
+ERRORS = ("unrounded", "nearest", "joint")
 LARGE_SHARE = 0.2  # of the loss, from which a label would profit from finer storage
 NOTICEABLE = 1.005  # RMSE on training data, relative to the unrounded one, below which no label is named
 COARSE_BITS = 8  # a label with more bits profits little from still more
@@ -67,7 +68,7 @@ class RoundingResult:
 
     def as_json(self) -> dict[str, Any]:
         """Return "rounding" of `result.json`."""
-        errors = {key: _finite(getattr(self, key)) for key in ("unrounded", "nearest", "joint")}
+        errors = {key: _finite(getattr(self, key)) for key in ERRORS}
         labels = {label.name: label.as_json() for label in self.labels}
         return {"method": self.method, "max_shift": self.max_shift, **errors, "labels": labels, "finer": self.finer}
 
