@@ -33,11 +33,13 @@ def test_a_range_of_whole_numbers_has_exactly_the_values_within_bounds(lower, wi
     assert ((low, high) == expected) if expected else low > high
 
 
-def test_bounds_are_narrowed_to_storable_values_and_stay_open_where_storage_has_no_end():
-    table = kf.Curve("C", [0, 1, 2], [1.0, 2.0, 3.0], lower=0.3, upper=[2.2, np.inf, 9.1])
+def test_bounds_are_narrowed_to_the_range_of_the_storage_and_stay_open_where_it_has_no_end():
+    table = kf.Curve("C", [0, 1, 2], [1.0, 2.0, 3.0], lower=[-np.inf, 0.3, 200.0], upper=[np.inf, 2.2, 300.0])
+    lower, upper = StorageRounding(grids={"C": StorageGrid(-0.5, 100.0, least=0, largest=255)}).bounds(table)
+    np.testing.assert_array_equal(lower, [-27.5, 0.3, 200.0])
+    np.testing.assert_array_equal(upper, [100.0, 2.2, 300.0])
     lower, upper = StorageRounding(grids={"C": StorageGrid.of_step(0.5)}).bounds(table)
-    np.testing.assert_array_equal(lower, [0.5, 0.5, 0.5])
-    np.testing.assert_array_equal(upper, [2.0, np.inf, 9.0])
+    np.testing.assert_array_equal(upper, [np.inf, 2.2, 300.0])
 
 
 def test_bounds_without_a_storable_value_and_locked_values_between_steps_are_named():

@@ -1,4 +1,4 @@
-"""Grids of numbers that a control unit can store, and how a calibration is rounded to them.
+"""Grids of numbers that a control unit can store, and the settings of rounding a calibration to them.
 
     value = (factor * n + shift) / divisor      for whole numbers n from `least` to `largest`
 
@@ -102,19 +102,16 @@ class StorageGrid:
         low, high = np.ceil(ends[0] - SLACK), np.floor(ends[1] + SLACK)
         return np.maximum(low, self.least), np.minimum(high, self.largest)
 
-    def bounds_within(self, lower: Float, upper: Float) -> tuple[Float, Float]:
-        """Find the least and the largest storable value within bounds, Float[...] each; infinite without bounds.
-
-        The first exceeds the second where the bounds contain no storable value.
-        """
-        low, high = self.range_within(lower, upper)
-        ends = self.values(low), self.values(high)
-        return ends if self.slope > 0 else ends[::-1]
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest storable value; infinite without an end."""
+        ends = self.values(np.array([self.least, self.largest]))
+        return float(ends.min()), float(ends.max())
 
 
 @dataclass(frozen=True)
 class StorageRounding:
-    """How the end of a calibration is rounded to what a control unit stores.
+    """Settings of rounding the end of a calibration to what a control unit stores.
 
     Attributes:
         method: "joint" or "nearest".
@@ -150,14 +147,16 @@ class StorageRounding:
         return replace(self, grids={**self.grids, **own}, unrounded=rest)
 
     def bounds(self, table: Parameter) -> tuple[Float, Float]:
-        """Narrow the bounds of a parameter to storable values, so that a search ends near some; Float[...] each.
+        """Narrow the bounds of a parameter to the range of its storage, so that a search ends within; Float[...] each.
 
-        Bounds without a storable value stay; `storage_findings` reports them.
+        Ends of the bounds may lie between two steps, as a pin that they must admit may. Bounds outside of the range
+        stay; `storage_findings` reports them.
         """
         if table.name not in self.grids:
             return table.lower, table.upper
-        low, high = self.grids[table.name].bounds_within(table.lower, table.upper)
-        some = low <= high
+        least, most = self.grids[table.name].range
+        some = (table.lower <= most) & (table.upper >= least)
+        low, high = np.maximum(table.lower, least), np.minimum(table.upper, most)
         return np.where(some, low, table.lower), np.where(some, high, table.upper)
 
 
@@ -181,9 +180,9 @@ def storage_findings(
             at = tuple(int(i) for i in np.argwhere(without)[0])
             ends = f"{float(table.lower[at]):g} to {float(table.upper[at]):g}"
             message = f"the bounds {ends} of {name} contain no value that can be stored: its step is {grid.step:g}"
-            storable = grid.values(np.array([grid.least, grid.largest]))
-            if np.isfinite(storable).all():
-                message += f", its range {storable.min():g} to {storable.max():g}"
+            least, most = grid.range
+            if np.isfinite(most - least):
+                message += f", its range {least:g} to {most:g}"
             yield Finding(location(name), message, "Widen the bounds, or choose a finer step.")
         off = table.locked & ~grid.holds(table.values)
         if off.any():

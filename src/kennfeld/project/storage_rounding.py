@@ -1,4 +1,4 @@
-"""The rounding of a project's result: its steps are from an A2L file, from an image of the initial files, or of tables."""
+"""The rounding of a project's result, to the steps of an A2L file, of an image, or of its parameters."""
 
 from kennfeld.base.errors import Finding, Findings, InputError
 from kennfeld.base.formatting import count_more

@@ -79,7 +79,7 @@ def touching_pairs(points: Float, least: float) -> Int:
 
 
 def linear_limits(problem: Problem, values: ValueLayout) -> LinearLimits:
-    """Return bounds, locks, shapes, pins and equalities of the free values; bounds as storage allows if it matters.
+    """Return bounds, locks, shapes, pins and equalities of the free values, within the range of storage.
 
     Args:
         problem: with its constraints.

@@ -1,4 +1,4 @@
-"""What a problem whose end is rounded needs before the search: grids, and breakpoints that can be stored."""
+"""Preparation of a problem whose end is rounded: its grids, and breakpoints that can be stored."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace

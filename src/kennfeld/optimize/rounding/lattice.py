@@ -20,7 +20,6 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 
 PULL = 0.1  # of the mean diagonal
 SLACK = 1e-9  # of a step, or of the size of a row's terms, that is rounding
-HALF = 0.5 * (1 + SLACK)  # of the smallest step in an equality, by which storage may have to miss it
 
 
 @dataclass(frozen=True)
@@ -85,6 +84,7 @@ class Lattice:
         lower = np.minimum(np.maximum(low, np.ceil(here - max_shift - SLACK)), nearest)
         upper = np.maximum(np.minimum(high, np.floor(here + max_shift + SLACK)), nearest)
         rows = _rows_in_steps(limits.rows.restricted_to(places, fit), fit[places], slope[places], here)
+        rows = _within_reach(rows, lower, upper)
         return cls(fit, blocks, places, slope[places], here, lower, upper, rows)
 
     def without(self, left_out: Bool) -> "Lattice":
@@ -134,20 +134,32 @@ class Lattice:
 
 
 def _rows_in_steps(rows: LinearRows, fit: Float, slope: Float, centre: Float) -> LinearRows:
-    """Return rows over values as rows over whole numbers, with room for rounding and for equalities on a grid."""
+    """Return rows over values as rows over whole numbers, with room for rounding errors unless they are equalities."""
     if not rows.count:
         return rows
-    coefficients = rows.coefficients * slope[rows.columns]
     constant = rows.times(fit - slope * centre)
-    sides = np.where(np.isfinite(rows.lower), np.abs(rows.lower), 0.0)
-    upper_sides = np.where(np.isfinite(rows.upper), np.abs(rows.upper), 0.0)
-    room = SLACK * (rows.size(fit) + np.maximum(sides, upper_sides))
-    smallest = np.where(coefficients == 0, np.inf, np.abs(coefficients)).min(axis=1)
-    # a pin between two storable values holds as far as storage allows
-    room = np.where(rows.equal, np.maximum(room, HALF * smallest), room)
-    return LinearRows(
-        rows.columns, coefficients, rows.lower - constant - room, rows.upper - constant + room, rows.names
-    )
+    sides = [np.where(np.isfinite(side), np.abs(side), 0.0) for side in (rows.lower, rows.upper)]
+    room = np.where(rows.equal, 0.0, SLACK * (rows.size(fit) + np.maximum(*sides)))
+    lower, upper = rows.lower - constant - room, rows.upper - constant + room
+    return LinearRows(rows.columns, rows.coefficients * slope[rows.columns], lower, upper, rows.names)
+
+
+def _within_reach(rows: LinearRows, lower: Float, upper: Float) -> LinearRows:
+    """Widen equalities as far as storage requires: a pin between two storable values, or beyond the last one."""
+    equal = np.flatnonzero(rows.equal)
+    room = np.zeros(rows.count)
+    for row in equal:
+        used = np.flatnonzero(rows.coefficients[row])
+        factors, columns, value = rows.coefficients[row, used], rows.columns[row, used], rows.lower[row]
+        if used.size == 1:
+            closest = np.clip(np.rint(value / factors), lower[columns], upper[columns])
+            room[row] = float(np.abs(factors * closest - value)[0])
+        else:
+            # of several values, one step of that with the smallest factor decides
+            room[row] = 0.5 * float(np.abs(factors).min())
+    size = rows.size(np.maximum(np.abs(lower), np.abs(upper))) + np.abs(np.where(rows.equal, rows.lower, 0.0))
+    room[equal] += SLACK * size[equal]
+    return replace(rows, lower=rows.lower - room, upper=rows.upper + room)
 
 
 def matrix_of(rows: LinearRows, size: int) -> Sparse:

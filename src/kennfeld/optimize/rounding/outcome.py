@@ -1,4 +1,4 @@
-"""What rounding a calibration to storable values has cost, as part of its result."""
+"""Errors of a calibration before and after rounding to storable values, and the share of each label."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
