@@ -169,6 +169,9 @@ def storage_findings(
     """Yield what prevents the rounding of free parameters, `names`, and which of their values it leaves as they are."""
     for name in names:
         table, grid = parameters[name], rounding.grids.get(name)
+        if table.kind == "rbf":
+            yield Finding(location(name), f"{name} is not rounded: it is an expansion", severity="remark")
+            continue
         if grid is None:
             missing = f"{rounding.source} does not define it" if rounding.source else "its step is not known"
             reason = rounding.unrounded.get(name, missing)

@@ -47,7 +47,7 @@ def test_nearest_rounds_each_value_on_its_own_and_tells_what_joint_would_reach()
     assert result.quality[0].rmse_after == result.rounding.nearest["y/training"]
     assert result.rounding.joint["y/training"] < result.rounding.nearest["y/training"]
     [label] = result.rounding.labels
-    assert (label.shared, label.largest_shift <= 0.5, label.share) == (0, True, pytest.approx(1.0, abs=0.02))
+    assert (label.moved, label.largest_shift <= 0.5, label.share) == (0, True, pytest.approx(1.0, abs=0.02))
 
 
 def test_bounds_locks_slopes_and_pins_hold_after_rounding():

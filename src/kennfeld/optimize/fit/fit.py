@@ -144,9 +144,10 @@ class FitRun:
         """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""
         movable = int(linear_limits(self.problem, self.exact.values).movable.sum())
         elapsed = time.perf_counter() - self.began
+        unrounded = "" if self.problem.rounding is None else " The values are not rounded to storage."
         return Result(
             status="stopped",
-            message=message,
+            message=message + unrounded,
             parameters=self.parameters(values),
             start=self.problem.parameters,
             quality=(),

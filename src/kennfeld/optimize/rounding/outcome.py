@@ -26,7 +26,7 @@ class LabelRounding:
         step: distance of storable values, in the unit of the label.
         bits: of a stored number; 0 if unknown.
         values: number of rounded values.
-        shared: values that are not the storable ones nearest to the fit.
+        moved: values that are not the storable ones nearest to the fit.
         largest_shift: the largest distance from the fit, in steps.
         share: the part of the loss that would vanish if this label alone were stored without steps.
     """
@@ -35,7 +35,7 @@ class LabelRounding:
     step: float
     bits: int
     values: int
-    shared: int
+    moved: int
     largest_shift: float
     share: float
 
@@ -92,9 +92,9 @@ class RoundingResult:
                     f"{label.step:.6g}",
                     str(label.bits or "-"),
                     str(label.values),
-                    str(label.shared),
+                    str(label.moved),
                     f"{label.largest_shift:.2f} steps",
-                    f"{label.share:.0%}" if np.isfinite(label.share) else "-",
+                    _percent(label.share),
                 )
                 for label in ordered
             ),
@@ -106,7 +106,7 @@ class RoundingResult:
             return []
         label = next(label for label in self.labels if label.name == self.finer)
         storage = "16 bit" if label.bits == COARSE_BITS else "a finer step"
-        share = f"its step causes {label.share:.0%} of what rounding costs"
+        share = f"its step causes {_percent(label.share)} of what rounding costs"
         return [f"{label.name} would profit most from {storage}: {share}."]
 
 
@@ -128,6 +128,10 @@ def finer_label(labels: Sequence[LabelRounding], before: Iterable[Quality], afte
     noticed = any(new.rmse_after > NOTICEABLE * old.rmse_after for old, new in pairs)
     coarse = [label for label in labels if label.bits <= COARSE_BITS and label.share >= LARGE_SHARE]
     return max(coarse, key=lambda label: label.share).name if noticed and coarse else ""
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
 
 
 def _finite(errors: Mapping[str, float]) -> dict[str, Any]:

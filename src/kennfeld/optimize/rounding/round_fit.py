@@ -120,7 +120,7 @@ def _labels(lattice: Lattice, numbers: Float, matrix: Sparse) -> Iterator[LabelR
                 step=block.grid.step,
                 bits=block.grid.bits,
                 values=own.size,
-                shared=int(np.count_nonzero(numbers[own] != lattice.nearest[own])),
+                moved=int(np.count_nonzero(numbers[own] != lattice.nearest[own])),
                 largest_shift=float(np.abs(offset[own]).max()),
                 share=min(gain / loss, 1.0) if loss > 0 else 0.0,
             )
