@@ -3,8 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none
 from kennfeld.domain.storage import RoundingMethod
