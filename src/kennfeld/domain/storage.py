@@ -178,21 +178,25 @@ def storage_findings(
             yield Finding(location(name), f"{name} is not rounded: {reason}", severity="remark")
             continue
         low, high = grid.range_within(table.lower, table.upper)
-        without = (low > high) & ~table.locked
+        # equal bounds are a lock
+        fixed = table.locked | (table.lower == table.upper)
+        without = (low > high) & ~fixed
         if without.any():
             at = tuple(int(i) for i in np.argwhere(without)[0])
             ends = f"{float(table.lower[at]):g} to {float(table.upper[at]):g}"
-            message = f"the bounds {ends} of {name} contain no value that can be stored: its step is {grid.step:g}"
+            of = f"{count_noun(int(without.sum()), 'value')} of {name}" if without.sum() > 1 else name
+            such = "such as " if without.sum() > 1 else ""
+            message = f"the bounds {such}{ends} of {of} contain no value that can be stored: its step is {grid.step:g}"
             least, most = grid.range
             if np.isfinite(most - least):
                 message += f", its range {least:g} to {most:g}"
             yield Finding(location(name), message, "Widen the bounds, or choose a finer step.")
-        off = table.locked & ~grid.holds(table.values)
+        kept = np.where(table.locked, table.values, table.lower)
+        off = fixed & ~grid.holds(kept)
         if off.any():
-            example = float(table.values[off][0])
+            example = float(kept[off][0])
             verb = "is" if off.sum() == 1 else "are"
-            message = (
-                f"{count_noun(int(off.sum()), 'locked value')} of {name} {verb} between two steps of {grid.step:g}, "
-            )
-            message += f"such as {example:g}; locked values are not rounded"
+            count = count_noun(int(off.sum()), "locked value")
+            message = f"{count} of {name} {verb} between two steps of {grid.step:g}, such as {example:g}"
+            message += "; locked values are not rounded"
             yield Finding(location(name), message, "Correct them in the initial file.", severity="warning")
