@@ -97,7 +97,7 @@ def test_what_is_not_rounded_is_a_remark_of_the_check(flash):
         (
             'rounding = "joint"',
             'rounding = "joint"\n[parameters.Gain]\nbounds = [0.51, 0.55]',
-            "the bounds 0.51 to 0.55 of Gain contain no value that can be stored: its step is 0.07, its range 0.5 to",
+            "the bounds such as 0.51 to 0.55 of 3 values of Gain contain no value that can be stored: its step is 0.07",
         ),
     ],
 )

@@ -147,7 +147,8 @@ def test_settings_that_cannot_be_used_are_named(settings, message):
 
 def test_bounds_without_a_storable_value_are_refused_before_the_fit():
     with pytest.raises(
-        kf.InputError, match="the bounds 1 to 4 of M contain no value that can be stored: its step is 5"
+        kf.InputError,
+        match="the bounds such as 1 to 4 of 30 values of M contain no value that can be stored: its step is 5",
     ):
         calibrate(start(lower=1.0, upper=4.0))
 
