@@ -162,7 +162,29 @@ def test_the_result_tells_the_errors_and_the_labels_as_json():
     assert "rounding" not in calibrate(rounding=None, step=None).as_json()
 
 
+def test_a_criterion_of_few_samples_is_not_given_up_for_another():
+    data, few = bench(), bench(12, seed=3)
+    few["k"] = few.pop("m") * 0.1 + 3.0
+    criteria = [kf.Criterion("y", "m"), kf.Criterion("z", "k")]
+    parameters = kf.ParameterSet([start()["M"], kf.Scalar("a", 0.0), kf.Scalar("b", 0.0)])
+    result = kf.calibrate(
+        "y = M(n, load)\nz = a * y + b",
+        [data, few],
+        parameters,
+        criteria=criteria,
+        rounding="joint",
+        step={"M": 5.0, "a": 1 / 256, "b": 0.5},
+    )
+    rounding = result.rounding
+    loss, nearest = (
+        {key: errors[key] / rounding.unrounded[key] - 1 for key in ("y/training", "z/training1")}
+        for errors in (rounding.joint, rounding.nearest)
+    )
+    assert max(loss.values()) < max(nearest.values())
+
+
 def test_a_limit_of_an_output_that_rounding_exceeds_is_reported():
-    limits = [kf.Limit("y", upper=150.0)]
-    result = calibrate(limits=limits, rounding="nearest", step={"M": 20.0})
+    limits = [kf.Limit("y", upper=2.0)]
+    data = {"x": np.linspace(0, 1, 9), "m": 4 * np.linspace(0, 1, 9)}
+    result = kf.calibrate("y = k * x", data, {"k": 1.0}, "m", limits=limits, rounding="nearest", step={"k": 1.3})
     assert "rounding to storage exceeds limits of outputs that the fit keeps" in str(result)

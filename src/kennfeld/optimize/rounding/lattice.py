@@ -2,8 +2,8 @@
 
 A whole number n stands for the value slope * n + offset; the fit lies at real numbers, the `centre`. What a move costs
 is the squared change of the scored outputs, d'Hd with the Gauss-Newton matrix H of the data: the fit is the best
-estimate there is, and what remains of its gradient under limits and roughness would lead after the noise. A tenth of
-the roughness is added, and a pull towards the fit, for values that these data hardly see, but others may.
+estimate there is, and what remains of its gradient under limits and roughness would lead after the noise. A pull
+towards the fit is added, for values that these data hardly see, but others may.
 """
 
 from collections.abc import Sequence

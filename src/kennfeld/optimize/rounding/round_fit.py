@@ -11,6 +11,7 @@ from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.storage import StorageRounding
 from kennfeld.native.cholesky import Cholesky
+from kennfeld.native.samples import Samples
 from kennfeld.native.symmetric import as_sparse, scaled, zeros_like
 from kennfeld.optimize.limits.projection import FEASIBLE
 from kennfeld.optimize.rounding.joint_rounding import round_values
@@ -21,6 +22,8 @@ from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
 ROUGHNESS = 0.1  # share of the roughness: steps cannot be as smooth as a fit, but values without data follow it
+RELATIVE = 0.1  # weight of the relative loss of each criterion, against that of the whole cost
+LEAST_COST = 1e-4  # share of a criterion in the cost, below which it is met almost exactly, whatever the rounding
 MAX_LISTED = 3
 REMEDY = "Choose a finer step, or raise max_shift."
 
@@ -100,7 +103,32 @@ def _curvature(compiled: CompiledProblem, objective: LeastSquaresObjective, fit:
     matrix = objective.normal(fit)[1]
     roughness = zeros_like(matrix)
     compiled.roughness.add(fit, np.zeros(fit.size), roughness)
-    return as_sparse(matrix) - (1 - ROUGHNESS) * as_sparse(roughness)
+    return as_sparse(matrix) - (1 - ROUGHNESS) * as_sparse(roughness) + _relative_losses(compiled, fit)
+
+
+def _relative_losses(compiled: CompiledProblem, fit: Float) -> Sparse | float:
+    """Return the share of the matrix that counts the loss of each criterion relative to its own errors.
+
+    By its weight in the fit, a criterion of few samples could lose all of its accuracy for a little of the others'.
+    """
+    numbers = [number for number, criterion in enumerate(compiled.problem.criteria) if criterion.weight > 0]
+    if len(numbers) < 2:
+        return 0.0
+    full = compiled.full(fit)
+    parts = [compiled.over_selection(_of_criterion, number) for number in numbers]
+    costs = [part.sums.cost(full) for part in parts]
+    total, matrix = sum(costs), 0.0
+    for part, cost in zip(parts, costs, strict=True):
+        if cost > LEAST_COST * total:
+            matrix = matrix + RELATIVE * total / (len(parts) * cost) * as_sparse(part.sums.normal(full).matrix)
+    return matrix
+
+
+def _of_criterion(compiled: CompiledProblem, number: int) -> Samples:
+    """Return the samples with a weight of 0 for all other criteria."""
+    factors = np.zeros(len(compiled.problem.criteria))
+    factors[number] = 1.0
+    return compiled.samples.reweighted(factors)
 
 
 def _labels(lattice: Lattice, numbers: Float, matrix: Sparse) -> Iterator[LabelRounding]:
