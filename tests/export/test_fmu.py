@@ -11,6 +11,8 @@ import pytest
 from kennfeld import Axis, Curve, InputError, Map, ParameterSet, Scalar, calibrate, simulate
 from kennfeld.export.api import export_function
 from kennfeld.export.host_compiler import HostCompiler
+from kennfeld.graph import GraphBuilder
+from kennfeld.models import Model
 from tests.export.compiled import STRICT, needs_compiler
 from tests.export.fmi2_instance import ERROR, OK, Fmi2
 
@@ -267,6 +269,13 @@ def test_without_a_compiler_the_fmu_has_sources_only(tmp_path, monkeypatch):
 def test_equal_functions_give_equal_files(tmp_path):
     again = export_function(STATIC, _used(STATIC), tmp_path, to="fmu", name="engine").files[0].read_bytes()
     assert again == _content(STATIC, ())
+
+
+def test_names_that_xml_cannot_hold_are_refused(tmp_path):
+    builder = GraphBuilder()
+    model = Model(builder.finish({"y": builder.call("neg", builder.input("n\x01"))}), name="m")
+    with pytest.raises(InputError, match=r"the names 'n\\x01' hold characters that XML cannot"):
+        export_function(model, folder=tmp_path, to="fmu")
 
 
 def test_values_that_are_not_finite_are_refused(tmp_path):

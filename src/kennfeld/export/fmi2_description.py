@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from kennfeld.base.formatting import one_line
 from kennfeld.export.fmu_variables import Variable, input_dependencies, naming_convention
 from kennfeld.export.prepared import PreparedFunction
 
@@ -16,7 +17,7 @@ def fmi2_description(
         fmiVersion="2.0",
         modelName=function.name,
         guid=token,
-        description=f"{function.title}. {rule}",
+        description=f"{one_line(function.title)}. {rule}",
         generationTool="Kennfeld",
         variableNamingConvention=naming_convention(variables),
         numberOfEventIndicators="0",

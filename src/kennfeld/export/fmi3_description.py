@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
+from kennfeld.base.formatting import one_line
 from kennfeld.export.fmi2_description import add_units, offers_model_exchange, xml_text
 from kennfeld.export.fmu_variables import Variable, input_dependencies, naming_convention
 from kennfeld.export.prepared import PreparedFunction
@@ -17,7 +18,7 @@ def fmi3_description(
         fmiVersion="3.0",
         modelName=function.name,
         instantiationToken=token,
-        description=f"{function.title}. {rule}",
+        description=f"{one_line(function.title)}. {rule}",
         generationTool="Kennfeld",
         variableNamingConvention=naming_convention(variables),
     )

@@ -14,7 +14,7 @@ import numpy as np
 
 from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.fmi_platform import LIBRARY_SUFFIX, platform_folder
-from kennfeld.base.formatting import join_names
+from kennfeld.base.formatting import holds_control_characters, join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.export.c_code import write_c
 from kennfeld.export.fmi2_description import fmi2_description
@@ -105,6 +105,10 @@ def _check(variables: tuple[Variable, ...], location: Location) -> None:
     if twice:
         message = f"{join_names(twice)} would be the name of several variables of the FMU"
         findings.error(location, message, "Rename one of them in the function.")
+    unwritable = [repr(name) for name in names if holds_control_characters(name)]
+    if unwritable:
+        message = f"the names {join_names(unwritable)} hold characters that XML cannot"
+        findings.error(location, message, "Rename them in the function.")
     infinite = [v.name for v in variables if v.start is not None and not np.isfinite(v.start).all()]
     if infinite:
         message = f"values of {join_names(infinite)} are not finite, which a description of an FMU cannot state"

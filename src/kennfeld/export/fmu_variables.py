@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.base.formatting import one_line
 from kennfeld.export.prepared import PreparedFunction
 from kennfeld.graph.node import CLOCK
 from kennfeld.graph.traversal import ancestors
@@ -42,11 +43,11 @@ class Variable(NamedTuple):
 def interface_of(function: PreparedFunction, *, arrays: bool) -> tuple[Variable, ...]:
     """Return the variables; with `arrays`, a table is one variable, else each of its values is."""
     inputs = [
-        Variable(u.name, "input", u.member, start=np.zeros(()), unit=u.unit)
+        Variable(u.name, "input", u.member, start=np.zeros(()), unit=one_line(u.unit))
         for u in function.inputs
         if u.name not in CLOCK
     ]
-    outputs = [Variable(y.name, "output", y.member, unit=y.unit) for y in function.outputs]
+    outputs = [Variable(y.name, "output", y.member, unit=one_line(y.unit)) for y in function.outputs]
     # FMI 3.0 requires a variable for the time, FMI 2.0 does not
     time = [Variable(TIME, "independent", "", unit="s")] if arrays else []
     return (*inputs, *outputs, *_parameters(function, arrays), *time)
@@ -54,16 +55,16 @@ def interface_of(function: PreparedFunction, *, arrays: bool) -> tuple[Variable,
 
 def _parameters(function: PreparedFunction, arrays: bool) -> Iterator[Variable]:
     for p in function.parameters:
-        size = p.values.size
+        size, texts = p.values.size, (one_line(p.unit), one_line(p.remark))
         if not p.shape:
-            yield Variable(p.name, "parameter", p.member, 1, p.values, p.unit, p.remark)
+            yield Variable(p.name, "parameter", p.member, 1, p.values, *texts)
         elif arrays:
-            yield Variable(p.name, "parameter", p.member, size, p.values, p.unit, p.remark)
+            yield Variable(p.name, "parameter", p.member, size, p.values, *texts)
         else:
             # rows first, as the standard counts them and as the values lie in memory
             for at, index in enumerate(product(*(range(count) for count in p.shape))):
                 name = f"{p.name}[{','.join(str(i + 1) for i in index)}]"
-                yield Variable(name, "parameter", f"{p.member}[{at}]", 1, p.values[index], p.unit, p.remark)
+                yield Variable(name, "parameter", f"{p.member}[{at}]", 1, p.values[index], *texts)
 
 
 def input_dependencies(function: PreparedFunction, output: int) -> tuple[str, ...]:
