@@ -72,7 +72,8 @@ def test_bounds_locks_slopes_and_pins_hold_after_rounding():
 
 def test_a_pin_and_a_sum_between_steps_hold_as_far_as_storage_allows_and_say_so():
     total = Equality([Term("M", (3000.0, 55.0)), Term("M", (4000.0, 55.0))], 233.0)
-    result = calibrate(pins=[Pin("M", (1000.0, 10.0), 13.0)], constraints=[total])
+    with pytest.warns(kf.InputWarning, match="the pin of M at 1000, 10 to 13 lies between two steps of 5"):
+        result = calibrate(pins=[Pin("M", (1000.0, 10.0), 13.0)], constraints=[total])
     fitted = result.parameters["M"].values
     assert fitted[0, 0] == 15.0
     assert abs(fitted[2, 2] + fitted[3, 2] - 233.0) <= 2.5
