@@ -3,22 +3,24 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from datetime import datetime
+from importlib import import_module
 from typing import Any, Literal, Self
 
 import numpy as np
 
 from kennfeld.base.arrays import ArrayLike, Bool, Float, Int, readonly
-from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.errors import ArgumentError, Finding, Location
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.base.numeric import array, number, truths
-from kennfeld.domain.data_frames import sample_frame
+from kennfeld.domain.data_frames import Table, sample_frame
 from kennfeld.domain.file_spans import FileSpans
 
 Use = Literal["training", "test"]
 
 PAUSE = 20.0  # usual steps; a longer one is a pause of the recording
+_COLUMNS = "kennfeld.preprocessing.coercion"  # in a higher layer, which knows how files name their time
 _USUAL = 0.75  # quantile of the steps
 _ROUNDING = 1e-6  # relative, of differences of time stamps
 SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow with the data
@@ -204,31 +206,64 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
 
     @classmethod
     def of(
-        cls, name: str, columns: Mapping[str, ArrayLike], *, units: Mapping[str, str] | None = None, **attributes: Any
+        cls,
+        name: str,
+        columns: Table,
+        *,
+        units: Mapping[str, str] | None = None,
+        time: ArrayLike | None = None,
+        starts: ArrayLike | None = None,
+        settling: Settling | None = None,
+        weight: float = 1.0,
+        use: Use = "training",
+        scored: ArrayLike | None = None,
+        max_gap: float = 0.0,
+        weight_channel: str = "",
+        warmup: float = 0.0,
     ) -> Self:
         """Return a dataset of named columns.
 
+        A column `time`, one of dates, or such an index of a DataFrame becomes the time of the samples, unless `time` or
+        `settling` is given; without it, the samples are steady-state points. A column or a level of the index called
+        `piece` then begins a new piece where its value changes. Columns of time and pieces remain channels; those of
+        other dates are left out.
+
         Args:
             name: how messages name it.
-            columns: numbers by name: a dict of arrays, or a pandas DataFrame.
+            columns: numbers by name: a dict of arrays, a DataFrame of pandas, polars or PyArrow, or a Dataset of
+                xarray. Attributes `units` of pandas and xarray state units.
             units: the units of channels, by name.
-            attributes: further attributes of the dataset.
+            time: time stamps in s, Float[samples].
+            starts: first sample of each piece, Int[pieces].
+            settling: simulation of steady-state points by a model with memory.
+            weight: multiplies the loss of all samples.
+            use: "training" or "test".
+            scored: samples that are scored, Bool[samples].
+            max_gap: longest gap of NaN in an input that is interpolated, in s.
+            weight_channel: channel that multiplies the loss of each sample.
+            warmup: time from the start of each piece that is simulated but not scored, in s.
 
         Raises:
             InputError: columns do not hold numbers; reports all of them.
             ArgumentError: lengths or attributes are inconsistent.
         """
-        units, channels, findings = units or {}, [], []
-        for column in columns:
-            try:
-                values = array(columns[column], f"channel {column}")
-                channels.append(Channel(str(column), values, units.get(column, "")))
-            except ArgumentError as error:
-                remedy = "Omit it, or replace it by numbers."
-                findings.append(Finding(Location(f"dataset {name}"), str(error), remedy))
-        if findings:
-            raise InputError(findings)
-        return cls(name, tuple(channels), **attributes).without_infinite()
+        timed = time is None and settling is None
+        recorded = import_module(_COLUMNS).read_recording(name, columns, units, timed=timed)
+        pieces = recorded.starts if starts is None else np.asarray(starts)
+        return cls(
+            name,
+            recorded.channels,
+            recorded.time if time is None else array(time, f"time of dataset {name}"),
+            np.zeros(1, dtype=np.int64) if pieces is None else pieces,
+            weight,
+            use,
+            None if scored is None else truths(scored, f"scored of dataset {name}"),
+            max_gap=max_gap,
+            weight_channel=weight_channel,
+            settling=settling,
+            warmup=warmup,
+            clock=recorded.clock,
+        ).without_infinite()
 
     @property
     def samples(self) -> int:
@@ -256,6 +291,10 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         by_name = {channel.name: channel for channel in (*self.channels, *added)}
         return replace(self, channels=tuple(by_name.values()))
 
+    def with_findings(self, *added: Finding) -> Self:
+        """Return the same dataset with further findings."""
+        return replace(self, findings=(*self.findings, *added)) if added else self
+
     def without_infinite(self) -> Self:
         """Return the dataset with NaN for infinite values, and a warning for each channel that has some."""
         channels, findings = [], []
@@ -278,12 +317,14 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         """Return the channels as the columns of a DataFrame of pandas.
 
         The index is the time in s, or the number of the sample for steady-state points; several pieces are a level
-        `piece` before it.
+        `piece` before it. `attrs["units"]` has the units. `Dataset.of` reads all of them back.
 
         Raises:
             InputError: pandas is not installed; the message has the command that installs it.
         """
-        return sample_frame({channel.name: channel.values for channel in self.channels}, self.time, self.starts)
+        units = {channel.name: channel.unit for channel in self.channels if channel.unit}
+        values = {channel.name: channel.values for channel in self.channels}
+        return sample_frame(values, units, self.time, self.starts)
 
     def select(self, samples: ArrayLike) -> Self:
         """Return the samples of a steady-state dataset that an index array or a mask picks, in that order."""

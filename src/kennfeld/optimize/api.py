@@ -7,7 +7,7 @@ from kennfeld.base.errors import Findings, warn
 from kennfeld.domain.constraints import Equality, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset
-from kennfeld.models import Model, bind_scalars
+from kennfeld.models import Model
 from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.problem import Factor, Smoothness
@@ -16,10 +16,12 @@ from kennfeld.optimize.problem.setup import (
     ProblemSetup,
     Shift,
     Start,
-    model_of,
+    bound_model,
     on_model_step,
     start_parameters,
+    unused_names,
 )
+from kennfeld.optimize.problem.unit_conflicts import convert_units, unit_warnings, wanted_units
 from kennfeld.optimize.problem.validation import (
     check_inputs,
     dataset_location,
@@ -131,10 +133,13 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     array([3., 5.])
     """
     values = start_parameters(parameters, model)
-    function = bind_scalars(model_of(model, values), values)
-    graph, channels = function.graph, channels or {}
+    channels = channels or {}
+    function = bound_model(model, values, [data], channels)
+    warn(unused_names(parameters, function))
+    graph = function.graph
     inputs = {channels.get(name, name) for name in graph.inputs}
-    dataset = to_dataset(data, "data", graph, inputs)
+    [dataset] = convert_units([to_dataset(data, "data", graph, inputs)], wanted_units(graph, channels))
+    warn(unit_warnings(graph, [dataset], values, channels))
     findings = Findings(check_inputs(graph, [dataset], values, channels))
     findings.add(*step_findings(function, [dataset], function.step, dataset_location), *delay_findings(function, 0))
     findings.finish()

@@ -18,10 +18,11 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Parameter, parameter
 from kennfeld.domain.rbf import RBF
 from kennfeld.graph.interpolation import regrid
+from kennfeld.graph.traversal import coordinates_of
 from kennfeld.project.axes import Axes, free_breakpoints
 from kennfeld.project.initial_calibration import describe_parameter, format_shape
 from kennfeld.project.label_selection import expand_lists
-from kennfeld.project.model import ProjectModel, axis_count_finding, coordinates_of, initial_level
+from kennfeld.project.model import ProjectModel, axis_count_finding, initial_level
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import grid_points_within, missing_directions
 from kennfeld.project.table_schema import Factor, ParameterEntry

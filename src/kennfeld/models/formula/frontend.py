@@ -148,6 +148,7 @@ def _model(
         stepped=solver is None and bool(used),
         values=ParameterSet(p for f in functions for p in f.values.parameters if p.name in graph.parameters),
         remarks=tuple(remark for function in functions for remark in function.remarks) + _loop_remarks(graph, source),
+        undeclared=names.undeclared,
     )
 
 

@@ -1,12 +1,12 @@
 """The arguments of `calibrate`, and the problem that follows from them."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Findings, InputError, warn
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location, warn
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
@@ -16,12 +16,13 @@ from kennfeld.domain.free_axes import with_free_axes
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter, Scalar
 from kennfeld.graph import Graph
-from kennfeld.models import Model, bind_scalars, merge_start_values
+from kennfeld.models import Model, ambiguity, ambiguous_names, bind_scalars, merge_start_values
 from kennfeld.models.formula import formula
 from kennfeld.optimize.problem.overlap import overlap_findings
 from kennfeld.optimize.problem.problem import Factor, Problem, Smoothness
+from kennfeld.optimize.problem.unit_conflicts import convert_units, target_channels, unit_warnings, wanted_units
 from kennfeld.optimize.problem.validation import check_problem, dataset_location
-from kennfeld.preprocessing.coercion import Data, to_dataset
+from kennfeld.preprocessing.coercion import Data, names_of, to_dataset
 from kennfeld.preprocessing.model_step import clock_findings, refine_step
 from kennfeld.preprocessing.time_shift import shift_channels
 
@@ -56,13 +57,17 @@ class ProblemSetup:
         Raises:
             InputError: the input cannot be used; lists all problems.
         """
-        self._check_patterns()
+        self._check_arguments()
         parameters, outputs = self._bounded_parameters()
-        function = bind_scalars(model_of(self.model, parameters), parameters)
-        criteria = self._all_criteria(function)
         channels = self.channels or {}
+        function = bound_model(self.model, parameters, [*_parts(self.data), *_parts(self.test)], channels)
+        warn(unused_names(self.start, function))
+        criteria = self._all_criteria(function)
         inputs = {channels.get(name, name) for name in function.graph.inputs}
         datasets = self._datasets(function.graph, {*inputs, *(criterion.target.name for criterion in criteria)})
+        wanted = wanted_units(function.graph, channels, target_channels(criteria))
+        datasets = convert_units(datasets, wanted)
+        warn(unit_warnings(function.graph, datasets, parameters, channels, criteria))
         factors = _factors(self.smoothness, parameters)
         shifted, unknown = _shift_datasets(datasets, self.shift or {})
         problem = Problem(
@@ -82,7 +87,12 @@ class ProblemSetup:
         warn(overlap_findings(problem, dataset_location))
         return problem
 
-    def _check_patterns(self) -> None:
+    def _check_arguments(self) -> None:
+        if self.criteria and self.target is not None:
+            remedy = f"add Criterion(node, {self.target!r}) to the criteria"
+            raise ArgumentError(f"target={self.target!r} and criteria cannot be combined; {remedy}")
+        if self.criteria and self.node is not None:
+            raise ArgumentError(f"node={self.node!r} belongs to target; each of the criteria names its own node")
         for name, patterns in (("free_axes", self.free_axes), ("free", self.free)):
             if isinstance(patterns, str):
                 raise ArgumentError(f"{name}={patterns!r} must be a list of patterns: {name}=[{patterns!r}]")
@@ -98,11 +108,41 @@ class ProblemSetup:
     def _all_criteria(self, function: Model) -> tuple[Criterion, ...]:
         if self.target is None:
             return tuple(self.criteria)
-        return (Criterion(_output(function, self.node), self.target), *self.criteria)
+        return (Criterion(_output(function, self.node), self.target),)
 
     def _datasets(self, graph: Graph, used: Collection[str]) -> list[Dataset]:
         """Return training and test data with the channels in use."""
         return [*_as_datasets(self.data, "training", graph, used), *_as_datasets(self.test, "test", graph, used)]
+
+
+def bound_model(
+    model: Model | str, parameters: ParameterSet, data: Sequence[Data], channels: Mapping[str, str]
+) -> Model:
+    """Return the model for some data: names that the data hold as channels are inputs, not parameters.
+
+    Raises:
+        InputError: formula text uses names without declaring them that are parameters as well as channels.
+    """
+    function = model_of(model, parameters)
+    recorded = [names_of(part) for part in data]
+    for at, names in enumerate(recorded):
+        if ambiguous := ambiguous_names(function, parameters, names):
+            name = getattr(data[at], "name", "")
+            place = f"dataset {name}" if isinstance(name, str) and name else "the data"
+            raise InputError(ambiguity(function, each, "the start", place) for each in ambiguous)
+    known = {name for names in recorded for name in names}
+    inputs = {name for name in function.graph.inputs if channels.get(name, name) in known}
+    return bind_scalars(function, parameters, inputs)
+
+
+def unused_names(start: Start, model: Model) -> Iterator[Finding]:
+    """Yield warnings for names of a dict that the model does not use; a set may be that of a whole control unit."""
+    graph = model.graph
+    for name in start if not isinstance(start, ParameterSet) else ():
+        if name not in graph.parameters and name not in model.declared:
+            yield Finding(
+                Location("start"), f"the model does not use {name}", nearest(name, graph.parameters), "", "warning"
+            )
 
 
 def model_of(model: Model | str, parameters: ParameterSet) -> Model:
@@ -116,6 +156,9 @@ def start_parameters(start: Start, model: Model | str) -> ParameterSet:
     Tables made in Python define their extrapolation, those read from files do not.
     """
     if not isinstance(start, ParameterSet):
+        wrong = [(key, p.name) for key, p in start.items() if isinstance(p, Parameter) and p.name != key]
+        if wrong:
+            raise ArgumentError(f"start: the parameter under {wrong[0][0]!r} is called {wrong[0][1]}; use its name")
         start = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in start.items())
     if not isinstance(model, Model):
         return start
@@ -199,10 +242,15 @@ def _shift_datasets(datasets: Sequence[Dataset], shift: Shift) -> tuple[list[Dat
     return shifted, dict.fromkeys((data.name for data in datasets), unknown) if unknown else {}
 
 
+def _parts(data: Data | Sequence[Data]) -> Sequence[Data]:
+    """Return several datasets as such; a single one as a sequence."""
+    several = isinstance(data, Sequence) and not isinstance(data, Mapping | str)
+    return data if several else [data]  # type: ignore[return-value,list-item]
+
+
 def _as_datasets(data: Data | Sequence[Data], use: Use, graph: Graph, used: Collection[str]) -> list[Dataset]:
-    several = isinstance(data, Sequence) and not isinstance(data, Mapping)
-    parts: Sequence[Data] = data if several else [data]  # type: ignore[assignment,list-item]
-    return [replace(to_dataset(part, f"{use}{i or ''}", graph, used), use=use) for i, part in enumerate(parts)]
+    parts = enumerate(_parts(data))
+    return [replace(to_dataset(part, f"{use}{i or ''}", graph, used), use=use) for i, part in parts]
 
 
 def _output(model: Model, node: str | None) -> str:
