@@ -124,7 +124,7 @@ def test_simulations_read_columns_of_any_type_and_layout(kind):
         lambda value: kf.Region("x > 1", value),
         lambda value: kf.Settling(value),
         lambda value: kf.Limit("m", upper=value),
-        lambda value: Shape("C", 0, "slope", value),
+        lambda value: Shape("C", 0, "slope", lower=value),
         lambda value: Equality([Term("C")], value),
         lambda value: Term("C", factor=value),
         lambda value: kf.Options(spread=value),

@@ -147,7 +147,7 @@ def test_series_with_different_indexes_are_not_joined():
 
 
 def test_a_unit_of_an_unknown_column_is_refused():
-    with pytest.raises(kf.ArgumentError, match="units of dataset d: there is no column Sped. Did you mean Speed?"):
+    with pytest.raises(kf.ArgumentError, match=r"units of dataset d: there is no column Sped\. Did you mean Speed\?"):
         kf.Dataset.of("d", {"Speed": [1.0]}, units={"Sped": "rpm"})
 
 

@@ -1,6 +1,6 @@
 """Silence for the loggers of a library while this package calls it: what it logs is reported as a finding.
 
-Levels and handlers of loggers belong to the whole process, and to whoever uses the library beside this package. A filter
+Levels and handlers of loggers belong to the whole process, and to whoever uses the library as well. A filter
 that asks the context drops the records of the call alone, in its own thread.
 """
 

@@ -7,10 +7,11 @@ from importlib import import_module
 from typing import Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kennfeld.base.arrays import ArrayLike, Bool, Float, Int, readonly
 from kennfeld.base.errors import ArgumentError, Finding, Location
-from kennfeld.base.formatting import nearest
+from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.base.numeric import array, number, truths
@@ -23,6 +24,7 @@ PAUSE = 20.0  # usual steps; a longer one is a pause of the recording
 _COLUMNS = "kennfeld.preprocessing.coercion"  # in a higher layer, which knows how files name their time
 _USUAL = 0.75  # quantile of the steps
 _ROUNDING = 1e-6  # relative, of differences of time stamps
+MAX_NAMES = 6  # of channels that a text shows
 SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow with the data
 
 
@@ -57,6 +59,14 @@ class Channel(NotebookDisplay):
 
     def __len__(self) -> int:
         return self.values.size
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the values for NumPy, `np.asarray(channel)`."""
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        unit = f", unit={self.unit!r}" if self.unit else ""
+        return f"Channel({self.name!r}, {count_noun(len(self), 'value')}{unit})"
 
 
 @dataclass(frozen=True)
@@ -220,6 +230,9 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         max_gap: float = 0.0,
         weight_channel: str = "",
         warmup: float = 0.0,
+        files: FileSpans | None = None,
+        start_time: datetime | None = None,
+        recorded: ArrayLike | None = None,
     ) -> Self:
         """Return a dataset of named columns.
 
@@ -242,33 +255,45 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             max_gap: longest gap of NaN in an input that is interpolated, in s.
             weight_channel: channel that multiplies the loss of each sample.
             warmup: time from the start of each piece that is simulated but not scored, in s.
+            files: the files that the samples come from.
+            start_time: the instant of time stamp 0.
+            recorded: samples that were recorded, Bool[samples].
 
         Raises:
             InputError: columns do not hold numbers; reports all of them.
             ArgumentError: lengths or attributes are inconsistent.
         """
         timed = time is None and settling is None
-        recorded = import_module(_COLUMNS).read_recording(name, columns, units, timed=timed)
-        pieces = recorded.starts if starts is None else np.asarray(starts)
+        held = import_module(_COLUMNS).read_recording(name, columns, units, timed=timed)
+        pieces = held.starts if starts is None else np.asarray(starts)
         return cls(
             name,
-            recorded.channels,
-            recorded.time if time is None else array(time, f"time of dataset {name}"),
+            held.channels,
+            held.time if time is None else array(time, f"time of dataset {name}"),
             np.zeros(1, dtype=np.int64) if pieces is None else pieces,
             weight,
             use,
-            None if scored is None else truths(scored, f"scored of dataset {name}"),
+            _truths_or_none(scored, f"scored of dataset {name}"),
             max_gap=max_gap,
             weight_channel=weight_channel,
             settling=settling,
             warmup=warmup,
-            clock=recorded.clock,
+            clock=held.clock,
+            files=files,
+            start_time=start_time,
+            recorded=_truths_or_none(recorded, f"recorded of dataset {name}"),
         ).without_infinite()
 
     @property
     def samples(self) -> int:
         """Number of samples of every channel."""
         return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
+
+    def __repr__(self) -> str:
+        pieces = f" in {self.starts.size} pieces" if self.starts.size > 1 else ""
+        kind = f" over {self.time[-1] - self.time[0]:g} s" if self.time is not None and self.starts.size == 1 else ""
+        channels = join_names(list(self), MAX_NAMES)
+        return f"Dataset({self.name!r}, {count_noun(self.samples, 'sample')}{pieces}{kind}: {channels})"
 
     @property
     def is_fitted(self) -> bool:
@@ -350,6 +375,10 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
 
     def __len__(self) -> int:
         return len(self.channels)
+
+
+def _truths_or_none(source: ArrayLike | None, label: str) -> Bool | None:
+    return None if source is None else truths(source, label)
 
 
 def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tuple[int, Float]]:

@@ -10,14 +10,17 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
-from kennfeld.base.formatting import nearest
+from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.domain.data_frames import column_frame
 from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
 
+MAX_NAMES = 6  # of members that a text shows
+
 _Member = TypeVar("_Member", Parameter, Text, Parameter | Text)
 
+_COMPARISON = "kennfeld.calfiles.comparison"  # in a higher layer
 _FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only when needed: the import takes time
 
 
@@ -111,6 +114,10 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     def __len__(self) -> int:
         return len(self.parameters)
+
+    def __repr__(self) -> str:
+        values = sum(member.size for member in self.parameters)
+        return f"ParameterSet({count_noun(values, 'value')}: {join_names(list(self), MAX_NAMES)})"
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ParameterSet):
@@ -229,6 +236,25 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             for each in self.parameters
         ]
         return ParameterSet(members, self.texts, self.axes, self.others, self.origin)
+
+    def compare(self, other: "ParameterSet", *, absolute: float = 0.0, relative: float = 0.0) -> Any:
+        """Compare values, axes, units, kinds, texts and names with those of another set, as `kennfeld diff` does.
+
+        Args:
+            other: the other set.
+            absolute: differences of numbers up to `absolute + relative * max(|a|, |b|)` count as equal.
+            relative: see `absolute`.
+
+        Returns:
+            The differences; its text is a line for each.
+
+        >>> from kennfeld import Scalar
+        >>> before, after = ParameterSet([Scalar("K", 1.0)]), ParameterSet([Scalar("K", 1.5)])
+        >>> [difference.name for difference in before.compare(after).differences]
+        ['K']
+        """
+        module = import_module(_COMPARISON)
+        return module.compare(self, other, module.Tolerance(absolute, relative))
 
     def without(self, names: Collection[str]) -> "ParameterSet":
         """Return all but the named parameters; group axes stay."""

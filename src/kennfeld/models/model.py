@@ -2,13 +2,14 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
@@ -20,8 +21,11 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 
+MAX_NAMES = 6  # of inputs and the like that a text shows
+
+
 def _nothing() -> Mapping[str, Any]:
-    return MappingProxyType({})
+    return FrozenDict({})
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,12 @@ class Model:
     equations: Graph | None = None
     solver: str = ""
     undeclared: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        graph = self.graph
+        shown = {"inputs": graph.inputs, "parameters": list(graph.parameters), "outputs": graph.outputs}
+        parts = [f"{label}: {join_names(names, MAX_NAMES)}" for label, names in shown.items() if names]
+        return f"Model({self.name!r}, {'; '.join(parts)})"
 
     @property
     def carried(self) -> ParameterSet:

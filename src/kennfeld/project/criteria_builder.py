@@ -94,7 +94,7 @@ class _ConstraintBuilder:
                     message = f"{key} requires {least} breakpoints, but the axis has {len(axes[axis])}"
                     self.findings.warning(location, message, "The limit is ignored.")
                 elif name in self.tables.free and self._is_used(name):
-                    yield Shape(name, axis, "slope" if kind == "slope" else "curvature", lower, upper)
+                    yield Shape(name, axis, "slope" if kind == "slope" else "curvature", lower=lower, upper=upper)
                 elif self._is_used(name):
                     self.findings.warning(location, f"{name} is not free", "The limit is ignored.")
 

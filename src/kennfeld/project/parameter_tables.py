@@ -4,7 +4,6 @@ import glob
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
 from fnmatch import fnmatchcase
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import ArgumentError, Findings
 from kennfeld.base.formatting import nearest
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.file_keys import KeyProblem
 from kennfeld.domain.parameter_set import ParameterSet
@@ -72,7 +72,7 @@ class Tables:
 
     parameters: ParameterSet
     free: tuple[str, ...] = ()
-    smoothness: Mapping[str, tuple[Factor, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    smoothness: Mapping[str, tuple[Factor, ...]] = field(default_factory=lambda: FrozenDict({}))
     locked_without_data: tuple[str, ...] = ()
 
     @property

@@ -2,11 +2,11 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from types import MappingProxyType
 from typing import Literal, NamedTuple, TypeVar
 
 from kennfeld.base.errors import Location
 from kennfeld.base.formatting import nearest
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.graph import CLOCK
 from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.models.formula.functions import CONSTANTS, FUNCTIONS
@@ -43,13 +43,13 @@ class NameScope(NamedTuple):
     model of the parameters in messages; `functions` are called like built-in ones.
     """
 
-    nodes: Mapping[str, int] = MappingProxyType({})
+    nodes: Mapping[str, int] = FrozenDict({})
     parameters: Collection[str] | None = None
-    axes: Mapping[str, int] = MappingProxyType({})
+    axes: Mapping[str, int] = FrozenDict({})
     inputs: Collection[str] = ()
     channels: Collection[str] | None = None
     owner: str = "this project"
-    functions: Mapping[str, BuiltIn] = MappingProxyType({})
+    functions: Mapping[str, BuiltIn] = FrozenDict({})
 
 
 def children(expr: Expr) -> Sequence[Expr]:

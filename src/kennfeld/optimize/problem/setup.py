@@ -1,34 +1,41 @@
 """The arguments of `calibrate`, and the problem that follows from them."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Literal
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location, warn
-from kennfeld.base.formatting import nearest
+from kennfeld.base.formatting import join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset, Use
 from kennfeld.domain.free_axes import with_free_axes
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Parameter, Scalar
 from kennfeld.graph import Graph
 from kennfeld.models import Model, ambiguity, ambiguous_names, bind_scalars, merge_start_values
 from kennfeld.models.formula import formula
+from kennfeld.optimize.problem.arguments import (
+    Bounds,
+    Factors,
+    Limits,
+    ProblemArguments,
+    Shift,
+    Start,
+    check_kinds,
+    factors_by_axis,
+    parameters_of,
+    shift_of,
+)
 from kennfeld.optimize.problem.overlap import overlap_findings
-from kennfeld.optimize.problem.problem import Factor, Problem, Smoothness
+from kennfeld.optimize.problem.problem import Factor, Problem
 from kennfeld.optimize.problem.unit_conflicts import convert_units, target_channels, unit_warnings, wanted_units
 from kennfeld.optimize.problem.validation import check_problem, dataset_location
 from kennfeld.preprocessing.coercion import Data, names_of, to_dataset
 from kennfeld.preprocessing.model_step import clock_findings, refine_step
 from kennfeld.preprocessing.time_shift import shift_channels
-
-Start = ParameterSet | Mapping[str, float | Parameter]
-Limits = Mapping[str, tuple[float, float]] | Sequence[Limit]
-Shift = Mapping[str, float | Literal["auto"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +51,7 @@ class ProblemSetup:
     test: Data | Sequence[Data] = ()
     free: Sequence[str] = ("*",)
     free_axes: Sequence[str] = ()
-    smoothness: Factor | Smoothness = 0.0
+    smoothness: Factors = 0.0
     limits: Limits | None = None
     pins: Sequence[Pin] = ()
     constraints: Sequence[Shape | Equality] = ()
@@ -88,14 +95,15 @@ class ProblemSetup:
         return problem
 
     def _check_arguments(self) -> None:
+        for name, patterns in (("free_axes", self.free_axes), ("free", self.free)):
+            if isinstance(patterns, str):
+                raise ArgumentError(f"{name}={patterns!r} must be a list of patterns: {name}=[{patterns!r}]")
+        check_kinds(vars(self))
         if self.criteria and self.target is not None:
             remedy = f"add Criterion(node, {self.target!r}) to the criteria"
             raise ArgumentError(f"target={self.target!r} and criteria cannot be combined; {remedy}")
         if self.criteria and self.node is not None:
             raise ArgumentError(f"node={self.node!r} belongs to target; each of the criteria names its own node")
-        for name, patterns in (("free_axes", self.free_axes), ("free", self.free)):
-            if isinstance(patterns, str):
-                raise ArgumentError(f"{name}={patterns!r} must be a list of patterns: {name}=[{patterns!r}]")
 
     def _bounded_parameters(self) -> tuple[ParameterSet, tuple[Limit, ...]]:
         """Return the start with free axes and bounds, and the limits of outputs."""
@@ -113,6 +121,37 @@ class ProblemSetup:
     def _datasets(self, graph: Graph, used: Collection[str]) -> list[Dataset]:
         """Return training and test data with the channels in use."""
         return [*_as_datasets(self.data, "training", graph, used), *_as_datasets(self.test, "test", graph, used)]
+
+
+def problem_of(
+    model: Model | str | Problem,
+    data: Data | Sequence[Data] | None,
+    start: Start | None,
+    target: str | float | None,
+    arguments: ProblemArguments,
+    caller: str,
+) -> Problem:
+    """Return the problem of a call that takes one as its first argument, or all that states one.
+
+    Raises:
+        ArgumentError: it has both, or lacks data or start.
+    """
+    if not isinstance(model, Problem):
+        for name, value in (("data", data), ("start", start)):
+            if value is None:
+                raise ArgumentError(f"{caller} requires {name}, unless its first argument is a problem")
+        return ProblemSetup(model, data, start, target, **arguments).problem()  # type: ignore[arg-type]
+    defaults: dict[str, Any] = {part.name: part.default for part in fields(ProblemSetup)}
+    defaults |= {"data": None, "start": None}
+    stated = {"data": data, "start": start, "target": target, **arguments}
+    if others := [name for name, value in stated.items() if _is_stated(value, defaults[name])]:
+        raise ArgumentError(f"{caller}(problem) takes no {join_names(others)}: the problem states them")
+    return model
+
+
+def _is_stated(value: Any, default: Any) -> bool:
+    # data may be arrays, whose comparison is no truth value
+    return value is not default and not (isinstance(value, float | int | tuple) and value == default)
 
 
 def bound_model(
@@ -138,7 +177,7 @@ def bound_model(
 def unused_names(start: Start, model: Model) -> Iterator[Finding]:
     """Yield warnings for names of a dict that the model does not use; a set may be that of a whole control unit."""
     graph = model.graph
-    for name in start if not isinstance(start, ParameterSet) else ():
+    for name in start if isinstance(start, Mapping) and not isinstance(start, ParameterSet) else ():
         if name not in graph.parameters and name not in model.declared:
             yield Finding(
                 Location("start"), f"the model does not use {name}", nearest(name, graph.parameters), "", "warning"
@@ -155,11 +194,7 @@ def start_parameters(start: Start, model: Model | str) -> ParameterSet:
 
     Tables made in Python define their extrapolation, those read from files do not.
     """
-    if not isinstance(start, ParameterSet):
-        wrong = [(key, p.name) for key, p in start.items() if isinstance(p, Parameter) and p.name != key]
-        if wrong:
-            raise ArgumentError(f"start: the parameter under {wrong[0][0]!r} is called {wrong[0][1]}; use its name")
-        start = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in start.items())
+    start = parameters_of(start)
     if not isinstance(model, Model):
         return start
     return merge_start_values(model.carried, start, continued=start.origin is not None)
@@ -191,14 +226,19 @@ def on_model_step(
     return tuple(refined)
 
 
-def _split_limits(limits: Limits, parameters: ParameterSet) -> tuple[dict[str, tuple[float, float]], tuple[Limit, ...]]:
+def _split_limits(limits: Limits, parameters: ParameterSet) -> tuple[dict[str, Bounds], tuple[Limit, ...]]:
     if not isinstance(limits, Mapping):
         return {}, tuple(limits)
     bounds = {name: pair for name, pair in limits.items() if name in parameters}
-    return bounds, tuple(Limit(name, *pair) for name, pair in limits.items() if name not in parameters)
+    others = {name: pair for name, pair in limits.items() if name not in parameters}
+    return bounds, tuple(Limit(name, *(_unbounded(*pair))) for name, pair in others.items())
 
 
-def _factors(smoothness: Factor | Smoothness, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
+def _unbounded(lower: float | None, upper: float | None) -> tuple[float, float]:
+    return -np.inf if lower is None else lower, np.inf if upper is None else upper
+
+
+def _factors(smoothness: Factors, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
     """Return the checked smoothness factors of each axis of each table."""
     by_name = smoothness if isinstance(smoothness, Mapping) else dict.fromkeys(parameters, smoothness)
     factors: dict[str, tuple[Factor, ...]] = {}
@@ -206,6 +246,8 @@ def _factors(smoothness: Factor | Smoothness, parameters: ParameterSet) -> dict[
         if name not in parameters:
             raise ArgumentError(f"smoothness: unknown parameter {name}. {nearest(name, parameters)}".strip())
         axes = len(parameters[name].axes)
+        if isinstance(value, Mapping):
+            value = factors_by_axis(value, name, axes)
         single = isinstance(value, str) or np.ndim(value) == 0
         values = [_factor(factor) for factor in ((value,) * axes if single else value)]  # type: ignore[union-attr]
         factors[name] = tuple(factor for factor in values if factor is not None)
@@ -230,16 +272,24 @@ def _factor(value: Any) -> Factor | None:
 
 def _shift_datasets(datasets: Sequence[Dataset], shift: Shift) -> tuple[list[Dataset], dict[str, tuple[str, ...]]]:
     """Apply known shifts; return the datasets, and by dataset the channels whose shift is to be estimated."""
-    channels = {channel for data in datasets for channel in data}
+    names = [data.name for data in datasets]
+    shifted, unknown = [], {}
+    for data in datasets:
+        own = shift_of(shift, data.name, names)
+        _check_shifts(own, {channel for each in datasets for channel in each})
+        known = {name: float(by) for name, by in own.items() if by != "auto"}
+        shifted.append(shift_channels(data, known))
+        if sought := tuple(name for name, by in own.items() if by == "auto"):
+            unknown[data.name] = sought
+    return shifted, unknown
+
+
+def _check_shifts(shift: Mapping[str, Any], channels: Collection[str]) -> None:
     for name, by in shift.items():
         if name not in channels:
             raise ArgumentError(f"shift: unknown channel {name}. {nearest(name, channels)}".strip())
         if not (by == "auto" if isinstance(by, str) else np.ndim(by) == 0 and np.isfinite(by)):
             raise ArgumentError(f'shift={by!r} of {name} must be a finite number or "auto"')
-    known = {name: float(by) for name, by in shift.items() if by != "auto"}
-    unknown = tuple(name for name, by in shift.items() if by == "auto")
-    shifted = [shift_channels(data, known) for data in datasets]
-    return shifted, dict.fromkeys((data.name for data in datasets), unknown) if unknown else {}
 
 
 def _parts(data: Data | Sequence[Data]) -> Sequence[Data]:
