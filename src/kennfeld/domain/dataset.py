@@ -1,7 +1,7 @@
 """Datasets: recorded channels of equal length, with or without time stamps, in one or more pieces."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import KW_ONLY, field, replace
 from datetime import datetime
 from importlib import import_module
 from typing import Any, Literal, Self
@@ -149,6 +149,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
     channels: tuple[Channel, ...]
     time: Float | None = None  # Float[samples]
     starts: Int = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # Int[pieces]
+    _: KW_ONLY
     weight: float = 1.0
     use: Use = "training"
     scored: Bool | None = None  # Bool[samples]
@@ -271,9 +272,9 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             held.channels,
             held.time if time is None else array(time, f"time of dataset {name}"),
             np.zeros(1, dtype=np.int64) if pieces is None else pieces,
-            weight,
-            use,
-            _truths_or_none(scored, f"scored of dataset {name}"),
+            weight=weight,
+            use=use,
+            scored=_truths_or_none(scored, f"scored of dataset {name}"),
             max_gap=max_gap,
             weight_channel=weight_channel,
             settling=settling,

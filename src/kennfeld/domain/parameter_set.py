@@ -65,6 +65,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         texts: Iterable[Text] = (),
         axes: Iterable[Axis] = (),
         others: Iterable[Parameter | Text] = (),
+        *,
         origin: object | None = None,
         unstated: Iterable[str] = (),
     ) -> None:
@@ -200,7 +201,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             others.pop((member.name, member.variant), None)
         # an empty set takes over the file of the other one
         origin = (self if self.chosen else other).origin
-        return ParameterSet(merged.parameters, merged.texts, merged.axes, others.values(), origin)
+        return ParameterSet(merged.parameters, merged.texts, merged.axes, others.values(), origin=origin)
 
     def with_parameters(self, *changed: Parameter) -> "ParameterSet":
         """Return the set with some parameters replaced or added."""
@@ -215,13 +216,13 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     def from_origin(self, origin: object | None) -> "ParameterSet":
         """Return the set with another origin: the file that a save is to update."""
-        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin)
+        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin=origin)
 
     def read_without(self, unstated: Iterable[str]) -> "ParameterSet":
         """Return the set as one that was read from a format which cannot state some aspects."""
         aspects = frozenset(unstated)
         members, others = _read_without(self.parameters, aspects), _read_without(self.others, aspects)
-        return ParameterSet(members, self.texts, self.axes, others, self.origin)
+        return ParameterSet(members, self.texts, self.axes, others, origin=self.origin)
 
     def completed(self, known: "ParameterSet") -> "ParameterSet":
         """Return the set with what its files cannot state taken from the parameters of the same names in another set.
@@ -235,7 +236,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             _completed(each, known[each.name]) if each.unstated and each.name in known else each
             for each in self.parameters
         ]
-        return ParameterSet(members, self.texts, self.axes, self.others, self.origin)
+        return ParameterSet(members, self.texts, self.axes, self.others, origin=self.origin)
 
     def compare(self, other: "ParameterSet", *, absolute: float = 0.0, relative: float = 0.0) -> Any:
         """Compare values, axes, units, kinds, texts and names with those of another set, as `kennfeld diff` does.
@@ -261,7 +262,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         removed = frozenset(names)
         kept = [member for member in self.parameters if member.name not in removed]
         others = [item for item in self.others if item.name not in removed]
-        return ParameterSet(kept, self.texts, self.axes, others, self.origin)
+        return ParameterSet(kept, self.texts, self.axes, others, origin=self.origin)
 
     def to_frame(self) -> Any:
         """Return all values as a DataFrame of pandas, one row per value.

@@ -4,7 +4,7 @@ All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpo
 """
 
 from collections.abc import Iterable
-from dataclasses import field, fields
+from dataclasses import KW_ONLY, field, fields
 from importlib import import_module
 from typing import Any, ClassVar, Literal, Self, TypedDict, Unpack, get_args
 
@@ -97,8 +97,8 @@ class Axis:
         count: int,
         input: str = "",  # noqa: A002
         unit: str = "",
-        name: str = "",
         *,
+        name: str = "",
         round: bool = True,  # noqa: A002
     ) -> "Axis":
         """Return an axis whose breakpoints are quantiles of data, including both ends.
@@ -253,8 +253,8 @@ class Parameter(NotebookDisplay):
     A parameter can be called with coordinates, and NumPy takes it for its values.
 
     >>> gain = Curve("Gain", [0, 10, 20], [1.0, 1.2, 1.6])
-    >>> gain(15), np.asarray(gain.with_bounds(upper=2.0)).max()
-    (1.4, 1.6)
+    >>> gain(15), np.asarray(gain)
+    (1.4, array([1. , 1.2, 1.6]))
     """
 
     kind: ClassVar[str] = ""
@@ -314,6 +314,16 @@ class Parameter(NotebookDisplay):
     def size(self) -> int:
         """Number of values."""
         return self.values.size
+
+    @property
+    def value(self) -> float:
+        """The number, if it is a single one; `ArgumentError` for tables."""
+        if self.size != 1:
+            raise ArgumentError(f"{self.name} has {self.size} values; `values` holds them")
+        return float(self.values.item())
+
+    def __float__(self) -> float:
+        return self.value
 
     @property
     def limited(self) -> bool:
@@ -454,14 +464,6 @@ class Scalar(Parameter):
     def __init__(self, name: str, value: ArrayLike, **attributes: Unpack[ParameterAttributes]) -> None:
         super().__init__(name=name, values=array(value, f"value of {name}"), **attributes)  # type: ignore[arg-type]
 
-    def __float__(self) -> float:
-        return self.value
-
-    @property
-    def value(self) -> float:
-        """The number itself."""
-        return float(self.values)
-
 
 class Block(Parameter):
     """A value block: numbers without axes. A formula reads it by position, counted from 0.
@@ -575,6 +577,7 @@ class Text:
     text: str
     description: str = ""
     functions: tuple[str, ...] = ()
+    _: KW_ONLY
     display_name: str = ""
     variant: str = ""
     unit: str = ""

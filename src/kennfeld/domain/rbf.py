@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, Unpack, get_args
 
 import numpy as np
 
-from kennfeld.base.arrays import Float, readonly
+from kennfeld.base.arrays import ArrayLike, Float, readonly
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes
@@ -86,7 +86,23 @@ class Expansion:
     kernel: Kernel = "gaussian"
     hinges: tuple[Hinge, ...] = ()
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        offset: float,
+        slopes: ArrayLike,
+        weights: ArrayLike,
+        centres: ArrayLike,
+        widths: ArrayLike,
+        *,
+        kernel: Kernel = "gaussian",
+        hinges: Sequence[Sequence[float]] = (),
+    ) -> None:
+        tables = {"slopes": slopes, "weights": weights, "centres": centres, "widths": widths}
+        for name, value in {"offset": offset, **tables, "kernel": kernel, "hinges": hinges}.items():
+            object.__setattr__(self, name, value)
+        self._check()
+
+    def _check(self) -> None:
         check_kernel(self.kernel)
         object.__setattr__(self, "offset", float(self.offset))
         if not np.isfinite(self.offset):
@@ -147,8 +163,8 @@ class Expansion:
     @property
     def without_hinges(self) -> "Expansion":
         """The plane and the bells alone."""
-        parts = (self.offset, self.slopes, self.weights, self.centres, self.widths, self.kernel)
-        return Expansion(*parts) if self.hinges else self
+        parts = (self.offset, self.slopes, self.weights, self.centres, self.widths)
+        return Expansion(*parts, kernel=self.kernel) if self.hinges else self
 
     def _points(self, x: Float) -> tuple[Float, tuple[int, ...]]:
         """Return the points one after another, and the shape that their values have."""
@@ -340,7 +356,9 @@ class RBF(Parameter):
             self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths)
         )
         slopes, weights = self.values[at.slopes], self.values[at.weights]
-        return Expansion(float(self.values[0]), slopes, weights, centres, widths, self.kernel, self.hinges)
+        return Expansion(
+            float(self.values[0]), slopes, weights, centres, widths, kernel=self.kernel, hinges=self.hinges
+        )
 
     def _look_up(self, points: list[Float]) -> Float:
         return self.expansion(np.stack(points, axis=-1))

@@ -117,7 +117,7 @@ class ProblemBuilder:
         location = self.file.location("calibration", "initial")
         self.findings.add(Finding(location, message, severity="warning"))
         texts = [text for text in initial.texts if text.name not in values]
-        return ParameterSet(initial.parameters, texts, initial.axes, initial.others, initial.origin)
+        return ParameterSet(initial.parameters, texts, initial.axes, initial.others, origin=initial.origin)
 
     def _check_results(self) -> None:
         """Report formats of the simulation whose package is missing, before a search rather than after it."""

@@ -50,7 +50,7 @@ class Proposal:
 def read_function(text: str, functions: Collection[ModelFunction] = ()) -> Model | None:
     """Return the function with every unknown name as table or input; None if the text has errors."""
     try:
-        return formula(text, functions=functions)
+        return formula(text, functions=tuple(functions))
     except InputError:
         return None
 

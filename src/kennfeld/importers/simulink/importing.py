@@ -25,6 +25,7 @@ def simulink(
     subsystem: str | None = None,
     parameters: Iterable[ParameterSource] = (),
     bind: Mapping[str, str] | None = None,
+    *,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
@@ -52,7 +53,8 @@ def simulink(
     >>> model.graph.inputs, model.graph.outputs, model.values["Slope"].value
     (('n',), ('y',), 2.0)
     """
-    return import_simulink(path, subsystem, parameters, bind, promote, folders, step).require_model()
+    imported = import_simulink(path, subsystem, parameters, bind, promote=promote, folders=folders, step=step)
+    return imported.require_model()
 
 
 def import_simulink(
@@ -60,6 +62,7 @@ def import_simulink(
     subsystem: str | None = None,
     parameters: Iterable[ParameterSource] = (),
     bind: Mapping[str, str] | None = None,
+    *,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
@@ -94,7 +97,8 @@ Arguments = tuple[
 
 def import_requested(request: ImportRequest) -> SimulinkImport:
     """Import what a project or a command names."""
-    return import_simulink(*arguments_of(request))
+    path, part, parameters, bind, promote, folders, step = arguments_of(request)
+    return import_simulink(path, part, parameters, bind, promote=promote, folders=folders, step=step)
 
 
 def arguments_of(request: ImportRequest) -> Arguments:

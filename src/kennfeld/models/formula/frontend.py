@@ -47,6 +47,7 @@ def formula(
     name: str = "formula",
     parameters: Collection[str] | None = None,
     surrogates: Collection["Surrogate"] = (),
+    *,
     functions: CallableSources = (),
 ) -> Model:
     """Compile formula text to a model.

@@ -21,7 +21,7 @@ Reduction = int | Sequence[int]
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """One step of a sequence; its arguments override problem and options, None keeps them.
 
@@ -94,7 +94,7 @@ class Step:
         return [*every.values()] if isinstance(every, Mapping) else [every]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Options(SearchSettings):
     """Options of a search.
 

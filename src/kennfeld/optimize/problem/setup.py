@@ -180,7 +180,7 @@ def unused_names(start: Start, model: Model) -> Iterator[Finding]:
     for name in start if isinstance(start, Mapping) and not isinstance(start, ParameterSet) else ():
         if name not in graph.parameters and name not in model.declared:
             yield Finding(
-                Location("start"), f"the model does not use {name}", nearest(name, graph.parameters), "", "warning"
+                Location("start"), f"the model does not use {name}", nearest(name, graph.parameters), severity="warning"
             )
 
 
