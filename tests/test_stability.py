@@ -1,7 +1,7 @@
-"""The stable names of `docs/stability.md`: they are there, and their arguments are those of `stable_arguments.json`.
+"""The stable names of `docs/stability.md` exist, with the arguments of `stable_arguments.json`.
 
-An argument that is missing here was removed or renamed: the page says how that is done. After a deprecation has run out,
-or to pin what was added, write the file anew: python -m tests.test_stability
+An argument that is missing here was removed or renamed: the page says how that is done. After a deprecation has run
+out, or to pin what was added, write the file anew: python -m tests.test_stability
 """
 
 import inspect
@@ -31,10 +31,13 @@ FIVE = {"Expansion"}
 
 
 def listed(which):
-    (names,) = re.findall(
-        rf"<!-- {which} names -->\n(.*?)<!-- end of {which} names -->", PAGE.read_text("utf-8"), re.DOTALL
-    )
+    text = PAGE.read_text(encoding="utf-8")
+    (names,) = re.findall(rf"<!-- {which} names -->\n(.*?)<!-- end of {which} names -->", text, re.DOTALL)
     return re.findall(r"`(\w+)`", names)
+
+
+def is_called(value):
+    return callable(value) and not (inspect.isclass(value) and issubclass(value, Exception))
 
 
 def stable_arguments():
@@ -42,7 +45,7 @@ def stable_arguments():
     arguments = {}
     for name in sorted(set(kennfeld.__all__) - PROVISIONAL - MADE):
         value = getattr(kennfeld, name)
-        if callable(value) and not (inspect.isclass(value) and issubclass(value, Exception)):
+        if is_called(value):
             arguments[name] = list(inspect.signature(value).parameters)
     return arguments
 
@@ -64,7 +67,7 @@ def test_no_argument_of_a_stable_name_was_removed():
 @pytest.mark.parametrize("name", marked(sorted(set(kennfeld.__all__) - MADE)))
 def test_arguments_beyond_the_fourth_are_passed_by_name(name):
     value = getattr(kennfeld, name)
-    if not callable(value):
+    if not is_called(value):
         return
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     positional = [each.name for each in inspect.signature(value).parameters.values() if each.kind in kinds]

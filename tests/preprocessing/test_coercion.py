@@ -126,7 +126,7 @@ def test_a_recording_of_several_pieces_comes_back_from_a_frame():
         )
 
 
-def test_a_column_called_t_that_the_function_reads_is_no_time_in_a_dataset_either():
+def test_a_column_called_t_that_the_function_reads_is_not_time_in_a_dataset_either():
     columns = {"t": TIME, "z": np.exp(-TIME)}
     results = [
         kf.calibrate("y = exp(-t / T)", data, {"T": 2.0}, "z") for data in (columns, kf.Dataset.of("d", columns))

@@ -100,7 +100,8 @@ def calibrate(
         smoothness: factor for all tables, or by parameter and axis, as `Result.smoothness` has them; "auto" in its
             place chooses it from the data.
         limits: lower and upper bound by name: of all values of a parameter, in its unit, or of a node at every scored
-            training sample, which may be an expression over nodes and channels; or a list of `Limit`. None is no bound.
+            training sample, which may be an expression over nodes and channels; or a list of `Limit`. None
+            means no bound.
         pins: exact values at given coordinates.
         constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
         channels: the channel of a model input, if the names differ.

@@ -34,7 +34,7 @@ _PIECE = "piece"  # level of an index, or column, that numbers the pieces of a r
 class RecordedColumns:
     """Channels of named columns, with time stamps in s, Float[samples], and pieces, Int[pieces], if they hold these.
 
-    `disorder` is the error that the stamps do not increase, so that they are no time.
+    `disorder` is the error that the stamps do not increase, so that they cannot be the time.
     """
 
     channels: tuple[Channel, ...]

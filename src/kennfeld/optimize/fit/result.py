@@ -375,12 +375,14 @@ def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 def _by_value(members: Iterable[Parameter], others: Mapping[str, Any], attribute: str = "") -> Float:
     """Return the numbers of others of the same name and shape for all values, Float[values]; NaN for those without."""
-    parts: list[Float] = []
-    for member in members:
-        other = others[member.name] if member.name in others else None
+
+    def of(member: Parameter) -> Float:
+        other = others.get(member.name)
         numbers = getattr(other, attribute) if attribute and other is not None else other
         fits = numbers is not None and numbers.shape == member.values.shape
-        parts.append(np.asarray(numbers, dtype=np.float64).ravel() if fits else np.full(member.size, np.nan))
+        return np.asarray(numbers, dtype=np.float64).ravel() if fits else np.full(member.size, np.nan)
+
+    parts = [of(member) for member in members]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 

@@ -18,7 +18,7 @@ from kennfeld.preprocessing.coercion import Data
 
 
 class Fitted(Protocol):
-    """What has fitted parameters, as a result."""
+    """An object with fitted parameters, such as a result."""
 
     @property
     def parameters(self) -> ParameterSet: ...
