@@ -236,7 +236,7 @@ def test_a_function_may_read_dates_as_the_time_in_seconds():
     assert simulation["y"].values.tolist() == [0, 2, 6]
 
 
-@pytest.mark.parametrize("given", ["bench.csv", np.ones((3, 2)), None])
+@pytest.mark.parametrize("given", ["bench.csv", np.ones((3, 2)), 3])
 def test_data_without_named_columns_are_refused(given):
     with pytest.raises(kf.KennfeldError, match=f"a dict or a DataFrame, got {type(given).__name__}"):
         kf.calibrate("y = k * u", given, {"k": 1}, "z")

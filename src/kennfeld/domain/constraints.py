@@ -1,6 +1,7 @@
 """Constraints of a calibration in addition to bounds and locks: shapes of tables, equalities, and output limits."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import field
 from numbers import Integral
 from typing import Literal, get_args
 
@@ -8,6 +9,7 @@ from kennfeld.base.arrays import ArrayLike
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import array, number
+from kennfeld.domain.parameters import AXIS_LETTERS
 
 AxisLetter = Literal["x", "y", "z", "w"]
 UNBOUNDED = float("inf")
@@ -75,12 +77,14 @@ class Shape:
             d2z/dx2 between three neighbours: convex if >= 0.
         lower: lower bound.
         upper: upper bound.
+        where: by axis letter a range of axis values, both ends included; differences count whose grid points are all
+            within these ranges. Default is the whole table.
 
     Raises:
         ArgumentError: a bound is not a number, or the lower one exceeds the upper one.
 
-    >>> Shape("MapX", 0, "slope", lower=0.0)
-    Shape(parameter='MapX', axis=0, kind='slope', lower=0.0, upper=inf)
+    >>> Shape("MapX", 1, "slope", lower=0.0, where={"x": (2000, 6000)}).where
+    {'x': (2000.0, 6000.0)}
     """
 
     parameter: str
@@ -88,6 +92,7 @@ class Shape:
     kind: Literal["slope", "curvature"]
     lower: float = -UNBOUNDED
     upper: float = UNBOUNDED
+    where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __init__(
         self,
@@ -97,6 +102,7 @@ class Shape:
         *,
         lower: float | None = None,
         upper: float | None = None,
+        where: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         if isinstance(axis, str) and axis in get_args(AxisLetter):
             axis = get_args(AxisLetter).index(axis)
@@ -107,7 +113,10 @@ class Shape:
             raise ArgumentError(f"kind={kind!r} of a shape of {parameter} must be slope or curvature")
         for name, value in (("parameter", parameter), ("axis", int(axis)), ("kind", kind)):
             object.__setattr__(self, name, value)
-        _set_range(self, f"{kind} of {parameter}", lower, upper)
+        owner = f"{kind} of {parameter}"
+        _set_range(self, owner, lower, upper)
+        ranges = {letter: _ends(ends, letter, owner) for letter, ends in (where or {}).items()}
+        object.__setattr__(self, "where", ranges)
 
 
 @dataclass(frozen=True)
@@ -169,6 +178,16 @@ def _term_text(term: Term) -> str:
 
 def _coordinates(at: ArrayLike, owner: str) -> tuple[float, ...]:
     return tuple(array(at, f"coordinates of {owner}").tolist())
+
+
+def _ends(ends: tuple[float, float], axis: str, owner: str) -> tuple[float, float]:
+    """Return the ends of a range along an axis as numbers, in order."""
+    if axis not in AXIS_LETTERS:
+        raise ArgumentError(f"where of the {owner}: axis {axis!r} is none of {', '.join(AXIS_LETTERS)}")
+    first, last = (number(end, f"where of the {owner} along {axis}", "", infinite=True) for end in ends)
+    if not first <= last:
+        raise ArgumentError(f"where of the {owner}: {first:g} exceeds {last:g} along {axis}")
+    return first, last
 
 
 def _set_range(limit: Limit | Shape, owner: str, lower: float | None, upper: float | None) -> None:

@@ -93,7 +93,6 @@ class Expansion:
         weights: ArrayLike,
         centres: ArrayLike,
         widths: ArrayLike,
-        *,
         kernel: Kernel = "gaussian",
         hinges: Sequence[Sequence[float]] = (),
     ) -> None:
