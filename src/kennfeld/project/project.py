@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from kennfeld.project.simulation import Simulation
 
 
+def _ignore(line: str) -> None:
+    """Take a line about progress that nobody reads."""
+
+
 @dataclass(frozen=True, eq=False)
 class Project:
     """A project file: check, calibrate and simulate it.
@@ -58,7 +62,7 @@ class Project:
     formats: tuple[str, ...]
     file: ProjectFile = field(repr=False)
     load: "Loader | None" = field(default=None, repr=False)
-    report: Callable[[str], None] = field(default=lambda line: None, repr=False)
+    report: Callable[[str], None] = field(default=_ignore, repr=False)
     watch: "ReadingWatch | None" = field(default=None, repr=False)  # of the reading of recordings
 
     @classmethod
@@ -75,6 +79,10 @@ class Project:
         """
         file = read_project(Path(path), unsaved)
         return cls(file.path, file.name, file.calibration.output, file, load)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # files that were read are kept, processes that evaluate partitions are not
+        return {name: value for name, value in self.__dict__.items() if name != "_runner"}
 
     @property
     def options(self) -> "Options":
@@ -200,7 +208,7 @@ class Project:
         self,
         scheduler: str | None = None,
         workers: int | None = None,
-        report: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = _ignore,
     ) -> Self:
         """Return the same project on another cluster than `[cluster]` names.
 
