@@ -82,7 +82,8 @@ def curve_fit(random):
     bands = [(0.0, np.inf), (0.1, np.inf), (0.0, 1.0), (0.1, 1.0), (-np.inf, 0.0), (-np.inf, -0.1)]
     data = {"x": random.uniform(-0.5, size - 0.5, samples), "z": random.normal(0, 2, samples)}
     table = kf.Curve("C", np.arange(size), np.zeros(size))
-    return ConstrainedFit(data, table, (Shape("C", 0, "slope", *bands[random.integers(len(bands))]),))
+    lower, upper = bands[random.integers(len(bands))]
+    return ConstrainedFit(data, table, (Shape("C", 0, "slope", lower=lower, upper=upper),))
 
 
 def map_fit(random):

@@ -11,7 +11,7 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.export.c_code import write_c
-from kennfeld.export.comparison import Comparison, compare
+from kennfeld.export.comparison import CodeComparison, compare
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.prepared import Precision, PreparedFunction, prepare
 from kennfeld.models import Model
@@ -78,7 +78,7 @@ class Export:
 
     files: tuple[Path, ...]
     findings: tuple[Finding, ...] = ()
-    comparison: Comparison | None = None
+    comparison: CodeComparison | None = None
 
 
 def export_function(
@@ -198,7 +198,7 @@ def _checked(
     problem: Problem | None,
     location: Location,
     findings: Findings,
-) -> Comparison | None:
+) -> CodeComparison | None:
     if problem is None:
         return None
     compiler = HostCompiler.find()
