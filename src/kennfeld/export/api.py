@@ -16,8 +16,9 @@ from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.prepared import Precision, PreparedFunction, prepare
 from kennfeld.models import Model
 from kennfeld.models.model import bind_scalars
+from kennfeld.optimize.problem.arguments import Start, parameters_of
 from kennfeld.optimize.problem.problem import Problem
-from kennfeld.optimize.problem.setup import Start, start_parameters
+from kennfeld.optimize.problem.setup import start_parameters
 from kennfeld.project import Project
 from kennfeld.project.folder_replacement import move, scratch_folder
 from kennfeld.project.simulation import replace_parameters
@@ -146,7 +147,7 @@ def _model(function: Model | str, parameters: Start | None) -> Model:
         return function
     from kennfeld.models.formula import formula
 
-    return formula(function, parameters=list(parameters or ()))
+    return formula(function, parameters=[] if parameters is None else list(parameters_of(parameters)))
 
 
 def _write(
