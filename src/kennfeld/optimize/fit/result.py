@@ -20,6 +20,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.quality.quality import Quality, r2_text
 from kennfeld.optimize.quality.recording_quality import RecordingQuality, error_text, recordings_table
+from kennfeld.optimize.rounding.outcome import RoundingResult
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 
@@ -129,7 +130,8 @@ class Result(NotebookDisplay):
             step, limits that are crossed, and shifts that are ambiguous or at the edge of the search window.
         recordings: errors by criterion, dataset and file, with the worst stretch of each file.
         certificate: how far the values are from a minimum within the limits, in numbers without units; None if that
-            cannot be computed.
+            cannot be computed. Of a rounded result, that of the fit before.
+        rounding: errors before and after rounding to storable values; None if nothing was rounded.
 
     >>> from kennfeld import calibrate
     >>> result = calibrate("y = k * x", {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}, {"k": 0.0}, target="m")
@@ -158,6 +160,7 @@ class Result(NotebookDisplay):
     warnings: tuple[Finding, ...] = ()
     recordings: tuple[RecordingQuality, ...] = field(default=(), repr=False)
     certificate: Certificate | None = None
+    rounding: RoundingResult | None = None
 
     def __post_init__(self) -> None:
         for name in ("smoothness", "shifts"):
@@ -211,6 +214,7 @@ class Result(NotebookDisplay):
             },
             "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
             "warnings": [{"sentence": f"{warning.message}.", "remedy": warning.remedy} for warning in self.warnings],
+            **({} if self.rounding is None else {"rounding": self.rounding.as_json()}),
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
@@ -241,9 +245,10 @@ class Result(NotebookDisplay):
         from kennfeld.optimize.trust.undetermined import undetermined_lines
 
         lines = [*aligned(self.table()), *aligned(values_table(self))]
+        rounded = [] if self.rounding is None else [*aligned(self.rounding.table()), *self.rounding.advice()]
         warnings = [f"warning: {warning}" for warning in self.warnings]
         undetermined = undetermined_lines(self.trust, "; see result.trust")
-        return "\n".join([f"{self.status}: {self.message}", *lines, *warnings, *undetermined])
+        return "\n".join([f"{self.status}: {self.message}", *lines, *rounded, *warnings, *undetermined])
 
     def simulate(self, data: "Data | None" = None, *, problem: "Problem | None" = None) -> "Dataset | list[Dataset]":
         """Evaluate the function with the fitted values.

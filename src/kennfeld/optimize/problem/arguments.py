@@ -11,6 +11,7 @@ from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import AXIS_LETTERS, Parameter, Scalar
+from kennfeld.domain.storage import RoundingMethod
 from kennfeld.models import Model
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.problem import Factor
@@ -45,6 +46,10 @@ class ProblemArguments(TypedDict, total=False):
     constraints: Sequence[Shape | Equality]
     channels: Mapping[str, str] | None
     shift: Shift | None
+    rounding: RoundingMethod | None
+    storage: str | Path | None
+    step: Mapping[str, float] | None
+    max_shift: float
 
 
 def check_kinds(arguments: Mapping[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset, Use
 from kennfeld.domain.free_axes import with_free_axes
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.graph import Graph
 from kennfeld.models import Model, ambiguity, ambiguous_names, bind_scalars, merge_start_values
 from kennfeld.models.formula import formula
@@ -31,6 +33,7 @@ from kennfeld.optimize.problem.arguments import (
 )
 from kennfeld.optimize.problem.overlap import overlap_findings
 from kennfeld.optimize.problem.problem import Factor, Problem
+from kennfeld.optimize.problem.storage import rounding_of, with_rounding
 from kennfeld.optimize.problem.unit_conflicts import convert_units, target_channels, unit_warnings, wanted_units
 from kennfeld.optimize.problem.validation import check_problem, dataset_location
 from kennfeld.preprocessing.coercion import Data, names_of, to_dataset
@@ -57,6 +60,10 @@ class ProblemSetup:
     constraints: Sequence[Shape | Equality] = ()
     channels: Mapping[str, str] | None = None
     shift: Shift | None = None
+    rounding: RoundingMethod | None = None
+    storage: str | Path | None = None
+    step: Mapping[str, float] | None = None
+    max_shift: float = MAX_SHIFT
 
     def problem(self) -> Problem:
         """Build and check the problem.
@@ -92,7 +99,22 @@ class ProblemSetup:
         )
         check_problem(problem).finish()
         warn(overlap_findings(problem, dataset_location))
-        return problem
+        return self._rounded(problem)
+
+    def _rounded(self, problem: Problem) -> Problem:
+        """Return the problem with bounds and breakpoints that can be stored, if its end is rounded."""
+        if self.rounding is None:
+            if self.storage is not None or self.step:
+                name = "step" if self.storage is None else "storage"
+                raise ArgumentError(f'{name} requires rounding: add rounding="joint"')
+            return problem
+        for name in self.step or ():
+            if name not in problem.parameters:
+                raise ArgumentError(f"step: unknown parameter {name}. {nearest(name, problem.parameters)}".strip())
+        rounding = rounding_of(self.rounding, self.storage, self.step or {}, self.max_shift)
+        rounded, findings = with_rounding(problem, rounding, Location)
+        warn(finding for finding in Findings(findings).finish() if finding.severity == "warning")
+        return rounded
 
     def _check_arguments(self) -> None:
         for name, patterns in (("free_axes", self.free_axes), ("free", self.free)):
