@@ -44,6 +44,7 @@ IN_THE_DOCUMENTS = {
         "SurrogateSettings",
         "StaticSurrogate",
     ),
+    "design",
     "fmu",
     "function",
     *("DynamicSurrogate", "FilteredSurrogate", "read_surrogate", "write_surrogate", "compress_map"),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from kennfeld.analysis.validation_result import CrossValidation
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.calfiles import read as read_parameters
+    from kennfeld.design import design
     from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
     from kennfeld.domain.criteria import Criterion, Region, Target
     from kennfeld.domain.dataset import Channel, Dataset, Settling
@@ -107,6 +108,7 @@ __all__ = [
     "calibrate",
     "compress_map",
     "cross_validate",
+    "design",
     "esdl",
     "export_function",
     "find_extrapolation",
@@ -137,6 +139,7 @@ _NAMES = {
     "analysis.residuals": "residuals",
     "analysis.validation_result": "CrossValidation",
     "calfiles": "read_parameters",
+    "design.api": "design",
     "domain.constraints": "Equality Limit Pin Shape Term",
     "domain.criteria": "Criterion Region Target",
     "domain.dataset": "Channel Dataset Settling",

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import field, fields, replace
 from functools import cached_property, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
     from kennfeld.project.simulation import Simulation
+
+_DESIGN = "kennfeld.design"  # lies above this package, and is loaded by its name when it is first used
 
 
 def _ignore(line: str) -> None:
@@ -314,6 +317,21 @@ class Project:
         )
         findings = [*points.findings, *([saves.missed] if saves.missed else [])]
         return replace(result, message=" ".join([result.message, *(f"{finding}." for finding in findings)]))
+
+    def design(self, **words: Any) -> Any:
+        """Calibrate the project and find out what to measure next.
+
+        Args:
+            words: the arguments of `kennfeld.design` after the first one: `n`, `segments` or `reduce`, `candidates`
+                and others, and settings that override `[design]`.
+
+        Returns:
+            The `kennfeld.design.Design`.
+
+        Raises:
+            InputError: the project has errors, or candidates cannot be used.
+        """
+        return import_module(_DESIGN).design(self, **words)
 
     def saves(self, folder: str | Path | None = None) -> "Saves":
         """Return the checkpoints in a results folder, by default `results` next to the project file."""

@@ -247,7 +247,7 @@ class Result(NotebookDisplay):
         lines = [*aligned(self.table()), *aligned(values_table(self))]
         rounded = [] if self.rounding is None else [*aligned(self.rounding.table()), *self.rounding.advice()]
         warnings = [f"warning: {warning}" for warning in self.warnings]
-        undetermined = undetermined_lines(self.trust, "; see result.trust")
+        undetermined = undetermined_lines(self.trust, "; see result.trust", "kennfeld.design(result, direction=1)")
         return "\n".join([f"{self.status}: {self.message}", *lines, *rounded, *warnings, *undetermined])
 
     def simulate(self, data: "Data | None" = None, *, problem: "Problem | None" = None) -> "Dataset | list[Dataset]":
