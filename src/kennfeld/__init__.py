@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from kennfeld.analysis.cross_validation import cross_validate
     from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.analysis.residuals import residuals
+    from kennfeld.analysis.validation_result import CrossValidation
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.design import design
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from kennfeld.domain.criteria import Criterion, Region, Target
     from kennfeld.domain.dataset import Channel, Dataset, Settling
     from kennfeld.domain.parameter_set import ParameterSet
-    from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+    from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar, Text
     from kennfeld.domain.rbf import RBF, Expansion
     from kennfeld.export.api import Export, export_function
     from kennfeld.graph import Graph
@@ -47,10 +48,12 @@ if TYPE_CHECKING:
         Result,
         Step,
         Stop,
+        TraceLine,
         Trust,
         calibrate,
         simulate,
     )
+    from kennfeld.optimize.api import problem
     from kennfeld.project import Project
     from kennfeld.surrogate import DynamicSurrogate, FilteredSurrogate, StaticSurrogate, read_surrogate, write_surrogate
     from kennfeld.surrogate.rbf_fit import compress_map
@@ -63,6 +66,7 @@ __all__ = [
     "Block",
     "Channel",
     "Criterion",
+    "CrossValidation",
     "Cube",
     "Curve",
     "Dataset",
@@ -80,6 +84,7 @@ __all__ = [
     "Map",
     "Model",
     "Options",
+    "Parameter",
     "ParameterSet",
     "Pin",
     "Problem",
@@ -98,6 +103,7 @@ __all__ = [
     "Target",
     "Term",
     "Text",
+    "TraceLine",
     "Trust",
     "calibrate",
     "compress_map",
@@ -113,6 +119,7 @@ __all__ = [
     "import_simulink",
     "inspect_simulink",
     "onnx",
+    "problem",
     "read",
     "read_parameters",
     "read_surrogate",
@@ -130,6 +137,7 @@ _NAMES = {
     "analysis.cross_validation": "cross_validate",
     "analysis.extrapolation": "find_extrapolation",
     "analysis.residuals": "residuals",
+    "analysis.validation_result": "CrossValidation",
     "calfiles": "read_parameters",
     "design.api": "design",
     "domain.constraints": "Equality Limit Pin Shape Term",
@@ -147,9 +155,10 @@ _NAMES = {
     "importers.python.importing": "function",
     "importers.simulink.importable_subsystems": "inspect_simulink",
     "importers.simulink.importing": "import_simulink simulink",
-    "optimize": "Options Problem Quality RecordingQuality Result Step Stop Trust calibrate simulate",
+    "optimize": "Options Problem Quality RecordingQuality Result Step Stop TraceLine Trust calibrate simulate",
+    "optimize.api": "problem",
     "domain.parameter_set": "ParameterSet",
-    "domain.parameters": "Axis Block Cube Curve Map Scalar Text",
+    "domain.parameters": "Axis Block Cube Curve Map Parameter Scalar Text",
     "project": "Project",
     "domain.rbf": "RBF Expansion",
     "surrogate": "DynamicSurrogate FilteredSurrogate StaticSurrogate read_surrogate write_surrogate",

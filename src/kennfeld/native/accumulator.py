@@ -28,6 +28,7 @@ from kennfeld.native.workspace import Workspace, stores_blocks
 TAPE_BYTES = 512 * 1024  # of a chunk; of half of it, the calls take a tenth of the time
 SHARES = 4
 MIN_LENGTH = 64  # samples of a chunk
+FEW = 512  # visits that one chunk has, as calls take longer than their work
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,8 @@ class Accumulator:
         self.length = _chunk_length(kernel, self.sparse)
         if not self.stateful:  # a chunk for each share
             visits = sum(piece.last - piece.first for piece in samples.pieces)
-            self.length = max(MIN_LENGTH, min(self.length, -(-visits // SHARES)))
+            share = visits if visits <= FEW else -(-visits // SHARES)
+            self.length = max(MIN_LENGTH, min(self.length, share))
         self.chunks = samples.chunks(self.length)
         self._shares = self._deal()
         self._workspaces = [Workspace(kernel, samples, self.widths, self.length) for _ in self._shares]
@@ -208,8 +210,14 @@ class Accumulator:
             yield space.rows(chunk)
 
     def residual(self, values: Float) -> Float:
-        """Compute the residuals of `rows`, Float[samples * outputs]."""
-        return self.rows(values)[0]
+        """Compute the residuals of `rows`, Float[samples * outputs], without their derivatives."""
+        _, space = self._visit_states(values)
+        m = len(self.kernel.outputs)
+        residual = np.zeros(self.samples.count * m)
+        for chunk in (chunk for share in self._shares for run in share for chunk in run):
+            self._linearise(space, chunk)
+            residual[chunk.first * m : chunk.last * m] = space.residuals(chunk)
+        return residual
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Compute residuals and Jacobian, both multiplied by the square root of the weight, for all samples.

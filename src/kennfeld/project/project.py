@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 _DESIGN = "kennfeld.design"  # lies above this package, and is loaded by its name when it is first used
 
 
+def _ignore(line: str) -> None:
+    """Take a line about progress that nobody reads."""
+
+
 @dataclass(frozen=True, eq=False)
 class Project:
     """A project file: check, calibrate and simulate it.
@@ -61,7 +65,7 @@ class Project:
     formats: tuple[str, ...]
     file: ProjectFile = field(repr=False)
     load: "Loader | None" = field(default=None, repr=False)
-    report: Callable[[str], None] = field(default=lambda line: None, repr=False)
+    report: Callable[[str], None] = field(default=_ignore, repr=False)
     watch: "ReadingWatch | None" = field(default=None, repr=False)  # of the reading of recordings
 
     @classmethod
@@ -78,6 +82,10 @@ class Project:
         """
         file = read_project(Path(path), unsaved)
         return cls(file.path, file.name, file.calibration.output, file, load)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # files that were read are kept, processes that evaluate partitions are not
+        return {name: value for name, value in self.__dict__.items() if name != "_runner"}
 
     @property
     def options(self) -> "Options":
@@ -203,7 +211,7 @@ class Project:
         self,
         scheduler: str | None = None,
         workers: int | None = None,
-        report: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = _ignore,
     ) -> Self:
         """Return the same project on another cluster than `[cluster]` names.
 
