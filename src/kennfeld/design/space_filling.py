@@ -12,6 +12,7 @@ Filling = Literal["sobol", "lhs", "factorial"]
 FILLINGS: tuple[Filling, ...] = ("sobol", "lhs", "factorial")
 LARGEST_POWER = 20  # of two: points tried in a region that is small within its ranges
 MOST_LEVELS = 10_000_000  # points of a full factorial
+EMPTY = 100_000  # points of which none is in the region: it has no room for a factorial
 PLACE = Location("design")
 
 
@@ -107,6 +108,8 @@ def factorial(region: BenchRegion, count: int) -> dict[str, Float]:
             if int(np.prod([float(n) for n in more.values()])) > MOST_LEVELS:
                 continue
             grid = _grid(region, more)
+            if not len(next(iter(grid.values()))) and np.prod([*more.values()]) > EMPTY:
+                continue
             if len(next(iter(grid.values()))) <= count:
                 levels, best, grown = more, grid, True
                 break
