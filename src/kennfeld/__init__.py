@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from kennfeld import report
     from kennfeld.analysis.cross_validation import cross_validate
     from kennfeld.analysis.extrapolation import find_extrapolation
+    from kennfeld.analysis.missing.proposal import Proposal, Proposals
+    from kennfeld.analysis.missing.proposing import propose
     from kennfeld.analysis.residuals import residuals
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.calfiles import read as read_parameters
@@ -81,6 +83,8 @@ __all__ = [
     "Pin",
     "Problem",
     "Project",
+    "Proposal",
+    "Proposals",
     "Quality",
     "RecordingQuality",
     "Region",
@@ -108,6 +112,7 @@ __all__ = [
     "import_simulink",
     "inspect_simulink",
     "onnx",
+    "propose",
     "read",
     "read_parameters",
     "read_surrogate",
@@ -124,6 +129,8 @@ __version__ = "0.2.0"
 _NAMES = {
     "analysis.cross_validation": "cross_validate",
     "analysis.extrapolation": "find_extrapolation",
+    "analysis.missing.proposal": "Proposal Proposals",
+    "analysis.missing.proposing": "propose",
     "analysis.residuals": "residuals",
     "calfiles": "read_parameters",
     "domain.constraints": "Equality Limit Pin Shape Term",

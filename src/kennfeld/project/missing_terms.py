@@ -206,20 +206,22 @@ def apply(project: "Project", proposal: Proposal) -> tuple[Path, ...]:
     before = {path: path.read_bytes().decode("utf-8") for path in texts}
     mark = "\ufeff" if before[change.function].startswith("\ufeff") else ""
     texts[change.function] = mark + texts[change.function]
-    record = {
-        "text": proposal.change,
-        "files": [
-            {"path": str(path.relative_to(project.path.parent)) if path.is_relative_to(project.path.parent) else str(path),
-             "before": before[path], "after": digest_of(text)}
-            for path, text in texts.items()
-        ],
-    }  # fmt: skip
+    files = [
+        {"path": _relative(project, path), "before": before[path], "after": digest_of(texts[path])} for path in texts
+    ]
+    record = {"text": proposal.change, "files": files}
     stack = _undo_file(project)
     _write_all(texts, before)
     with convert_errors(stack, "cannot be written"):
         stack.parent.mkdir(parents=True, exist_ok=True)
         write_whole(stack, json.dumps([*_records(stack), record], ensure_ascii=False))
     return tuple(texts)
+
+
+def _relative(project: "Project", path: Path) -> str:
+    """Return a path as seen from the project, whose folder may be moved."""
+    folder = project.path.parent
+    return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
 
 
 def _require_valid(project: "Project", unsaved: Mapping[str, str]) -> None:

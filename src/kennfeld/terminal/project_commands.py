@@ -114,7 +114,7 @@ def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
 
     if is_training(read_toml(path)):
         return _check_training(path, as_json)
-    with _open(path, trust=trust, run=not no_run, connect=False) as project:
+    with open_project(path, trust=trust, run=not no_run, connect=False) as project:
         findings = project.check() if not no_run else [*project.check(), *_unchecked(project)]
         # without errors, stdout gets all findings as JSON, and stderr none
         verdict = _print_warnings([] if as_json and not _has_errors(findings) else findings)
@@ -132,7 +132,7 @@ def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
 
 
 @contextmanager
-def _open(
+def open_project(
     path: Path,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -246,7 +246,7 @@ def calibrate(
         message = f"unknown kind of folds {parts!r}"
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
     folder = results_folder(path, output)
-    with _open(path, scheduler, workers, trust=trust) as project:
+    with open_project(path, scheduler, workers, trust=trust) as project:
         status = _calibrate(project, folder, workers, resume, by_file)
         if folds is None or status == INTERRUPTED:
             return status
@@ -393,7 +393,7 @@ def simulate(
 
     target = output_file(path, output or path.parent / "simulation.parquet")
     require_simulation_format(target)
-    with _open(path, trust=trust) as project:
+    with open_project(path, trust=trust) as project:
         values = None if parameters is None else project.read_values(parameters)
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts, deviation=deviation)
@@ -496,7 +496,7 @@ def report(path: Path, output: Path | None, results: Path | None, trust: bool, *
 
     folder = results_folder(path, results)
     target = folder / "report.html" if output is None else output_file(path, output)
-    with _open(path, trust=trust) as project:
+    with open_project(path, trust=trust) as project:
         changed = {name: text for name, text in heading.items() if text is not None}
         text = from_folder(project, folder, replace(project.file.report, **changed))
     print_lines(f"Written to {write_text(text, target, follow=output is not None)}")
