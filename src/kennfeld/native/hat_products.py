@@ -30,20 +30,20 @@ class HatProducts:
 
     Attributes:
         jb: Float[values, hats, factors].
-        squares: b with itself, Float[hats, factors].
-        neighbours: b with that of the next hat, Float[hats, factors].
+        squares: b with itself, Float[blocks, hats, factors].
+        neighbours: b with that of the next hat, Float[blocks, hats, factors].
         br: Float[blocks, hats, factors].
     """
 
     def __init__(self, values: int, hats: int, factors: int, blocks: int) -> None:
         # one hat more, as the second hat of a channel with a single one has the weight 0
         self._hats, self._factors, self._width = hats, factors, -(-factors // LANES) * LANES
-        sizes = (values, 1, 1, blocks)
+        sizes = (values, blocks, blocks, blocks)
         self._arrays = [aligned_zeros(size * (hats + 1) * self._width) for size in sizes]
         shapes = [(size, hats + 1, self._width) for size in sizes]
         views = [array.reshape(shape) for array, shape in zip(self._arrays, shapes, strict=True)]
         jb, squares, neighbours, br = (view[:, :hats, :factors] for view in views)
-        self.jb, self.squares, self.neighbours, self.br = jb, squares[0], neighbours[0], br
+        self.jb, self.squares, self.neighbours, self.br = jb, squares, neighbours, br
 
     def add(
         self,
@@ -121,8 +121,8 @@ def _add_sample(f: FunctionWriter, k: str, weight: str, vectors: int) -> None:
         both = f.fmul(weight, f.fmul(first, second))
         ones, twos = f.fmul(weight, f.fmul(first, first)), f.fmul(weight, f.fmul(second, second))
         squares = [v("fmul", factor, factor) for factor in factors]
-        _accumulate(f, v, "%squares", cell, width, squares, (ones, twos))
-        _accumulate(f, v, "%neighbours", cell, width, squares, (both,))
+        _accumulate(f, v, "%squares", f.add(block, cell), width, squares, (ones, twos))
+        _accumulate(f, v, "%neighbours", f.add(block, cell), width, squares, (both,))
     row = f.mul(k, "%room")
     with f.loop(0, f.load_index("%count", k)) as e:
         place = f.add(row, e)

@@ -34,7 +34,7 @@ class FamilySums:
 
     Attributes:
         jb: J'WB, Float[values, columns].
-        squares: B'WB of each candidate, by factor and axis, Float[hats, hats].
+        squares: B'WB of each candidate, by factor and axis, Float[blocks + 1, hats, hats].
         br: B'Wr by block, the last row for samples in none; Float[blocks + 1, columns].
     """
 
@@ -84,17 +84,16 @@ def family_sums(
         divisions: of the recordings into blocks.
         blocks: number of blocks.
     """
-    totals = [FamilySums(*_empty(compiled, family, blocks)), *()]
+    total = FamilySums(*_empty(compiled, family, blocks))
     with blas_threads(0):
-        parts = [each.sums() for each in _visit(compiled, family, full, divisions, blocks)]
-    for part in parts:
-        totals[0].merge(part)
-    return totals[0]
+        for share in _visit(compiled, family, full, divisions, blocks):
+            total.merge(share.sums())
+    return total
 
 
 def _empty(compiled: CompiledProblem, family: Family, blocks: int) -> tuple[Float, list[list[Float]], Float]:
     columns = sum(family.hats) * len(family.factors)
-    squares = [[np.zeros((hats, hats)) for hats in family.hats] for _ in family.factors]
+    squares = [[np.zeros((blocks + 1, hats, hats)) for hats in family.hats] for _ in family.factors]
     return np.zeros((compiled.values.free, columns)), squares, np.zeros((blocks + 1, columns))
 
 
@@ -259,9 +258,12 @@ class _SparseShare:
             rows = slice(first, first + hats)
             first += hats
             for at, own in enumerate(squares):
-                matrix = np.diag(products.squares[rows, at])
-                between = products.neighbours[rows, at][:-1]
-                own.append(matrix + np.diag(between, 1) + np.diag(between, -1))
+                matrix = np.zeros((len(products.br), hats, hats))
+                place = np.arange(hats)
+                matrix[:, place, place] = products.squares[:, rows, at]
+                between = products.neighbours[:, rows, at][:, :-1]
+                matrix[:, place[:-1], place[1:]] = matrix[:, place[1:], place[:-1]] = between
+                own.append(matrix)
         free, blocks = len(products.jb), len(products.br)
         return FamilySums(products.jb.reshape(free, -1), squares, products.br.reshape(blocks, -1))
 
@@ -277,7 +279,7 @@ class _CarriedShare:
         self._rows = ColumnRows(kernel, self._columns)
         self._jb = np.zeros((samples.compiled.values.free, self._columns))
         self._br = np.zeros((samples.blocks + 1, self._columns))
-        self._squares = [np.zeros((hats * self._factors,) * 2) for hats in self._hats]
+        self._squares = [np.zeros((samples.blocks + 1, self._factors, hats, hats)) for hats in self._hats]
 
     def add(self, space: Workspace, chunk: Chunk, begins: bool) -> None:
         samples = self._samples
@@ -293,12 +295,7 @@ class _CarriedShare:
             rows = self._rows.over(space, first, index, slope)
             own = slice(part.start * outputs, part.stop * outputs)
             self._jb += jacobian[own].T @ rows
-            self._add_pull(np.repeat(samples.block_of[chunk.first :][part], outputs), residual[own], rows)
-            column = 0
-            for total, hats in zip(self._squares, self._hats, strict=True):
-                block = rows[:, column : column + hats * self._factors]
-                total += block.T @ block
-                column += hats * self._factors
+            self._add_products(np.repeat(samples.block_of[chunk.first :][part], outputs), residual[own], rows)
 
     def _begin(self, space: Workspace, chunk: Chunk, cells: NDArray[np.int32], shares: Float) -> None:
         """Set the sensitivities at the start of a piece, whose first values may depend on the nodes."""
@@ -328,18 +325,21 @@ class _CarriedShare:
         shaped = np.ascontiguousarray(index.reshape(count, -1), dtype=np.int32)
         return shaped, np.ascontiguousarray(values.reshape(count, shaped.shape[1], -1))
 
-    def _add_pull(self, blocks: NDArray[np.int32], residual: Float, rows: Float) -> None:
+    def _add_products(self, blocks: NDArray[np.int32], residual: Float, rows: Float) -> None:
+        each = np.arange(self._factors)
         # blocks follow each other in time, so that there are few in one part
         for block in np.unique(blocks):
-            here = blocks == block
-            self._br[block] += residual[here] @ rows[here]
+            here = slice(None) if (blocks == block).all() else blocks == block
+            own, column = rows[here], 0
+            self._br[block] += residual[here] @ own
+            for total, hats in zip(self._squares, self._hats, strict=True):
+                columns = own[:, column : column + hats * self._factors]
+                product = (columns.T @ columns).reshape(hats, self._factors, hats, self._factors)
+                total[block] += product[:, each, :, each]
+                column += hats * self._factors
 
     def sums(self) -> FamilySums:
-        squares: list[list[Float]] = [[] for _ in range(self._factors)]
-        for total, hats in zip(self._squares, self._hats, strict=True):
-            shaped = total.reshape(hats, self._factors, hats, self._factors)
-            for at, own in enumerate(squares):
-                own.append(np.ascontiguousarray(shaped[:, at, :, at]))
+        squares = [[np.ascontiguousarray(total[:, at]) for total in self._squares] for at in range(self._factors)]
         return FamilySums(self._jb, squares, self._br)
 
 

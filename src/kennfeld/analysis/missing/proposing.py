@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
 from kennfeld.analysis.missing.proposal import Change, Place, Proposal, Proposals, describe
 from kennfeld.analysis.missing.refit import (
     Addition,
-    HeldOut,
     held_out_squares,
     hold_out,
     mean_squares,
@@ -36,6 +35,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
+from kennfeld.domain.dataset import Use
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import join_files
@@ -52,7 +52,7 @@ LAGS = 10  # time constants that are tried
 DELAYS = (1, 2, 3, 5, 8, 13, 21, 34, 55)  # steps that are tried
 LONGEST = 0.1  # share of a recording, of a lag or a delay
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
-MARGIN = 2e-3  # of the held-out RMSE, by which a term must lower it
+MARGIN = 5e-3  # of the held-out RMSE, by which a term must lower it
 FEWEST = 20  # samples more than there are values
 
 Report = Callable[[str], None]
@@ -271,14 +271,9 @@ class _Search:
             self._remarks.append(f"{scored.own_share:.1%} of the cost is still to be had from the values themselves.")
         groups = shortlist(scored.scores)
         seconds = time.perf_counter() - self._began
-        judged = self._judged(groups, scored) if groups else []
-        kept = [proposal for proposal, good in judged if good]
+        kept, rejected = self._judged(groups, scored) if groups else ([], [])
         kept.sort(key=lambda proposal: float(f"{proposal.held_out.after:.6g}"))
-        rejected = tuple(
-            f"{proposal.change}: better in training only (held-out {proposal.held_out})"
-            for proposal, good in judged
-            if not good
-        )
+        kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
         smallest = float(np.sqrt(scored.smallest / scored.weights))
         return Proposals(
             tuple(kept),
@@ -289,7 +284,7 @@ class _Search:
             scored.own_share,
             scored.share,
             describe(groups[0].best.term) if groups else "",
-            rejected,
+            tuple(rejected),
             channels.excluded,
             tuple(self._remarks),
             (seconds, time.perf_counter() - self._began - seconds),
@@ -303,50 +298,99 @@ class _Search:
             return f"Effects from {least:.3g}{unit} on would have been seen."
         return f"Nothing is missing that these channels explain; an effect of {least:.3g}{unit} would have been seen."
 
-    def _judged(self, groups: Sequence[Group], scored: Scored) -> list[tuple[Proposal, bool]]:
+    def _judged(self, groups: Sequence[Group], scored: Scored) -> tuple[list[Proposal], list[str]]:
+        """Return the proposals, and in words the candidates that are no better on data that their fit has not seen."""
         problem, _ = self._base
         self._report("fitting the function to parts of the data")
         name, parts = hold_out(problem, self._options)
-        before = pooled([part.squares for part in parts], parts)
-        judged = []
+        kept, rejected = [], []
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
-            judged.append(self._judge(group, scored, name, parts, before))
-        return judged
+            addition = Addition.of(problem, group.best)
+            squares = held_out_squares(parts, addition, self._options)
+            before = pooled([part.squares for part in parts[: len(squares)]], parts)
+            held = Change(before, pooled(squares, parts))
+            better = sum(after < part.squares for after, part in zip(squares, parts, strict=False))
+            if self._is_better(held, better, len(parts)) and len(squares) == len(parts):
+                kept.append(self._proposal(group, scored, addition, HeldOutChange(held, name, better, len(parts))))
+            else:
+                rejected.append(f"{describe(group.best.term)}: no better on held-out {name} ({held})")
+        return kept, rejected
 
-    def _judge(
-        self, group: Group, scored: Scored, name: str, parts: Sequence[HeldOut], before: float
-    ) -> tuple[Proposal, bool]:
+    def _independent(
+        self,
+        kept: Sequence[Proposal],
+        rejected: list[str],
+        channels: Channels,
+        nodes: Nodes,
+        candidates: int,
+    ) -> list[Proposal]:
+        """Return the proposals that explain what the better ones leave, and are not mere copies of what these do."""
+        chosen: list[Proposal] = []
+        problem = self._base[0]
+        for proposal in kept:
+            if chosen and not self._is_significant(problem, proposal, channels, nodes, candidates):
+                rejected.append(f"{proposal.change}: explains what better proposals explain")
+                continue
+            chosen.append(proposal)
+            if len(kept) > 1 and proposal.addition is not None:
+                self._report(f"fitting the function with {len(chosen)} of the proposals")
+                extended = proposal.addition.to(problem, problem.parameters)
+                problem = replace(extended, parameters=run(extended, self._options).parameters)
+        return chosen
+
+    def _is_significant(
+        self, problem: Problem, proposal: Proposal, channels: Channels, nodes: Nodes, candidates: int
+    ) -> bool:
+        term = proposal.term
+        own = Channels(tuple(axis for axis in channels.axes if axis.name == term.channel), {})
+        place = Nodes((term.node,), nodes.constant & {term.node})
+        scores = score_problem(problem, own, place, [term.kind]).scores
+        return min((score.p for score in scores), default=1.0) * candidates < LEVEL
+
+    def _is_better(self, held: Change, better: int, parts: int) -> bool:
+        # of most parts, not of one alone that is far off
+        lower = held.after < (1 - MARGIN) * held.before and 2 * better > parts
+        return lower and held.explained >= self._scope.least
+
+    def _proposal(self, group: Group, scored: Scored, addition: Addition, held: "HeldOutChange") -> Proposal:
         problem, result = self._base
         term = group.best.term
-        addition = Addition.of(problem, group.best)
         refit = run(addition.to(problem, problem.parameters), self._options)
-        squares = held_out_squares(parts, addition, self._options)
-        held = Change(before, pooled(squares, parts))
-        label = None if addition.parameter is None else addition.parameter.name
-        parameter = None if label is None else refit.parameters[label]
-        test = Change(*(float(np.sqrt(mean_squares(each.quality, "test")[0])) for each in (result, refit)))
+        parameter = None if addition.parameter is None else refit.parameters[addition.parameter.name]
+        if parameter is not None and term.kind == "lag":
+            term = replace(term, seconds=float(parameter.values))
+        test = _change(result, refit, "test")
         location = problem.model.locations.get(term.node)
-        proposal = Proposal(
-            term=replace(term, seconds=float(parameter.values))
-            if parameter is not None and term.kind == "lag"
-            else term,
+        return Proposal(
+            term=term,
             equal_places=tuple(Place(s.term.node, s.term.kind, s.term.channel) for s in group.equal),
-            rmse=Change(*(float(np.sqrt(mean_squares(each.quality, "training")[0])) for each in (result, refit))),
-            held_out=held,
-            held_name=name,
+            rmse=_change(result, refit, "training"),
+            held_out=held.rmse,
+            held_name=held.name,
             test=None if np.isnan(test.before) else test,
             predicted=float(np.sqrt(max(group.best.predicted, 0.0) / scored.weights)),
             probability=min(group.best.p * len(scored.scores), 1.0),
             parameter=parameter,
-            better=sum(after < part.squares for after, part in zip(squares, parts, strict=True)),
-            parts=len(parts),
+            better=held.better,
+            parts=held.parts,
             unit=self._unit,
             location="" if location is None else str(location),
             addition=addition,
         )
-        good = held.after < (1 - MARGIN) * held.before and held.explained >= self._scope.least
-        return proposal, good
+
+
+class HeldOutChange(NamedTuple):
+    """The errors on all held-out parts, what was held out, and how many parts are better."""
+
+    rmse: Change
+    name: str
+    better: int
+    parts: int
+
+
+def _change(before: Result, after: Result, use: Use) -> Change:
+    return Change(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
 
 
 def _with_whole_files(problem: Problem) -> Problem:

@@ -20,6 +20,7 @@ from kennfeld.optimize.search.multistart import run
 
 FOLDS = 3
 MAX_ITERATIONS = 60
+TOLERANCE = 1e-7  # relative change of the cost at which a fit ends
 SMOOTHNESS = 1e-3  # of the curvature of the cost by the values of a curve: little beside data, enough without
 
 
@@ -27,7 +28,7 @@ def refit_options(options: Options) -> Options:
     """Return the options of a fit that begins near its end."""
     iterations = min(options.max_iterations, MAX_ITERATIONS)
     plain = replace(options, starts=1, steps=(), continuation="off", save_every=0, method="gauss-newton")
-    return replace(plain, max_iterations=iterations)
+    return replace(plain, max_iterations=iterations, tolerance=max(options.tolerance or 0.0, TOLERANCE))
 
 
 @dataclass(frozen=True)
@@ -117,9 +118,19 @@ def hold_out(problem: Problem, options: Options) -> tuple[str, list[HeldOut]]:
 
 
 def held_out_squares(parts: Sequence[HeldOut], addition: Addition, options: Options) -> list[float]:
-    """Return the mean squared error on each held-out part, of a fit with the term to the rest."""
-    results = (run(addition.to(part.problem, part.parameters), options) for part in parts)
-    return [_held(result)[0] for result in results]
+    """Return the mean squared error on each held-out part, of a fit with the term to the rest.
+
+    It ends at the part with which the term can no longer be better than the function as it is.
+    """
+    squares: list[float] = []
+    total, sound = sum(part.squares * part.samples for part in parts), 0.0
+    for part in parts:
+        squares.append(_held(run(addition.to(part.problem, part.parameters), options))[0])
+        sound += squares[-1] * part.samples
+        # not a comparison the other way round, which would pass a NaN
+        if not sound < total:
+            break
+    return squares
 
 
 def _held(result: Result) -> tuple[float, int]:
@@ -137,5 +148,5 @@ def mean_squares(quality: Sequence[Quality], use: str) -> tuple[float, int]:
 
 def pooled(squares: Sequence[float], parts: Sequence[HeldOut]) -> float:
     """Return the RMSE over all held-out parts."""
-    weights = np.array([part.samples for part in parts], dtype=np.float64)
+    weights = np.array([part.samples for part in parts[: len(squares)]], dtype=np.float64)
     return float(np.sqrt(np.array(squares) @ weights / weights.sum())) if weights.size else float("nan")

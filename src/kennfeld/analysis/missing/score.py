@@ -140,7 +140,8 @@ class Linearisation:
                     yield score
             first += hats
 
-    def _score(self, term: Term, white: Float, br: Float, by_block: Float, squares: Float) -> Score | None:
+    def _score(self, term: Term, white: Float, br: Float, by_block: Float, each: Float) -> Score | None:
+        squares = each.sum(axis=0)
         own = np.diag(squares)
         if not (np.isfinite(squares).all() and own.max(initial=0.0) > 0):
             return None
@@ -155,7 +156,13 @@ class Linearisation:
         directions = unit[:, None] * vectors[:, kept] / np.sqrt(sizes[kept])
         pull = directions.T @ (br - white.T @ self._pull)
         gain, columns = float(pull @ pull), int(kept.sum())
-        dispersion, freedom = self._dispersion(directions, white, by_block, columns)
+        dispersion, freedom = self.variance, max(self.count - self.rank - columns, 1.0)
+        if self._block_pulls is not None:
+            pulls = directions.T @ (by_block[:-1].T - white.T @ self._block_pulls)
+            spread = self._spread(pulls, directions.T @ each[:-1] @ directions)
+            dispersion = max(spread, self.variance)
+            # the directions of a candidate share one dispersion, but are not independent
+            freedom = min((self.blocks - 1.0) * max(columns / 2, 1.0), freedom)
         if not dispersion > 0:
             return None
         step = -directions @ pull
@@ -163,19 +170,21 @@ class Linearisation:
         p = _tail(gain / dispersion, columns, freedom)
         return Score(term, gain, columns, dispersion, predicted, p, float(own.mean()))
 
-    def _dispersion(self, directions: Float, white: Float, by_block: Float, columns: int) -> tuple[float, float]:
-        """Return the dispersion and its degrees of freedom."""
-        freedom = max(self.count - self.rank - columns, 1.0)
-        if self._block_pulls is None:
-            return self.variance, freedom
-        counts = self.sums.counts[:-1]
-        used, share = counts > 0, counts.sum() / self.count
-        pulls = directions.T @ (by_block[:-1].T - white.T @ self._block_pulls)
-        # what each block adds beyond its part of the whole, so that a missing term does not count as noise
-        pulls = pulls[:, used] - pulls.sum(axis=1, keepdims=True) * (counts[used] / counts.sum())
-        blocks = int(used.sum())
-        spread = float((pulls**2).sum()) * blocks / (blocks - 1) / columns / share
-        return max(spread, self.variance), min(blocks - 1.0, freedom)
+    def _spread(self, pulls: Float, squares: Float) -> float:
+        """Return the dispersion from the sums over blocks.
+
+        Args:
+            pulls: of each direction by block, Float[directions, blocks].
+            squares: of the columns in these directions by block, Float[blocks, directions, directions].
+        """
+        columns, used = len(pulls), self.sums.counts[:-1] > 0
+        # what a missing term adds to a block is no noise: the part of the whole that the columns have in it
+        sizes, vectors = np.linalg.eigh(squares.sum(axis=0))
+        root = (vectors / np.sqrt(np.maximum(sizes, 1e-12 * sizes[-1]))) @ vectors.T
+        shares = root @ squares @ root
+        rest = pulls - (shares @ pulls.sum(axis=1)).T
+        blocks, share = int(used.sum()), self.sums.counts[:-1].sum() / self.count
+        return float((rest[:, used] ** 2).sum()) * blocks / (blocks - 1) / columns / share
 
     def _rougher(self, white: Float, step: Float) -> float:
         """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
