@@ -31,6 +31,9 @@ IN_THE_DOCUMENTS = {
         "RecordingQuality",
         "residuals",
         "find_extrapolation",
+        "propose",
+        "TermProposal",
+        "TermProposals",
         "report",
     ),
     *(

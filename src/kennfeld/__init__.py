@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from kennfeld import report
     from kennfeld.analysis.cross_validation import cross_validate
     from kennfeld.analysis.extrapolation import find_extrapolation
-    from kennfeld.analysis.missing.proposal import Proposal, Proposals
+    from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
     from kennfeld.analysis.missing.proposing import propose
     from kennfeld.analysis.residuals import residuals
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
@@ -83,8 +83,6 @@ __all__ = [
     "Pin",
     "Problem",
     "Project",
-    "Proposal",
-    "Proposals",
     "Quality",
     "RecordingQuality",
     "Region",
@@ -98,6 +96,8 @@ __all__ = [
     "SurrogateSettings",
     "Target",
     "Term",
+    "TermProposal",
+    "TermProposals",
     "Text",
     "Trust",
     "calibrate",
@@ -129,7 +129,7 @@ __version__ = "0.2.0"
 _NAMES = {
     "analysis.cross_validation": "cross_validate",
     "analysis.extrapolation": "find_extrapolation",
-    "analysis.missing.proposal": "Proposal Proposals",
+    "analysis.missing.proposal": "TermProposal TermProposals",
     "analysis.missing.proposing": "propose",
     "analysis.residuals": "residuals",
     "calfiles": "read_parameters",

@@ -8,8 +8,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kennfeld.analysis.missing.proposal import Proposal, Proposals
-from kennfeld.analysis.missing.proposing import Scope, find_terms
+from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
+from kennfeld.analysis.missing.proposing import SearchScope, find_terms
 from kennfeld.analysis.missing.text_patch import difference, quoted_name, with_term
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.content_digest import digest_of
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 UNDO = "proposals.json"
 
 
-def propose(project: "Project", scope: Scope, report: Callable[[str], None]) -> Proposals:
+def propose(project: "Project", scope: SearchScope, report: Callable[[str], None]) -> TermProposals:
     """Return the terms that the function of a project lacks, with the patches of its files.
 
     Raises:
@@ -118,7 +118,7 @@ class Patch:
     parts: str
 
 
-def patch(project: "Project", problem: Problem, proposal: Proposal) -> Patch:
+def patch(project: "Project", problem: Problem, proposal: TermProposal) -> Patch:
     """Return the files of a project with a term.
 
     Args:
@@ -144,11 +144,11 @@ def patch(project: "Project", problem: Problem, proposal: Proposal) -> Patch:
     return Patch(function, changed, document.text, "\n".join(part for part in parts if part))
 
 
-def _patch_text(project: "Project", problem: Problem, proposal: Proposal) -> str:
+def _patch_text(project: "Project", problem: Problem, proposal: TermProposal) -> str:
     return patch(project, problem, proposal).parts
 
 
-def _section(project: "Project", proposal: Proposal) -> dict[str, Any]:
+def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
     """Return the section of the new parameter, which starts without effect."""
     addition = proposal.addition
     assert addition is not None
@@ -170,7 +170,7 @@ def _section(project: "Project", proposal: Proposal) -> dict[str, Any]:
     return section
 
 
-def _sentence(proposal: Proposal) -> str:
+def _sentence(proposal: TermProposal) -> str:
     """Return a term as a line of formula text, for functions that are not formula text."""
     addition = proposal.addition
     assert addition is not None
@@ -186,7 +186,7 @@ def _sentence(proposal: Proposal) -> str:
     return f"{node} = {right}{place}"
 
 
-def apply(project: "Project", proposal: Proposal) -> tuple[Path, ...]:
+def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
     """Write a term into the formula text and the project file, both or none, and remember what they were.
 
     Returns:

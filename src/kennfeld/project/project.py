@@ -18,7 +18,7 @@ from kennfeld.models.importer_registry import importer_of
 from kennfeld.project.schema import ProjectFile, read_project
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.missing.proposal import Proposal, Proposals
+    from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
     from kennfeld.analysis.missing.terms import Kind
     from kennfeld.base.dask_runner import ClusterAddress
     from kennfeld.base.task_runner import TaskRunner
@@ -319,7 +319,7 @@ class Project:
         kinds: "Sequence[Kind]" = ("add", "multiply", "lag", "delay", "offset"),
         least: float = 0.0,
         report: Callable[[str], None] | None = None,
-    ) -> "Proposals":
+    ) -> "TermProposals":
         """Find terms that the function lacks: which channel of the recordings or lag, and at which node.
 
         The values are those of the last run in `results`, if there are any; else the project is calibrated first.
@@ -338,12 +338,12 @@ class Project:
         Raises:
             InputError: the project has errors.
         """
-        from kennfeld.analysis.missing.proposing import Scope
+        from kennfeld.analysis.missing.proposing import SearchScope
         from kennfeld.project.missing_terms import propose
 
-        return propose(self, Scope(channels, nodes, kinds, least), report or (lambda line: None))
+        return propose(self, SearchScope(channels, nodes, kinds, least), report or (lambda line: None))
 
-    def apply(self, proposal: "Proposal") -> tuple[Path, ...]:
+    def apply(self, proposal: "TermProposal") -> tuple[Path, ...]:
         """Write a proposal of `propose` into the formula text and the project file; returns both paths.
 
         Raises:

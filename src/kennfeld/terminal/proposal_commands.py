@@ -13,7 +13,7 @@ from kennfeld.terminal.output import print_lines, print_progress, print_values
 from kennfeld.terminal.project_commands import open_project
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.missing.proposal import Proposals
+    from kennfeld.analysis.missing.proposal import TermProposals
     from kennfeld.project import Project
 
 
@@ -76,7 +76,7 @@ def propose(
     return DONE
 
 
-def _print(found: "Proposals") -> None:
+def _print(found: "TermProposals") -> None:
     print_lines(*found.lines())
     print_lines(
         f"{found.candidates} candidates; {found.seconds[0]:.1f} s to score them, {found.seconds[1]:.1f} s to fit"

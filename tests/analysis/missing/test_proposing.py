@@ -1,6 +1,7 @@
 """`propose` finds planted terms at their place, and nothing where nothing is missing."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -32,9 +33,9 @@ def proposed(data, **settings):
 
 
 def test_a_planted_term_is_found_at_its_place():
-    found = proposed(bench("drag"))
-    first = found[0]
-    assert (found.status, first.term.channel) == ("found", "c2")
+    proposals = proposed(bench("drag"))
+    first = proposals[0]
+    assert (proposals.status, first.term.channel) == ("found", "c2")
     assert "drag" in {first.term.node, *(place.node for place in first.equal_places)}
     assert first.rmse.after == pytest.approx(first.predicted, rel=0.03)
     assert first.held_out.after < 0.6 * first.held_out.before
@@ -43,18 +44,18 @@ def test_a_planted_term_is_found_at_its_place():
     assert "choose by physics" in first.remark
 
 
-def test_a_term_inside_a_product_is_told_from_one_behind_it():
-    found = proposed(bench("eta", size=0.03))
-    first = found[0]
+def test_a_term_inside_a_product_differs_from_a_term_behind_it():
+    proposals = proposed(bench("eta", size=0.03))
+    first = proposals[0]
     assert first.term.channel == "c2"
     assert not {"drag"} & {first.term.node, *(place.node for place in first.equal_places)}
 
 
 def test_nothing_is_proposed_where_nothing_is_missing():
-    found = proposed(bench())
-    assert (found.status, list(found.proposals)) == ("none", [])
-    assert found.message.startswith("Nothing is missing that these channels explain")
-    assert 0 < found.smallest_effect < 0.25
+    proposals = proposed(bench())
+    assert (proposals.status, list(proposals.proposals)) == ("none", [])
+    assert proposals.message.startswith("Nothing is missing that these channels explain")
+    assert 0 < proposals.smallest_effect < 0.25
 
 
 def test_a_permuted_channel_is_not_proposed():
@@ -92,15 +93,15 @@ def test_channels_that_cannot_take_part_are_named_with_the_reason():
 
 
 def test_too_few_samples_are_said():
-    found = proposed(bench(samples=25))
-    assert found.status == "failed"
-    assert found.message == "25 samples are too few for 15 values: no term can be judged."
+    proposals = proposed(bench(samples=25))
+    assert proposals.status == "failed"
+    assert proposals.message == "25 samples are too few for 15 values: no term can be judged."
 
 
 def test_a_calibration_that_has_not_ended_is_fitted_first():
     data = bench("drag", samples=300)
-    found = kf.propose("y = k * n", data, {"k": 0.0}, "m", kinds=["add"])
-    assert found.remarks[0].startswith("The values were fitted further first: cost ")
+    proposals = kf.propose("y = k * n", data, {"k": 0.0}, "m", kinds=["add"])
+    assert proposals.remarks[0].startswith("The values were fitted further first: cost ")
 
 
 @pytest.mark.parametrize(
@@ -114,7 +115,7 @@ def test_a_calibration_that_has_not_ended_is_fitted_first():
     ],
 )
 def test_wrong_arguments_are_named(settings, message):
-    with pytest.raises(kf.ArgumentError, match="^" + message.replace("[", r"\[").replace(".", r"\.").replace("?", r"\?")):
+    with pytest.raises(kf.ArgumentError, match=f"^{re.escape(message)}"):
         proposed(bench(samples=100), **settings)
 
 
@@ -124,15 +125,15 @@ def test_a_missing_lag_is_found_with_its_time_constant():
     u = np.repeat(rng.uniform(0, 1, 75), 20)
     clean = kf.simulate("y = PT1(3 * u, 1.5)", {"u": u, "time": time}, {})["y"].values
     data = {"u": u, "time": time, "bait": np.cumsum(rng.normal(size=1500)), "m": clean + 0.05 * rng.normal(size=1500)}
-    found = kf.propose("y = k * u", data, {"k": 2.0}, "m")
-    first = found[0]
+    proposals = kf.propose("y = k * u", data, {"k": 2.0}, "m")
+    first = proposals[0]
     assert first.term.kind == "lag"
     assert first.term.seconds == pytest.approx(1.5, rel=0.05)
     assert first.change == f"Delay y by a PT1 of about {first.term.seconds:.3g} s"
-    assert not any(proposal.term.channel == "bait" for proposal in found.proposals)
+    assert not any(proposal.term.channel == "bait" for proposal in proposals.proposals)
 
 
 def test_an_effect_below_the_least_is_left_out():
-    found = proposed(bench("drag", samples=300), least=2.0)
-    assert not found.proposals
-    assert "an effect of 2 would have been seen" in found.message
+    proposals = proposed(bench("drag", samples=300), least=2.0)
+    assert not proposals.proposals
+    assert "an effect of 2 would have been seen" in proposals.message

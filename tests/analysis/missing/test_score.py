@@ -11,7 +11,7 @@ from kennfeld.analysis.missing.families import HatAxis, channel_families, series
 from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
 from kennfeld.analysis.missing.proposing import _series
 from kennfeld.analysis.missing.score import Linearisation
-from kennfeld.analysis.missing.terms import Term, extended_model
+from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.multistart import run
@@ -44,12 +44,12 @@ def scores_of(problem, kinds=("add",), axes=AXES, series=()):
         *channel_families(probes, axes, kinds, nodes.constant, compiled.values.free),
         *series_families(probes, series, compiled.sample_count),
     ]
-    found = [
+    scores = [
         score
         for family in families
         for score in linear.scores(family, family_sums(compiled, family, compiled.start, {}, 0))
     ]
-    return {(s.term.node, s.term.kind, s.term.channel or s.term.seconds or s.term.steps): s for s in found}, linear
+    return {(s.term.node, s.term.kind, s.term.channel or s.term.seconds or s.term.steps): s for s in scores}, linear
 
 
 def refitted(problem, term):
@@ -58,6 +58,12 @@ def refitted(problem, term):
     parameter = term.parameter(label)
     parameters = problem.parameters if parameter is None else problem.parameters.with_parameters(parameter)
     return run(replace(problem, model=extended_model(problem.model, term, label), parameters=parameters), EXACT)
+
+
+def refit_with_column(data):
+    """Return a fit of the curve and of a factor of the channel u."""
+    start = {"C": CURVE, "q": 0.0}
+    return kf.calibrate("y = C(x) + q * u", data, start, "m", smoothness={"C": 1.0}, options=EXACT)
 
 
 def data_cost(result):
@@ -130,16 +136,16 @@ def test_lags_and_delays_are_scored_as_columns_of_a_linear_problem():
     y = kf.simulate("y = C(x)", data, problem.parameters)["y"].values
     lagged = kf.simulate(f"z = PT1(y, {lag.term.seconds!r})", {"time": data["time"], "y": y}, {})["z"].values
     extended = data | {"u": lagged - y}
-    refit = kf.calibrate("y = C(x) + q * u", extended, {"C": CURVE, "q": 0.0}, "m", smoothness={"C": 1.0}, options=EXACT)
+    refit = refit_with_column(extended)
     assert lag.gain == pytest.approx(result.cost_after - refit.cost_after, rel=1e-8)
     delay = next(score for score in scores.values() if score.term.kind == "delay")
     later = np.concatenate([np.full(delay.term.steps, y[0]), y[: -delay.term.steps]])
     extended = data | {"u": later - y}
-    refit = kf.calibrate("y = C(x) + q * u", extended, {"C": CURVE, "q": 0.0}, "m", smoothness={"C": 1.0}, options=EXACT)
+    refit = refit_with_column(extended)
     assert delay.gain == pytest.approx(result.cost_after - refit.cost_after, rel=1e-8)
 
 
-def test_what_the_function_can_produce_itself_is_no_candidate():
+def test_columns_that_the_function_can_produce_itself_are_skipped():
     data = columns()
     curve = kf.Curve("C", [-2.0, -1.0, 0.0, 1.0, 2.0], np.zeros(5))
     problem, _ = fitted("y = C(x)", {"C": curve}, data)
@@ -151,6 +157,6 @@ def test_what_the_function_can_produce_itself_is_no_candidate():
 def test_a_term_without_a_node_is_refused():
     model = kf.formula("y = k * x", parameters=["k"])
     with pytest.raises(kf.ArgumentError, match="no node nothing"):
-        extended_model(model, Term("nothing", "add", "z", (0.0, 1.0)), "New")
+        extended_model(model, MissingTerm("nothing", "add", "z", (0.0, 1.0)), "New")
     with pytest.raises(kf.ArgumentError, match="no function can contain an offset"):
-        extended_model(model, Term("y", "offset"), "New")
+        extended_model(model, MissingTerm("y", "offset"), "New")

@@ -5,17 +5,18 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.analysis.missing.refit import Addition
-from kennfeld.analysis.missing.terms import Term, extended_model
+from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.analysis.missing.text_patch import with_term
 
-TEXT = "# a sensor\r\n1 a[Nm] = M(x) - b  # the base\r\nb = prev(%long name%, 0) + \\\r\n".replace("\\\r\n", "x\r\n") + (
+TEXT = (
+    "# a sensor\r\n1 a[Nm] = M(x) - b  # the base\r\nb = prev(%long name%, 0) + x\r\n"
     "%long name%[-] = if(a > 1, (a\r\n  + 2), b)\r\ny = -a ^ 2\r\n"
 )
 NAMES = ["M"]
 
 
 def addition(node, kind, **settings):
-    term = Term(node, kind, **settings)
+    term = MissingTerm(node, kind, **settings)
     return Addition(term, term.parameter("New") if kind != "delay" else None)
 
 

@@ -1,1 +1,1 @@
-"""Which term is missing in a function, and where: candidates, their scores, refits, and patches of formula text."""
+"""Terms that a function lacks, and where: candidates, their scores, refits, and patches of formula text."""

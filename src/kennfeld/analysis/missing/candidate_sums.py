@@ -158,7 +158,7 @@ def _visit(
 
 @dataclass
 class _Samples:
-    """What the columns of a family are at the samples, by visit."""
+    """The columns of a family at the samples, by visit."""
 
     compiled: CompiledProblem
     family: Family

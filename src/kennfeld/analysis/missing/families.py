@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.analysis.missing.probes import Probes, factor, offset
-from kennfeld.analysis.missing.terms import Kind, Term
+from kennfeld.analysis.missing.terms import Kind, MissingTerm
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import Graph, GraphBuilder
@@ -68,7 +68,7 @@ class Family:
     """
 
     factors: tuple[str, ...]
-    terms: tuple[tuple[Term, ...], ...]
+    terms: tuple[tuple[MissingTerm, ...], ...]
     axes: tuple[HatAxis, ...] = ()
     series: tuple[Series, ...] = ()
 
@@ -100,7 +100,9 @@ def channel_families(
     for some in _groups(pairs, MAX_FACTORS):
         most = max(min(MAX_ENTRIES // max(values, 1), MAX_COLUMNS) // len(some), 1)
         for own in _by_hats(axes, most):
-            terms = tuple(tuple(Term(node, kind, axis.name, axis.points) for axis in own) for _, node, kind in some)
+            terms = tuple(
+                tuple(MissingTerm(node, kind, axis.name, axis.points) for axis in own) for _, node, kind in some
+            )
             yield Family(tuple(name for name, _, _ in some), terms, own)
 
 
@@ -123,7 +125,7 @@ def _groups(items: Sequence[T], most: int) -> Iterator[Sequence[T]]:
 def series_families(probes: Probes, series: Sequence[Series], samples: int, most: int = 8_000_000) -> Iterator[Family]:
     """Yield the families of lags and delays, whose series of `samples` numbers need at most `most` numbers together."""
     for own in _groups(series, max(min(MAX_FACTORS, most // max(samples, 1)), 1)):
-        terms = tuple((Term(each.node, each.kind, seconds=each.seconds, steps=each.steps),) for each in own)
+        terms = tuple((MissingTerm(each.node, each.kind, seconds=each.seconds, steps=each.steps),) for each in own)
         factors = tuple(offset(probes.nodes.index(each.node)) for each in own)
         yield Family(factors, terms, series=tuple(own))
 

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.missing.refit import Addition
-from kennfeld.analysis.missing.terms import Kind, Term
+from kennfeld.analysis.missing.terms import Kind, MissingTerm
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none
 from kennfeld.domain.parameters import Parameter
 
 
 @dataclass(frozen=True)
-class Place:
+class EqualPlace:
     """A term that explains the same as the one that is proposed."""
 
     node: str
@@ -22,7 +22,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Change:
+class RmseChange:
     """An RMSE without a term and with it."""
 
     before: float
@@ -32,7 +32,7 @@ class Change:
     def explained(self) -> float:
         """The RMSE of what the term explains, sqrt(before^2 - after^2); negative if it makes the errors larger.
 
-        >>> round(Change(3.57, 3.47).explained, 2)
+        >>> round(RmseChange(3.57, 3.47).explained, 2)
         0.84
         """
         squares = self.before**2 - self.after**2
@@ -47,7 +47,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class TermProposal:
     """A term that a function lacks.
 
     Attributes:
@@ -66,14 +66,19 @@ class Proposal:
         location: where the node is in the source of the function.
         patch: the change of the formula text and the project file, as text.
         addition: how it is added to the problem.
+
+    >>> from kennfeld import Project
+    >>> proposals = Project.read("kennfeld.toml").propose(kinds=["lag"])
+    >>> [proposal.text for proposal in proposals]
+    []
     """
 
-    term: Term
-    equal_places: tuple[Place, ...]
-    rmse: Change
-    held_out: Change
+    term: MissingTerm
+    equal_places: tuple[EqualPlace, ...]
+    rmse: RmseChange
+    held_out: RmseChange
     held_name: str
-    test: Change | None
+    test: RmseChange | None
     predicted: float
     probability: float
     parameter: Parameter | None
@@ -86,10 +91,10 @@ class Proposal:
 
     @property
     def change(self) -> str:
-        """What to do, in words.
+        """The change, in words.
 
         >>> from kennfeld.analysis.missing.proposal import describe
-        >>> describe(Term("dragTorque", "multiply", "Throttle"))
+        >>> describe(MissingTerm("dragTorque", "multiply", "Throttle"))
         'Scale dragTorque by a curve of Throttle'
         """
         value = None if self.parameter is None or self.term.kind != "lag" else float(self.parameter.values)
@@ -103,7 +108,7 @@ class Proposal:
 
     @property
     def remark(self) -> str:
-        """Which other places explain as much; "" if there is none."""
+        """The other places that explain as much, in words; "" if none do."""
         nodes = list(dict.fromkeys(place.node for place in self.equal_places if place.node != self.term.node))
         if not nodes:
             return ""
@@ -135,7 +140,7 @@ class Proposal:
         }
 
 
-def describe(term: Term, seconds: float | None = None) -> str:
+def describe(term: MissingTerm, seconds: float | None = None) -> str:
     """Return what a term does to its node, in words."""
     if term.kind == "lag":
         return f"Delay {term.node} by a PT1 of about {term.seconds if seconds is None else seconds:.3g} s"
@@ -149,7 +154,7 @@ def describe(term: Term, seconds: float | None = None) -> str:
 
 
 @dataclass(frozen=True)
-class Proposals:
+class TermProposals:
     """The terms that a function lacks, the best one first.
 
     Attributes:
@@ -166,9 +171,15 @@ class Proposals:
         remarks: what else there is to know.
         seconds: time of the scores, and of the fits.
         unit: of the RMSE.
+
+    >>> from kennfeld import propose
+    >>> x, z = np.tile([0.0, 1.0, 2.0, 3.0], 50), np.repeat(np.arange(10.0), 20)
+    >>> proposals = propose("y = a * x", {"x": x, "z": z, "m": 2 * x + z}, {"a": 0.0}, target="m", kinds=["add"])
+    >>> len(proposals), proposals.status
+    (1, 'found')
     """
 
-    proposals: tuple[Proposal, ...]
+    proposals: tuple[TermProposal, ...]
     smallest_effect: float
     status: str
     message: str
@@ -185,7 +196,7 @@ class Proposals:
     def __len__(self) -> int:
         return len(self.proposals)
 
-    def __getitem__(self, at: int) -> Proposal:
+    def __getitem__(self, at: int) -> TermProposal:
         return self.proposals[at]
 
     def lines(self) -> list[str]:

@@ -18,7 +18,7 @@ from kennfeld.analysis.missing.candidate_sums import (
 from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.families import Family, Series, channel_families, series_families
 from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
-from kennfeld.analysis.missing.proposal import Change, Place, Proposal, Proposals, describe
+from kennfeld.analysis.missing.proposal import EqualPlace, RmseChange, TermProposal, TermProposals, describe
 from kennfeld.analysis.missing.refit import (
     Addition,
     held_out_squares,
@@ -27,8 +27,8 @@ from kennfeld.analysis.missing.refit import (
     pooled,
     refit_options,
 )
-from kennfeld.analysis.missing.score import Linearisation, Score, smallest_gain
-from kennfeld.analysis.missing.shortlist import LEVEL, Group, shortlist, significant
+from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
+from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist, significant
 from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind
 from kennfeld.base.arrays import ignore_floating_errors
 from kennfeld.base.errors import ArgumentError
@@ -59,8 +59,8 @@ Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Scope:
-    """What takes part: patterns of channels and nodes, and kinds of terms."""
+class SearchScope:
+    """The channels, nodes and kinds of terms that take part."""
 
     channels: Sequence[str] = ("*",)
     nodes: Sequence[str] = ("*",)
@@ -93,7 +93,7 @@ def propose(
     options: Options | None = None,
     report: Report | None = None,
     **arguments: Any,
-) -> Proposals:
+) -> TermProposals:
     """Find terms that a function lacks: which channel or lag, and at which node.
 
     All candidates are scored by one linearisation. The best five are fitted, and those that make the errors smaller on
@@ -124,7 +124,7 @@ def propose(
     >>> found[0].change
     'Add a curve of z to y'
     """
-    scope = Scope(channels, nodes, kinds, least)
+    scope = SearchScope(channels, nodes, kinds, least)
     scope.check()
     if isinstance(model, Problem):
         if arguments or data is not None or parameters is not None or target is not None:
@@ -136,10 +136,10 @@ def propose(
 
 
 @isolated
-def find_terms(problem: Problem, scope: Scope, options: Options, report: Report) -> Proposals:
+def find_terms(problem: Problem, scope: SearchScope, options: Options, report: Report) -> TermProposals:
     """Return the terms that a problem lacks; see `propose`."""
     with ignore_floating_errors():
-        return _Search(problem, scope, refit_options(options), report).proposals()
+        return _TermSearch(problem, scope, refit_options(options), report).proposals()
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Scored:
         problem: with the values at which it is linearised.
     """
 
-    scores: tuple[Score, ...]
+    scores: tuple[TermScore, ...]
     own_share: float
     data_cost: float
     weights: float
@@ -169,7 +169,7 @@ class Scored:
 
 
 def score_problem(problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind]) -> Scored:
-    """Score all candidates at the values of a problem.
+    """TermScore all candidates at the values of a problem.
 
     Args:
         problem: with its values, without automatic settings.
@@ -186,7 +186,7 @@ def score_problem(problem: Problem, channels: Channels, nodes: Nodes, kinds: Seq
     names = [name for number in range(len(nodes.names)) for name in (offset(number), factor(number))]
     with blas_threads(compiled.values.free):
         linear = Linearisation(compiled, full, merged_blocks(own), names)
-        scores: list[Score] = []
+        scores: list[TermScore] = []
         for family in _families(problem, probes, channels, nodes, kinds, compiled):
             sums: FamilySums = merged(compiled.each(family_sums, family, full, divisions, blocks))
             scores += linear.scores(family, sums)
@@ -233,8 +233,8 @@ def _series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind]) -> li
     ]
 
 
-class _Search:
-    def __init__(self, problem: Problem, scope: Scope, options: Options, report: Report) -> None:
+class _TermSearch:
+    def __init__(self, problem: Problem, scope: SearchScope, options: Options, report: Report) -> None:
         self._scope, self._options, self._report = scope, options, report
         self._remarks: list[str] = []
         self._began = time.perf_counter()
@@ -255,12 +255,12 @@ class _Search:
             self._remarks.append(f"That fit ended early ({result.status}): {result.message}")
         return bound_time_constants(replace(problem, parameters=result.parameters)), result
 
-    def proposals(self) -> Proposals:
+    def proposals(self) -> TermProposals:
         problem, result = self._base
         samples = mean_squares(result.quality, "training")[1]
         if samples < problem.free_size + FEWEST:
             message = f"{samples} samples are too few for {problem.free_size} values: no term can be judged."
-            return Proposals((), 0.0, "failed", message, remarks=tuple(self._remarks), unit=self._unit)
+            return TermProposals((), 0.0, "failed", message, remarks=tuple(self._remarks), unit=self._unit)
         channels = Channels.of(problem, self._scope.channels)
         nodes = Nodes.of(problem, self._scope.nodes)
         if nodes.left_out:
@@ -275,7 +275,7 @@ class _Search:
         kept.sort(key=lambda proposal: float(f"{proposal.held_out.after:.6g}"))
         kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
         smallest = float(np.sqrt(scored.smallest / scored.weights))
-        return Proposals(
+        return TermProposals(
             tuple(kept),
             smallest,
             "found" if kept else "none",
@@ -291,14 +291,14 @@ class _Search:
             self._unit,
         )
 
-    def _message(self, kept: Sequence[Proposal], smallest: float) -> str:
+    def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:
         unit = f" {self._unit}" if self._unit else ""
         least = max(smallest, self._scope.least)
         if kept:
             return f"Effects from {least:.3g}{unit} on would have been seen."
         return f"Nothing is missing that these channels explain; an effect of {least:.3g}{unit} would have been seen."
 
-    def _judged(self, groups: Sequence[Group], scored: Scored) -> tuple[list[Proposal], list[str]]:
+    def _judged(self, groups: Sequence[CandidateGroup], scored: Scored) -> tuple[list[TermProposal], list[str]]:
         """Return the proposals, and in words the candidates that are no better on data that their fit has not seen."""
         problem, _ = self._base
         self._report("fitting the function to parts of the data")
@@ -309,24 +309,27 @@ class _Search:
             addition = Addition.of(problem, group.best)
             squares = held_out_squares(parts, addition, self._options)
             before = pooled([part.squares for part in parts[: len(squares)]], parts)
-            held = Change(before, pooled(squares, parts))
+            held = RmseChange(before, pooled(squares, parts))
             better = sum(after < part.squares for after, part in zip(squares, parts, strict=False))
-            if self._is_better(held, better, len(parts)) and len(squares) == len(parts):
-                kept.append(self._proposal(group, scored, addition, HeldOutChange(held, name, better, len(parts))))
+            change = HeldOutChange(held, name, better, len(parts))
+            reason = "" if len(squares) == len(parts) else f"no better on held-out {name} ({held})"
+            reason = reason or self._fault(change)
+            if reason:
+                rejected.append(f"{describe(group.best.term)}: {reason}")
             else:
-                rejected.append(f"{describe(group.best.term)}: no better on held-out {name} ({held})")
+                kept.append(self._proposal(group, scored, addition, change))
         return kept, rejected
 
     def _independent(
         self,
-        kept: Sequence[Proposal],
+        kept: Sequence[TermProposal],
         rejected: list[str],
         channels: Channels,
         nodes: Nodes,
         candidates: int,
-    ) -> list[Proposal]:
+    ) -> list[TermProposal]:
         """Return the proposals that explain what the better ones leave, and are not mere copies of what these do."""
-        chosen: list[Proposal] = []
+        chosen: list[TermProposal] = []
         problem = self._base[0]
         for proposal in kept:
             if chosen and not self._is_significant(problem, proposal, channels, nodes, candidates):
@@ -340,7 +343,7 @@ class _Search:
         return chosen
 
     def _is_significant(
-        self, problem: Problem, proposal: Proposal, channels: Channels, nodes: Nodes, candidates: int
+        self, problem: Problem, proposal: TermProposal, channels: Channels, nodes: Nodes, candidates: int
     ) -> bool:
         term = proposal.term
         own = Channels(tuple(axis for axis in channels.axes if axis.name == term.channel), {})
@@ -348,12 +351,18 @@ class _Search:
         scores = score_problem(problem, own, place, [term.kind]).scores
         return min((score.p for score in scores), default=1.0) * candidates < LEVEL
 
-    def _is_better(self, held: Change, better: int, parts: int) -> bool:
+    def _fault(self, held: "HeldOutChange") -> str:
+        """Return why a candidate is not proposed, given its errors on all held-out parts; "" if it is."""
         # of most parts, not of one alone that is far off
-        lower = held.after < (1 - MARGIN) * held.before and 2 * better > parts
-        return lower and held.explained >= self._scope.least
+        if not held.rmse.after < (1 - MARGIN) * held.rmse.before or 2 * held.better <= held.parts:
+            return f"no better on held-out {held.name} ({held.rmse}, better in {held.better} of {held.parts} parts)"
+        if held.rmse.explained < self._scope.least:
+            return f"explains {held.rmse.explained:.3g} on held-out {held.name}, less than {self._scope.least:g}"
+        return ""
 
-    def _proposal(self, group: Group, scored: Scored, addition: Addition, held: "HeldOutChange") -> Proposal:
+    def _proposal(
+        self, group: CandidateGroup, scored: Scored, addition: Addition, held: "HeldOutChange"
+    ) -> TermProposal:
         problem, result = self._base
         term = group.best.term
         refit = run(addition.to(problem, problem.parameters), self._options)
@@ -362,9 +371,9 @@ class _Search:
             term = replace(term, seconds=float(parameter.values))
         test = _change(result, refit, "test")
         location = problem.model.locations.get(term.node)
-        return Proposal(
+        return TermProposal(
             term=term,
-            equal_places=tuple(Place(s.term.node, s.term.kind, s.term.channel) for s in group.equal),
+            equal_places=tuple(EqualPlace(s.term.node, s.term.kind, s.term.channel) for s in group.equal),
             rmse=_change(result, refit, "training"),
             held_out=held.rmse,
             held_name=held.name,
@@ -383,14 +392,14 @@ class _Search:
 class HeldOutChange(NamedTuple):
     """The errors on all held-out parts, what was held out, and how many parts are better."""
 
-    rmse: Change
+    rmse: RmseChange
     name: str
     better: int
     parts: int
 
 
-def _change(before: Result, after: Result, use: Use) -> Change:
-    return Change(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
+def _change(before: Result, after: Result, use: Use) -> RmseChange:
+    return RmseChange(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
 
 
 def _with_whole_files(problem: Problem) -> Problem:

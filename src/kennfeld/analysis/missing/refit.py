@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.analysis.cross_validation import Fold, PartitionFold, fold_problem, folds_of, folds_of_partitions
-from kennfeld.analysis.missing.score import Score
-from kennfeld.analysis.missing.terms import Term, extended_model
+from kennfeld.analysis.missing.score import TermScore
+from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Pin
 from kennfeld.domain.parameter_set import ParameterSet
@@ -42,13 +42,13 @@ class Addition:
         pin: holds one value of a curve whose size the function can take over; None for others.
     """
 
-    term: Term
+    term: MissingTerm
     parameter: Parameter | None
     smoothness: float = 0.0
     pin: Pin | None = None
 
     @classmethod
-    def of(cls, problem: Problem, score: Score) -> "Addition":
+    def of(cls, problem: Problem, score: TermScore) -> "Addition":
         """Return a scored term with a parameter of its own."""
         term = score.term
         graph = problem.model.graph

@@ -1,4 +1,4 @@
-"""Score test: what each candidate would take off the cost, from one linearisation of the function.
+"""TermScore test: what each candidate would take off the cost, from one linearisation of the function.
 
 With r the residuals, J their slopes by the free values, B those by the values of a candidate, W the weights and R the
 roughness, the least cost of the linearised problem with the candidate is lower than that without it by
@@ -22,7 +22,7 @@ import numpy as np
 
 from kennfeld.analysis.missing.candidate_sums import BlockSums, FamilySums
 from kennfeld.analysis.missing.families import Family
-from kennfeld.analysis.missing.terms import Term
+from kennfeld.analysis.missing.terms import MissingTerm
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array
@@ -39,8 +39,8 @@ MAX_SPECTRUM = 2000  # values up to which undetermined directions are found by e
 
 
 @dataclass(frozen=True)
-class Score:
-    """What a candidate would take off the cost.
+class TermScore:
+    """The reduction of the cost by a candidate.
 
     Attributes:
         term: the candidate.
@@ -52,7 +52,7 @@ class Score:
         curvature: mean curvature of the cost by the values of a curve.
     """
 
-    term: Term
+    term: MissingTerm
     gain: float
     columns: int
     dispersion: float
@@ -112,7 +112,7 @@ class Linearisation:
 
     @cached_property
     def own_gain(self) -> float:
-        """What the values themselves would take off the cost if the search went on."""
+        """The reduction of the cost by the values themselves if the search went on."""
         return float(self._pull @ self._pull)
 
     @cached_property
@@ -120,7 +120,7 @@ class Linearisation:
         """The variance of independent residuals."""
         return max(self.cost - self.own_gain, 0.0) / max(self.count - self.rank, 1.0)
 
-    def scores(self, family: Family, sums: FamilySums) -> Iterator[Score]:
+    def scores(self, family: Family, sums: FamilySums) -> Iterator[TermScore]:
         """Yield the scores of the candidates of a family; none for those that the function can produce itself."""
         white = self._whitening @ self._reduction.rows(sums.jb.T).T
         br = sums.br.sum(axis=0)
@@ -140,7 +140,7 @@ class Linearisation:
                     yield score
             first += hats
 
-    def _score(self, term: Term, white: Float, br: Float, by_block: Float, each: Float) -> Score | None:
+    def _score(self, term: MissingTerm, white: Float, br: Float, by_block: Float, each: Float) -> TermScore | None:
         squares = each.sum(axis=0)
         own = np.diag(squares)
         if not (np.isfinite(squares).all() and own.max(initial=0.0) > 0):
@@ -168,7 +168,7 @@ class Linearisation:
         step = -directions @ pull
         predicted = self.cost - self.own_gain - gain - self._rougher(white, step)
         p = _tail(gain / dispersion, columns, freedom)
-        return Score(term, gain, columns, dispersion, predicted, p, float(own.mean()))
+        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()))
 
     def _spread(self, pulls: Float, squares: Float) -> float:
         """Return the dispersion from the sums over blocks.

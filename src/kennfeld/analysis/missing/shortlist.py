@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from kennfeld.analysis.missing.score import Score
+from kennfeld.analysis.missing.score import TermScore
 from kennfeld.base.lazy_dataclass import dataclass
 
 LEVEL = 0.01  # of all candidates together (C. Bonferroni)
@@ -11,32 +11,32 @@ EQUAL = 9.2  # difference of gains in units of the dispersion: odds of 100 to 1 
 
 
 @dataclass(frozen=True)
-class Group:
+class CandidateGroup:
     """The best candidate of its kind, and others that the data cannot tell from it, the best first."""
 
-    best: Score
-    equal: tuple[Score, ...]
+    best: TermScore
+    equal: tuple[TermScore, ...]
 
 
-def significant(scores: Sequence[Score]) -> list[Score]:
+def significant(scores: Sequence[TermScore]) -> list[TermScore]:
     """Return the scores that chance does not explain, the best first."""
     found = [score for score in scores if score.p * len(scores) < LEVEL]
     # by few digits, so that the order of equal candidates is that in which they were scored
     return sorted(found, key=lambda score: -float(f"{score.merit:.9g}"))
 
 
-def shortlist(scores: Sequence[Score], length: int = LENGTH) -> list[Group]:
+def shortlist(scores: Sequence[TermScore], length: int = LENGTH) -> list[CandidateGroup]:
     """Return the best candidates that explain different things: one for each channel, lag and delay."""
-    groups: list[Group] = []
+    groups: list[CandidateGroup] = []
     rest = significant(scores)
     while rest and len(groups) < length:
         best = rest[0]
         alike = [score for score in rest if _subject(score) == _subject(best)]
         equal = tuple(score for score in alike[1:] if best.merit - score.merit < EQUAL * best.dispersion)
-        groups.append(Group(best, equal))
+        groups.append(CandidateGroup(best, equal))
         rest = [score for score in rest if _subject(score) != _subject(best)]
     return groups
 
 
-def _subject(score: Score) -> tuple[str, str]:
+def _subject(score: TermScore) -> tuple[str, str]:
     return (score.term.channel, "") if score.term.channel else ("", score.term.kind)

@@ -24,7 +24,7 @@ _PREFIX = {"add": "Add", "multiply": "Scale", "lag": "Lag"}
 
 
 @dataclass(frozen=True)
-class Term:
+class MissingTerm:
     """A correction at a node.
 
     | kind | the node becomes |
@@ -54,7 +54,7 @@ class Term:
     def label(self, taken: Collection[str] = ()) -> str:
         """Return a name for the new parameter that no other has.
 
-        >>> Term("dragTorque", "multiply", "Throttle").label()
+        >>> MissingTerm("dragTorque", "multiply", "Throttle").label()
         'ScaleDragTorqueThrottle'
         """
         words = re.findall(r"\w+", f"{self.node} {self.channel}")
@@ -76,7 +76,7 @@ class Term:
         return next(name for name in names if name not in taken)
 
 
-def extended_model(model: Model, term: Term, parameter: str) -> Model:
+def extended_model(model: Model, term: MissingTerm, parameter: str) -> Model:
     """Return a model with a term; all that reads the node reads the corrected one.
 
     Args:
@@ -94,7 +94,7 @@ def extended_model(model: Model, term: Term, parameter: str) -> Model:
     return replace(model, graph=changed, equations=None)
 
 
-def _correction(graph: Graph, term: Term, parameter: str) -> Correction:
+def _correction(graph: Graph, term: MissingTerm, parameter: str) -> Correction:
     def correct(b: GraphBuilder, node: int, names: dict[str, int]) -> int:
         if term.kind in OF_CHANNELS:
             curve = b.lookup(parameter, b.input(term.channel))

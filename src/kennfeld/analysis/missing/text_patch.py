@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Collection, Sequence
 
 from kennfeld.analysis.missing.refit import Addition
-from kennfeld.analysis.missing.terms import Term
+from kennfeld.analysis.missing.terms import MissingTerm
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain, split, statements
 from kennfeld.models.formula.syntax import Token
 
@@ -22,7 +22,7 @@ def with_term(text: str, addition: Addition, inputs: Collection[str] = (), taken
 
     >>> from kennfeld.domain.parameters import Curve
     >>> curve = Curve("C", [0, 1], [1, 1])
-    >>> print(with_term("a = b - c  # sum", Addition(Term("a", "multiply", "x"), curve)))
+    >>> print(with_term("a = b - c  # sum", Addition(MissingTerm("a", "multiply", "x"), curve)))
     a = (b - c) * C(x)  # sum
     """
     lines, ending = split(text), "\r\n" if "\r\n" in text else "\n"
@@ -53,7 +53,7 @@ def quoted_name(name: str) -> str:
 
 
 def _around(
-    term: Term, label: str, constant: str, expression: Sequence[Token], lines: Sequence[str]
+    term: MissingTerm, label: str, constant: str, expression: Sequence[Token], lines: Sequence[str]
 ) -> tuple[str, str]:
     """Return what stands before and behind the expression."""
     if term.kind == "lag":
