@@ -71,7 +71,7 @@ def _bait(rng: np.random.Generator, count: int, *, timed: bool) -> dict[str, Flo
         from scipy.signal import lfilter
 
         for number in range(BAIT):
-            pole = (0.9, 0.98, 0.995)[number % 3]
+            pole = (0.5, 0.9, 0.98)[number % 3]
             columns[f"c{number}"] = lfilter([np.sqrt(1 - pole**2)], [1, -pole], columns[f"c{number}"])
         columns["c14"] = np.cumsum(rng.normal(size=count)) / np.sqrt(count)
     columns["c1"] = 0.8 * columns["c0"] + 0.6 * columns["c1"]
@@ -87,9 +87,12 @@ def _fitted_torque() -> tuple[str, kf.ParameterSet, dict[str, Float], Mapping[st
     settings = {
         "node": "TorquePredict",
         "smoothness": {"MapOptTorque": 100, "MapOptIgnition": 10, "CurveEtaDeltaSpark": 1e4, "MapDragTorque": 100},
-        "limits": {"CurveEtaDeltaSpark": (0, 1), "MapOptTorque": (0, 600), "MapOptIgnition": (0, 60), "MapDragTorque": (0, 200)},
+        "limits": {
+            **{"CurveEtaDeltaSpark": (0, 1), "MapOptTorque": (0, 600)},
+            **{"MapOptIgnition": (0, 60), "MapDragTorque": (0, 200)},
+        },
         "pins": [kf.Pin("CurveEtaDeltaSpark", (0,), 1.0), kf.Pin("MapOptIgnition", (3700, 64), 32.5)],
-    }  # fmt: skip
+    }
     fit = kf.calibrate(text, data, torque.start(), "Torque", **settings)
     return text, fit.parameters, data, settings
 
@@ -163,6 +166,9 @@ def _exhaust_case(rng: np.random.Generator, number: int) -> Case:
     return Case(label, text, data, parameters, target, channel if node else "", frozenset(nodes), effect, settings)
 
 
+STARTS = range(0, 26400, 8800)  # samples of the drive, cut into three
+
+
 @cache
 def _fitted_exhaust() -> tuple[str, str, dict[str, Any], kf.ParameterSet, list[dict[str, Float]]]:
     import tempfile
@@ -182,15 +188,10 @@ def _fitted_exhaust() -> tuple[str, str, dict[str, Any], kf.ParameterSet, list[d
     settled = next(name for name in names if name != output)
     target = problem.criteria[0].target.name
     columns = {name: data[name].values for name in problem.model.graph.inputs} | {"time": data.time}
-    pieces = [{name: values[a : a + 5000] for name, values in columns.items()} for a in range(0, 15000, 5000)]
-    fit = kf.calibrate(
-        plain,
-        [{**piece, target: data[target].values[a : a + 5000]} for a, piece in zip(range(0, 15000, 5000), pieces, strict=True)],
-        problem.parameters,
-        target,
-        node=output,
-        smoothness=dict(problem.smoothness),
-    )  # fmt: skip
+    pieces = [{name: values[a : a + 8800] for name, values in columns.items()} for a in range(0, 18800, 8800)]
+    fitted = [piece | {target: data[target].values[a : a + 8800]} for a, piece in zip(STARTS, pieces, strict=True)]
+    smoothness = dict(problem.smoothness)
+    fit = kf.calibrate(plain, fitted, problem.parameters, target, node=output, smoothness=smoothness)
     keys = {"settled": settled, "output": output, "smoothness": dict(problem.smoothness)}
     return plain, target, keys, fit.parameters, pieces
 
@@ -365,5 +366,13 @@ if __name__ == "__main__":
 
     for number, each in enumerate(cases(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0)):
         got = judge(each)
-        print(number, each.name, each.channel or "-", each.effect, "channel", got.channel, "place", got.place, "false", got.false,
-              f"close {got.closeness:+.3%} {got.seconds:.1f} s", flush=True)  # fmt: skip
+        marks = f"channel {got.channel}, place {got.place}, false {got.false}"
+        print(
+            number,
+            each.name,
+            each.channel or "-",
+            each.effect,
+            marks,
+            f"{got.closeness:+.2%}, {got.seconds:.0f} s",
+            flush=True,
+        )

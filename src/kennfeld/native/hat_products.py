@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.base.arrays import Float, aligned_zeros
+from kennfeld.base.arrays import Bool, Float, aligned_zeros
 from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.base.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, Vector
 from kennfeld.native.addresses import INT32, address
@@ -22,20 +22,21 @@ from kennfeld.native.workspace import Workspace
 
 MAX_FACTORS = 4 * LANES  # whose vectors fit into registers beside the sums
 SAMPLE = tuple(("ptr", name) for name in ("weight", "residual", "factors", "cells", "shares", "blocks"))
-SUMS = (("ptr", "jb"), ("ptr", "squares"), ("ptr", "neighbours"), ("ptr", "br"))
+SUMS = (("ptr", "wanted"), ("ptr", "jb"), ("ptr", "squares"), ("ptr", "neighbours"), ("ptr", "br"))
 
 
 class HatProducts:
     """The sums of one output over samples.
 
     Attributes:
-        jb: Float[values, hats, factors].
+        jb: Float[values, hats, factors]; 0 for values that are not wanted.
         squares: b with itself, Float[blocks, hats, factors].
         neighbours: b with that of the next hat, Float[blocks, hats, factors].
         br: Float[blocks, hats, factors].
     """
 
-    def __init__(self, values: int, hats: int, factors: int, blocks: int) -> None:
+    def __init__(self, wanted: Bool, hats: int, factors: int, blocks: int) -> None:
+        self._wanted, values = wanted.astype(np.int32), wanted.size
         # one hat more, as the second hat of a channel with a single one has the weight 0
         self._hats, self._factors, self._width = hats, factors, -(-factors // LANES) * LANES
         sizes = (values, blocks, blocks, blocks)
@@ -74,7 +75,7 @@ class HatProducts:
         outputs, room = space.slope.shape[2], space.index.shape[1]
         entries = (address(space.index, kind=INT32), address(space.slope), address(space.count, kind=INT32), room)
         sample = (address(weight), address(residual), address(padded), address(cells, kind=INT32), address(shares))
-        sums = tuple(address(array) for array in self._arrays)
+        sums = (address(self._wanted, kind=INT32), *(address(array) for array in self._arrays))
         _products(self._width // LANES)(
             length,
             *entries,
@@ -126,10 +127,12 @@ def _add_sample(f: FunctionWriter, k: str, weight: str, vectors: int) -> None:
     row = f.mul(k, "%room")
     with f.loop(0, f.load_index("%count", k)) as e:
         place = f.add(row, e)
+        value = f.load_index("%index", place)
+        wanted = f.new(f"icmp ne i32 {f.load('%wanted', value, 'i32')}, 0")
         slope = f.load("%slope", f.add(f.mul(place, "%rows"), "%output"))
         scaled = f.fmul(weight, slope)
-        column = f.mul(f.load_index("%index", place), "%hats")
-        with f.loop(0, "%channels") as c:
+        column = f.mul(value, "%hats")
+        with f.when(wanted), f.loop(0, "%channels") as c:
             cell, first, second = _hats(f, f.add(places, c))
             sides = (f.fmul(scaled, first), f.fmul(scaled, second))
             _accumulate(f, v, "%jb", f.add(column, cell), width, factors, sides)

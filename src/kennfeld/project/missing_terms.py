@@ -15,6 +15,7 @@ from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.content_digest import digest_of
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import below
 from kennfeld.calfiles import read as read_parameters
@@ -76,6 +77,10 @@ def _with_more_channels(project: "Project", patterns: Sequence[str]) -> tuple[Pr
     problem = project.problem()
     known = {name for data in problem.datasets for name in data}
     offered = _channel_names(project)
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in (*known, *offered, *problem.model.graph.inputs)):
+            message = f"channels: the training data have no channel {pattern}. {nearest(pattern, offered)}"
+            raise ArgumentError(message.strip())
     names = tuple(n for n in offered if n not in known and any(fnmatchcase(n, pattern) for pattern in patterns))
     if not names:
         return problem, []

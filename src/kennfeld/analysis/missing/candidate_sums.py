@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.analysis.missing.families import Family, located, with_series
+from kennfeld.analysis.missing.probes import is_probe
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
@@ -135,6 +136,8 @@ def block_sums(compiled: CompiledProblem, full: Float, divisions: Divisions, blo
 
 def _block_numbers(compiled: CompiledProblem, divisions: Divisions, blocks: int) -> NDArray[np.int32]:
     """Return the block of each visit; `blocks` for those in none."""
+    if not divisions:
+        return np.full(compiled.samples.count, blocks, dtype=np.int32)
     numbers = number_samples(compiled, divisions)[compiled.sample_numbers()]
     return np.where(numbers == NEVER, blocks, numbers).astype(np.int32)
 
@@ -240,8 +243,10 @@ class _SparseShare:
     def __init__(self, samples: _Samples) -> None:
         self._samples = samples
         family = samples.family
-        free = samples.compiled.values.free
-        self._products = HatProducts(free, sum(family.hats), len(family.factors), samples.blocks + 1)
+        # those of the probes themselves are not needed
+        wanted = np.ones(samples.compiled.values.free, dtype=bool)
+        wanted[[at for name, at in samples.compiled.values.offsets.items() if is_probe(name)]] = False
+        self._products = HatProducts(wanted, sum(family.hats), len(family.factors), samples.blocks + 1)
 
     def add(self, space: Workspace, chunk: Chunk, begins: bool) -> None:
         samples = self._samples

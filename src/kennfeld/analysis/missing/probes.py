@@ -114,6 +114,11 @@ def factor(number: int) -> str:
     return f"\0multiply {number}"
 
 
+def is_probe(name: str) -> bool:
+    """Return True for the name of an offset or a factor."""
+    return name.startswith("\0")
+
+
 def _probe(number: int) -> Correction:
     def correct(b: GraphBuilder, node: int, _: dict[str, int]) -> int:
         scaled = b.call("mul", node, b.call("add", b.const(1.0), b.lookup(factor(number))))

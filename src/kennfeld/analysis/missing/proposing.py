@@ -21,6 +21,7 @@ from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
 from kennfeld.analysis.missing.proposal import EqualPlace, RmseChange, TermProposal, TermProposals, describe
 from kennfeld.analysis.missing.refit import (
     Addition,
+    HeldOut,
     held_out_squares,
     hold_out,
     mean_squares,
@@ -38,7 +39,7 @@ from kennfeld.base.threads import blas_threads
 from kennfeld.domain.dataset import Use
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
-from kennfeld.optimize.problem.partitions import join_files
+from kennfeld.optimize.problem.partitions import Partition, join_files
 from kennfeld.optimize.problem.problem import Problem, bound_time_constants
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.isolated_call import isolated
@@ -307,13 +308,8 @@ class _TermSearch:
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
             addition = Addition.of(problem, group.best)
-            squares = held_out_squares(parts, addition, self._options)
-            before = pooled([part.squares for part in parts[: len(squares)]], parts)
-            held = RmseChange(before, pooled(squares, parts))
-            better = sum(after < part.squares for after, part in zip(squares, parts, strict=False))
-            change = HeldOutChange(held, name, better, len(parts))
-            reason = "" if len(squares) == len(parts) else f"no better on held-out {name} ({held})"
-            reason = reason or self._fault(change)
+            change = self._held_out(name, parts, addition)
+            reason = self._fault(change)
             if reason:
                 rejected.append(f"{describe(group.best.term)}: {reason}")
             else:
@@ -332,7 +328,10 @@ class _TermSearch:
         chosen: list[TermProposal] = []
         problem = self._base[0]
         for proposal in kept:
-            if chosen and not self._is_significant(problem, proposal, channels, nodes, candidates):
+            if chosen and not (
+                self._is_significant(problem, proposal, channels, nodes, candidates)
+                and self._is_better_still(problem, proposal)
+            ):
                 rejected.append(f"{proposal.change}: explains what better proposals explain")
                 continue
             chosen.append(proposal)
@@ -351,8 +350,24 @@ class _TermSearch:
         scores = score_problem(problem, own, place, [term.kind]).scores
         return min((score.p for score in scores), default=1.0) * candidates < LEVEL
 
+    def _is_better_still(self, problem: Problem, proposal: TermProposal) -> bool:
+        """Return if a proposal lowers the error on held-out parts of the function with the better ones."""
+        if proposal.addition is None:
+            return False
+        name, parts = hold_out(problem, self._options)
+        return not self._fault(self._held_out(name, parts, proposal.addition))
+
+    def _held_out(self, name: str, parts: Sequence[HeldOut], addition: Addition) -> "HeldOutChange":
+        """Return the errors on held-out parts, up to the part with which they can no longer be lower."""
+        squares = held_out_squares(parts, addition, self._options)
+        before = pooled([part.squares for part in parts[: len(squares)]], parts)
+        better = sum(after < part.squares for after, part in zip(squares, parts, strict=False))
+        return HeldOutChange(RmseChange(before, pooled(squares, parts)), name, better, len(parts), len(squares))
+
     def _fault(self, held: "HeldOutChange") -> str:
         """Return why a candidate is not proposed, given its errors on all held-out parts; "" if it is."""
+        if held.tried < held.parts:
+            return f"no better on held-out {held.name} ({held.rmse})"
         # of most parts, not of one alone that is far off
         if not held.rmse.after < (1 - MARGIN) * held.rmse.before or 2 * held.better <= held.parts:
             return f"no better on held-out {held.name} ({held.rmse}, better in {held.better} of {held.parts} parts)"
@@ -390,12 +405,13 @@ class _TermSearch:
 
 
 class HeldOutChange(NamedTuple):
-    """The errors on all held-out parts, what was held out, and how many parts are better."""
+    """The errors on the held-out parts that were tried, what was held out, and how many parts are better."""
 
     rmse: RmseChange
     name: str
     better: int
     parts: int
+    tried: int
 
 
 def _change(before: Result, after: Result, use: Use) -> RmseChange:
@@ -403,10 +419,11 @@ def _change(before: Result, after: Result, use: Use) -> RmseChange:
 
 
 def _with_whole_files(problem: Problem) -> Problem:
-    """Return a problem whose partitions cut no file: a lag remembers what was before."""
+    """Return a problem whose partitions are whole files: a lag remembers what was before, and files are held out."""
     if problem.partitions is None:
         return problem
-    whole = replace(problem.partitions, training=tuple(join_files(problem.partitions.training)))
+    parts = [part for partition in join_files(problem.partitions.training) for part in partition.parts]
+    whole = replace(problem.partitions, training=tuple(Partition((part,)) for part in parts))
     return replace(problem, partitions=whole)
 
 

@@ -5,15 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import Fold, PartitionFold, fold_problem, folds_of, folds_of_partitions
+from kennfeld.analysis.cross_validation import Fold, PartitionFold, fold_problem, folds_of
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.terms import MissingTerm, extended_model
+from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Pin
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.partitions import Partition
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.search.multistart import run
@@ -102,7 +104,7 @@ def hold_out(problem: Problem, options: Options) -> tuple[str, list[HeldOut]]:
     """Return what is held out, in words, and the parts."""
     folds: Sequence[Fold | PartitionFold]
     if problem.partitions is not None:
-        name, folds = "files", folds_of_partitions(problem.partitions.training, FOLDS, "auto")
+        name, folds = "files", _file_folds(problem.partitions.training)
     else:
         datasets = problem.fitted_datasets
         memory = any(data.time is not None for data in datasets) or bool(problem.model.graph.states)
@@ -115,6 +117,25 @@ def hold_out(problem: Problem, options: Options) -> tuple[str, list[HeldOut]]:
         result = run(part, options)
         parts.append(HeldOut(part, result.parameters, *_held(result)))
     return name, [part for part in parts if part.samples]
+
+
+def _file_folds(partitions: Sequence[Partition]) -> list[PartitionFold]:
+    """Assign partitions of a file each to folds, as `folds_of` does with files that are not in partitions.
+
+    Raises:
+        InputError: there is a single file.
+    """
+    count = min(FOLDS, len(partitions))
+    if count < 2:
+        message = "one file cannot be held out from itself"
+        raise InputError.of(Location("partitions"), message, "Write partition = 0, or record further files.")
+    sizes, members = [0] * count, [list[int]() for _ in range(count)]
+    # the longest first, each to the smallest fold
+    for at in sorted(range(len(partitions)), key=lambda number: (-partitions[number].samples, number)):
+        fold = int(np.argmin(sizes))
+        sizes[fold] += partitions[at].samples
+        members[fold].append(at)
+    return [PartitionFold(str(n), tuple(partitions[at] for at in sorted(own))) for n, own in enumerate(members, 1)]
 
 
 def held_out_squares(parts: Sequence[HeldOut], addition: Addition, options: Options) -> list[float]:
