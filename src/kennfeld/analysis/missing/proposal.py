@@ -7,6 +7,7 @@ import numpy as np
 
 from kennfeld.analysis.missing.refit import Addition
 from kennfeld.analysis.missing.terms import Kind, MissingTerm
+from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none
 from kennfeld.domain.parameters import Parameter
@@ -130,13 +131,13 @@ class TermProposal:
             "explains": _rounded(self.held_out.explained),
             "test": None if self.test is None else self.test.as_json(),
             "predicted": _rounded(self.predicted),
-            "probability": _rounded(self.probability),
+            "probability": float(f"{self.probability:.2e}"),
             "parts": {"better": self.better, "all": self.parts},
             "location": self.location,
             "seconds": _rounded(self.term.seconds) if self.term.kind == "lag" else None,
             "steps": self.term.steps or None,
             "breakpoints": list(self.term.breakpoints),
-            "values": [] if self.parameter is None else [_rounded(x) for x in self.parameter.values.ravel().tolist()],
+            "values": [] if self.parameter is None else _rounded_together(self.parameter.values.ravel()),
         }
 
 
@@ -217,7 +218,7 @@ class TermProposals:
             "message": self.message,
             "candidates": self.candidates,
             "share": _rounded(self.share),
-            "share_left": _rounded(self.share_left),
+            "share_left": round(self.share_left, 9),
             "rejected": list(self.rejected),
             "excluded": self.excluded,
             "remarks": list(self.remarks),
@@ -225,6 +226,12 @@ class TermProposals:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+
+def _rounded_together(values: Float) -> list[float | None]:
+    """Return numbers with six digits of the largest of them."""
+    largest = float(np.abs(values).max(initial=0.0)) or 1.0
+    return [_rounded(round(value / largest, 6) * largest) for value in values.tolist()]
 
 
 def _rounded(number: float) -> float | None:

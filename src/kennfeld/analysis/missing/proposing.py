@@ -246,15 +246,12 @@ class _TermSearch:
         """Return the problem at its minimum, with automatic settings as they were chosen, and the fit."""
         self._report("fitting the function as it is")
         result = run(problem, self._options)
-        problem = apply_shifts(problem, result.shifts)
-        factors = {name: tuple(own.values()) for name, own in result.smoothness.items()}
-        problem = replace(problem, smoothness={**problem.smoothness, **factors}, unknown_shifts={})
         if result.cost_before - result.cost_after > UNFINISHED * result.cost_after:
             text = f"The values were fitted further first: cost {result.cost_before:.4g} -> {result.cost_after:.4g}."
             self._remarks.append(text)
         if not result.converged:
             self._remarks.append(f"That fit ended early ({result.status}): {result.message}")
-        return bound_time_constants(replace(problem, parameters=result.parameters)), result
+        return settled_problem(problem, result), result
 
     def proposals(self) -> TermProposals:
         problem, result = self._base
@@ -416,6 +413,14 @@ class HeldOutChange(NamedTuple):
 
 def _change(before: Result, after: Result, use: Use) -> RmseChange:
     return RmseChange(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
+
+
+def settled_problem(problem: Problem, result: Result) -> Problem:
+    """Return a problem at the end of its fit, with automatic settings as they were chosen."""
+    problem = apply_shifts(problem, result.shifts)
+    factors = {name: tuple(own.values()) for name, own in result.smoothness.items()}
+    problem = replace(problem, smoothness={**problem.smoothness, **factors}, unknown_shifts={})
+    return bound_time_constants(replace(problem, parameters=result.parameters))
 
 
 def _with_whole_files(problem: Problem) -> Problem:
