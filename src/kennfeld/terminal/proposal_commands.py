@@ -9,8 +9,8 @@ import click
 from kennfeld.base.errors import ArgumentError, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, as_json, only_problems, option, project_file, trusted
+from kennfeld.terminal.opened_project import opened_project
 from kennfeld.terminal.output import print_lines, print_progress, print_values
-from kennfeld.terminal.project_commands import open_project
 
 if TYPE_CHECKING:
     from kennfeld.analysis.missing.proposal import TermProposals
@@ -43,7 +43,7 @@ def propose(
 
     All channels of the recordings take part. Nothing is written without --apply.
     """
-    with open_project(path, trust=trust) as project:
+    with opened_project(path, trust=trust) as project:
         if undo:
             return _undo(project)
         try:
