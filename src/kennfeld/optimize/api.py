@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from kennfeld.base.errors import Findings, warn
 from kennfeld.domain.constraints import Equality, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.models import Model, bind_scalars
 from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.options import Options
@@ -54,6 +56,10 @@ def calibrate(
     constraints: Sequence[Shape | Equality] = (),
     channels: Mapping[str, str] | None = None,
     shift: Shift | None = None,
+    rounding: RoundingMethod | None = None,
+    storage: str | Path | None = None,
+    step: Mapping[str, float] | None = None,
+    max_shift: float = MAX_SHIFT,
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -77,6 +83,10 @@ def calibrate(
         constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
         channels: the channel of a model input, if the names differ.
         shift: by channel, value(t) = recorded(t - shift), in s, steady-state points in samples; "auto" by dataset.
+        rounding: "joint" rounds the fit to what a control unit stores, all values together; "nearest" each on its own.
+        storage: the A2L file with the steps, offsets and limits of labels and breakpoints.
+        step: by parameter, the step of its storable values, in its unit; precedes the file.
+        max_shift: the largest distance of a rounded value from the fit, in steps.
         options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.
 
@@ -105,6 +115,10 @@ def calibrate(
         constraints=constraints,
         channels=channels,
         shift=shift,
+        rounding=rounding,
+        storage=storage,
+        step=step,
+        max_shift=max_shift,
     ).problem()
     result = run(problem, options or Options(), progress)
     return replace(result, warnings=(*weight_warnings(problem), *result.warnings))

@@ -51,6 +51,7 @@ def _rbf_problems(old: RBF, entry: ParameterEntry) -> Iterator[KeyProblem]:
     if entry.initial is not None:
         yield "initial", message, "Remove it; the values are those of the initial file."
     of_tables = {
+        "step": entry.step is not None,
         "smoothness": entry.smoothness is not None,
         "gradient": bool(entry.gradient),
         "curvature": bool(entry.curvature),

@@ -53,6 +53,7 @@ from kennfeld.project.partitioned_loading import PartitionedLoading
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.simulation_files import SIMULATIONS, require_simulation_format
 from kennfeld.project.steps import build_steps, uncovered_values
+from kennfeld.project.storage_rounding import add_rounding
 
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
@@ -174,6 +175,7 @@ class ProblemBuilder:
         if findings.has_errors or tables is None or self.function is None:
             return None
         problem = self._problem(self.function, tables, criteria, constraints)
+        problem = add_rounding(file, problem, tables.parameters.origin, findings)
         if partitioned is not None:
             problem = replace(problem, partitions=partitioned.partitions(problem))
         findings.add(*check_free_axes(file, problem))

@@ -280,6 +280,8 @@ def _print_result(
     from kennfeld.terminal.result_lines import MORE, choice_lines, extrapolation_lines
 
     print_lines(*align(result.table()), "")
+    if result.rounding is not None:
+        print_lines(*align(result.rounding.table()), *result.rounding.advice(), "")
     if by_file:
         print_lines(*align(result.recordings_table()), "")
     if len(result.starts) > 1:

@@ -18,6 +18,7 @@ from kennfeld.domain.free_axes import free_axes
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.quality.quality import Quality, r2_text
 from kennfeld.optimize.quality.recording_quality import RecordingQuality, error_text, recordings_table
+from kennfeld.optimize.rounding.outcome import RoundingResult
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 
@@ -105,7 +106,8 @@ class Result(NotebookDisplay):
             step, limits that are crossed, and shifts that are ambiguous or at the edge of the search window.
         recordings: errors by criterion, dataset and file, with the worst stretch of each file.
         certificate: how far the values are from a minimum within the limits, in numbers without units; None if that
-            cannot be computed.
+            cannot be computed. Of a rounded result, that of the fit before.
+        rounding: errors before and after rounding to storable values; None if nothing was rounded.
 
     >>> from kennfeld import calibrate
     >>> result = calibrate("y = k * x", {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}, {"k": 0.0}, target="m")
@@ -134,6 +136,7 @@ class Result(NotebookDisplay):
     warnings: tuple[Finding, ...] = ()
     recordings: tuple[RecordingQuality, ...] = field(default=(), repr=False)
     certificate: Certificate | None = None
+    rounding: RoundingResult | None = None
 
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
@@ -182,6 +185,7 @@ class Result(NotebookDisplay):
             },
             "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
             "warnings": [{"sentence": f"{warning.message}.", "remedy": warning.remedy} for warning in self.warnings],
+            **({} if self.rounding is None else {"rounding": self.rounding.as_json()}),
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
@@ -211,12 +215,11 @@ class Result(NotebookDisplay):
     def __str__(self) -> str:
         from kennfeld.optimize.trust.undetermined import undetermined_lines
 
-        table = self.table()
-        widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
+        lines = _aligned(self.table())
+        rounded = [] if self.rounding is None else [*_aligned(self.rounding.table()), *self.rounding.advice()]
         warnings = [f"warning: {warning}" for warning in self.warnings]
         undetermined = undetermined_lines(self.trust, "; see result.trust")
-        return "\n".join([f"{self.status}: {self.message}", *lines, *warnings, *undetermined])
+        return "\n".join([f"{self.status}: {self.message}", *lines, *rounded, *warnings, *undetermined])
 
     def plot(self, kind: PlotKind = "convergence", problem: "Problem | None" = None, **selection: Any) -> Any:
         """Return a matplotlib figure of the result.
@@ -236,6 +239,11 @@ class Result(NotebookDisplay):
         if problem is None:
             problem = getattr(self.inspection, "problem", None)  # another process returns the trust alone
         return import_module(_PLOTS).plot(self, kind, problem, **selection)
+
+
+def _aligned(table: list[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
 
 
 def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:

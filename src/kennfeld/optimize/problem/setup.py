@@ -2,11 +2,12 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Findings, InputError, warn
+from kennfeld.base.errors import ArgumentError, Findings, InputError, Location, warn
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
@@ -15,11 +16,13 @@ from kennfeld.domain.dataset import Dataset, Use
 from kennfeld.domain.free_axes import with_free_axes
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter, Scalar
+from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.graph import Graph
 from kennfeld.models import Model, bind_scalars, merge_start_values
 from kennfeld.models.formula import formula
 from kennfeld.optimize.problem.overlap import overlap_findings
 from kennfeld.optimize.problem.problem import Factor, Problem, Smoothness
+from kennfeld.optimize.problem.storage import rounding_of, with_rounding
 from kennfeld.optimize.problem.validation import check_problem, dataset_location
 from kennfeld.preprocessing.coercion import Data, to_dataset
 from kennfeld.preprocessing.model_step import clock_findings, refine_step
@@ -49,6 +52,10 @@ class ProblemSetup:
     constraints: Sequence[Shape | Equality] = ()
     channels: Mapping[str, str] | None = None
     shift: Shift | None = None
+    rounding: RoundingMethod | None = None
+    storage: str | Path | None = None
+    step: Mapping[str, float] | None = None
+    max_shift: float = MAX_SHIFT
 
     def problem(self) -> Problem:
         """Build and check the problem.
@@ -80,7 +87,22 @@ class ProblemSetup:
         )
         check_problem(problem).finish()
         warn(overlap_findings(problem, dataset_location))
-        return problem
+        return self._rounded(problem)
+
+    def _rounded(self, problem: Problem) -> Problem:
+        """Return the problem with bounds and breakpoints that can be stored, if its end is rounded."""
+        if self.rounding is None:
+            if self.storage is not None or self.step:
+                name = "step" if self.storage is None else "storage"
+                raise ArgumentError(f'{name} requires rounding: add rounding="joint"')
+            return problem
+        for name in self.step or ():
+            if name not in problem.parameters:
+                raise ArgumentError(f"step: unknown parameter {name}. {nearest(name, problem.parameters)}".strip())
+        rounding = rounding_of(self.rounding, self.storage, self.step or {}, self.max_shift)
+        rounded, findings = with_rounding(problem, rounding, Location)
+        warn(finding for finding in Findings(findings).finish() if finding.severity == "warning")
+        return rounded
 
     def _check_patterns(self) -> None:
         for name, patterns in (("free_axes", self.free_axes), ("free", self.free)):
