@@ -107,7 +107,7 @@ def test_a_calibration_that_has_not_ended_is_fitted_first():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, lag, delay, offset."),
+        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, lag, delay."),
         ({"channels": "n"}, "channels='n' must be a list: channels=['n']"),
         ({"channels": ["c22"]}, "channels: the training data have no channel c22"),
         ({"nodes": ["drg"]}, "nodes: the function has no node drg. Did you mean drag?"),

@@ -158,5 +158,3 @@ def test_a_term_without_a_node_is_refused():
     model = kf.formula("y = k * x", parameters=["k"])
     with pytest.raises(kf.ArgumentError, match="no node nothing"):
         extended_model(model, MissingTerm("nothing", "add", "z", (0.0, 1.0)), "New")
-    with pytest.raises(kf.ArgumentError, match="no function can contain an offset"):
-        extended_model(model, MissingTerm("y", "offset"), "New")

@@ -147,8 +147,6 @@ def describe(term: MissingTerm, seconds: float | None = None) -> str:
         return f"Delay {term.node} by a PT1 of about {term.seconds if seconds is None else seconds:.3g} s"
     if term.kind == "delay":
         return f"Delay {term.node} by {term.steps} step{'s' * (term.steps != 1)}"
-    if term.kind == "offset":
-        return f"Add a number for each recording to {term.node}"
     verb, preposition = ("Add", "to") if term.kind == "add" else ("Scale", "by")
     curve = f"a curve of {term.channel}"
     return f"{verb} {curve} {preposition} {term.node}" if term.kind == "add" else f"{verb} {term.node} by {curve}"

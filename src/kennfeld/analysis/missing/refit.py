@@ -55,7 +55,7 @@ class Addition:
         term = score.term
         graph = problem.model.graph
         taken = {*graph.names, *graph.inputs, *graph.parameters, *problem.parameters, *problem.channels.values()}
-        label = "" if term.kind in ("delay", "offset") else term.label(taken)
+        label = "" if term.kind == "delay" else term.label(taken)
         parameter = term.parameter(label) if label else None
         if parameter is None or not parameter.axes:
             return cls(term, parameter)

@@ -15,8 +15,8 @@ from kennfeld.graph.node import State, extract
 from kennfeld.models import Model
 from kennfeld.models.formula.functions import FUNCTIONS
 
-Kind = Literal["add", "multiply", "lag", "delay", "offset"]
-KINDS: tuple[Kind, ...] = ("add", "multiply", "lag", "delay", "offset")
+Kind = Literal["add", "multiply", "lag", "delay"]
+KINDS: tuple[Kind, ...] = ("add", "multiply", "lag", "delay")
 OF_CHANNELS: tuple[Kind, ...] = ("add", "multiply")
 # makes the corrected node of a node; may add names of further nodes
 Correction = Callable[[GraphBuilder, int, dict[str, int]], int]
@@ -33,7 +33,6 @@ class MissingTerm:
     | multiply | node * curve(channel) |
     | lag | PT1(node, T), with a time constant T that is fitted |
     | delay | delay(node, steps) |
-    | offset | node + a number for each recording; no function can contain it |
 
     Attributes:
         node: name of the node.
@@ -85,7 +84,7 @@ def extended_model(model: Model, term: MissingTerm, parameter: str) -> Model:
         parameter: name of its parameter.
 
     Raises:
-        ArgumentError: the model has no such node, or no function can contain the term.
+        ArgumentError: the model has no such node.
     """
     graph = model.graph
     if term.node not in graph.names:
@@ -101,11 +100,9 @@ def _correction(graph: Graph, term: MissingTerm, parameter: str) -> Correction:
             return b.call("add" if term.kind == "add" else "mul", node, curve)
         if term.kind == "delay":
             return b.prev(node, node, term.steps)
-        if term.kind == "lag":
-            T = b.lookup(parameter)
-            names[term.time_constant({*graph.names, *graph.inputs, *graph.parameters})] = T
-            return int(FUNCTIONS["PT1"].rule(b, node, T, node))
-        raise ArgumentError("no function can contain an offset of each recording")
+        T = b.lookup(parameter)
+        names[term.time_constant({*graph.names, *graph.inputs, *graph.parameters})] = T
+        return int(FUNCTIONS["PT1"].rule(b, node, T, node))
 
     return correct
 
