@@ -184,7 +184,7 @@ class Linearisation:
         shares = root @ squares @ root
         rest = pulls - (shares @ pulls.sum(axis=1)).T
         blocks, share = int(used.sum()), self.sums.counts[:-1].sum() / self.count
-        return float((rest[:, used] ** 2).sum() * blocks / (blocks - 1) / columns / share
+        return float((rest[:, used] ** 2).sum() * blocks / (blocks - 1) / columns / share)
 
     def _rougher(self, white: Float, step: Float) -> float:
         """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
