@@ -14,6 +14,7 @@ from kennfeld.base.threads import let_blas_threads_sleep
 from kennfeld.base.watch_folder import WATCHER
 from kennfeld.terminal import (
     cache_commands,
+    design_commands,
     editor_commands,
     export_command,
     file_commands,
@@ -57,7 +58,8 @@ def surrogate() -> None:
 
 for command in (
     *(project_commands.demo, project_commands.app, project_commands.check, project_commands.calibrate),
-    *(project_commands.simulate, project_commands.report, proposal_commands.propose, export_command.export),
+    *(project_commands.simulate, project_commands.report, proposal_commands.propose),
+    *(design_commands.design, export_command.export),
     *(file_commands.info, file_commands.convert, file_commands.diff, file_commands.merge),
 ):
     app.add_command(command)

@@ -246,7 +246,7 @@ def _calibrate(
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:
         return _stop()
-    _print_result(result, findings, extrapolations, by_file)
+    _print_result(result, findings, extrapolations, by_file, project.path)
     print_lines(*_hints(project, result))
     print_findings(*write_findings)
     _print_paths(project, result, written)
@@ -273,7 +273,7 @@ def _stop() -> int:
 
 
 def _print_result(
-    result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool
+    result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool, path: Path
 ) -> None:
     """Print a result, without the warnings that the check before it has told already."""
     from kennfeld.optimize.trust.undetermined import undetermined_lines
@@ -294,7 +294,8 @@ def _print_result(
     print_findings(*(each for each in result.warnings if each.message not in reported))
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
-    print_lines(*undetermined_lines(result.trust, MORE), *extrapolation_lines(extrapolations))
+    settle = f"kennfeld design {Location.of_file(path)} --direction 1"
+    print_lines(*undetermined_lines(result.trust, MORE, settle), *extrapolation_lines(extrapolations))
 
 
 def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) -> None:

@@ -312,6 +312,7 @@ SCREENS: Mapping[str, Screen] = {
     "optimizer": "optimization",
     "cluster": "optimization",
     "report": "results",
+    "design": "data",
 }
 
 
