@@ -33,6 +33,7 @@ TOPICS = {
     "fmu": "benchmarks.fmu",
     "onnx": "benchmarks.onnx_networks",
     "smoothness": "benchmarks.automatic_smoothness",
+    "missing": "benchmarks.missing_terms",
     "static": "benchmarks.static_models",
     "dynamic": "benchmarks.dynamic_models",
 }

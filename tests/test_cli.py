@@ -110,6 +110,7 @@ class TestHelp:
             "calibrate",
             "simulate",
             "report",
+            "propose",
             "design",
             "export",
             "info",
@@ -138,6 +139,7 @@ class TestHelp:
             "calibrate",
             "simulate",
             "report",
+            "propose",
             "design",
             "export",
             "info",
@@ -179,7 +181,9 @@ class TestWrongUse:
         assert err.count("\n") == 1
         assert said in err
 
-    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report", "design", "export", "info"])
+    @pytest.mark.parametrize(
+        "command", ["check", "calibrate", "simulate", "report", "propose", "design", "export", "info"]
+    )
     def test_a_folder_is_no_file(self, command, tmp_path, capsys):
         assert cli.run([command, str(tmp_path)]) == 2
         assert capsys.readouterr().err.startswith(str(tmp_path))

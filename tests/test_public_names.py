@@ -32,6 +32,9 @@ IN_THE_DOCUMENTS = {
         "RecordingQuality",
         "residuals",
         "find_extrapolation",
+        "propose",
+        "TermProposal",
+        "TermProposals",
         "report",
     ),
     *(

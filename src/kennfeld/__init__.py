@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from kennfeld import report
     from kennfeld.analysis.cross_validation import cross_validate
     from kennfeld.analysis.extrapolation import find_extrapolation
+    from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
+    from kennfeld.analysis.missing.proposing import propose
     from kennfeld.analysis.residuals import residuals
     from kennfeld.analysis.validation_result import CrossValidation
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
@@ -102,6 +104,8 @@ __all__ = [
     "SurrogateSettings",
     "Target",
     "Term",
+    "TermProposal",
+    "TermProposals",
     "Text",
     "TraceLine",
     "Trust",
@@ -120,6 +124,7 @@ __all__ = [
     "inspect_simulink",
     "onnx",
     "problem",
+    "propose",
     "read",
     "read_parameters",
     "read_surrogate",
@@ -136,6 +141,8 @@ __version__ = "0.2.0"
 _NAMES = {
     "analysis.cross_validation": "cross_validate",
     "analysis.extrapolation": "find_extrapolation",
+    "analysis.missing.proposal": "TermProposal TermProposals",
+    "analysis.missing.proposing": "propose",
     "analysis.residuals": "residuals",
     "analysis.validation_result": "CrossValidation",
     "calfiles": "read_parameters",

@@ -19,6 +19,7 @@ from kennfeld.terminal import (
     export_command,
     file_commands,
     project_commands,
+    proposal_commands,
 )
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import findings_json, print_findings, print_values
@@ -57,7 +58,8 @@ def surrogate() -> None:
 
 for command in (
     *(project_commands.demo, project_commands.app, project_commands.check, project_commands.calibrate),
-    *(project_commands.simulate, project_commands.report, design_commands.design, export_command.export),
+    *(project_commands.simulate, project_commands.report, proposal_commands.propose),
+    *(design_commands.design, export_command.export),
     *(file_commands.info, file_commands.convert, file_commands.diff, file_commands.merge),
 ):
     app.add_command(command)

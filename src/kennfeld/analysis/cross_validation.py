@@ -259,7 +259,7 @@ def cross_validate(
             return CrossValidation(tuple(_folds_on_cluster(options.cluster, problem, options, held, progress)))
     rows: list[FoldQuality] = []
     for number, fold in enumerate[Fold | PartitionFold](held, 1):
-        result = run(_fold_problem(problem, fold), options, _name_fold(progress, number))
+        result = run(fold_problem(problem, fold), options, _name_fold(progress, number))
         rows += _fold_quality(number, fold, result)
         if result.status == "stopped":
             break
@@ -314,11 +314,11 @@ def run_fold(shared: bytes, item: bytes, arguments: bytes) -> list[FoldQuality]:
 
     if line.is_stopping():
         return []
-    result = run(_fold_problem(problem, fold), options, _name_fold(report, number))
+    result = run(fold_problem(problem, fold), options, _name_fold(report, number))
     return list(_fold_quality(number, fold, result))
 
 
-def _fold_problem(problem: Problem, fold: Fold | PartitionFold) -> Problem:
+def fold_problem(problem: Problem, fold: Fold | PartitionFold) -> Problem:
     """Return the problem of one fold, with the held-out samples as test datasets."""
     if isinstance(fold, PartitionFold):
         return _without_partitions(problem, fold)

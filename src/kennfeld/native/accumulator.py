@@ -209,6 +209,26 @@ class Accumulator:
             self._linearise(space, chunk)
             yield space.rows(chunk)
 
+    def each_tape(self, values: Float, work: Callable[[int, Workspace, Chunk, bool], None]) -> None:
+        """Linearise all samples and call `work(share, workspace, chunk, begins)` for each chunk.
+
+        The workspace holds the tape of the chunk. Shares run on threads, the chunks of a share in their order, with
+        states those of a piece after each other; `begins` is true for the first of them, at which the states start.
+        """
+        values, _ = self._visit_states(values)
+
+        def visit(item: tuple[int, Workspace, list[Run]]) -> None:
+            share, space, runs = item
+            space.use(values)
+            for run in runs:
+                for chunk in run:
+                    self._linearise(space, chunk)
+                    work(share, space, chunk, chunk is run[0])
+
+        items = zip(range(len(self._shares)), self._workspaces, self._shares, strict=True)
+        run = map if self._pool is None else self._pool.map
+        list(run(visit, items))
+
     def residual(self, values: Float) -> Float:
         """Compute the residuals of `rows`, Float[samples * outputs], without their derivatives."""
         _, space = self._visit_states(values)

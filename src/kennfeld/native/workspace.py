@@ -175,6 +175,18 @@ class Workspace:
         numbers = owners[:, None] * self.kernel.values.free + self.index[:length]
         return np.unique(numbers[used])
 
+    def start_slopes(self, sample: int) -> dict[int, Float]:
+        """Return by column the slopes of the first values of the carried states at a sample, Float[carried]."""
+        if not self.kernel.line.start_atoms:
+            return {}
+        self.start(sample)
+        index, slope, counted = self._start
+        slopes: dict[int, Float] = {}
+        # several entries may have one column
+        for column, own in zip(index[: counted[0]].tolist(), slope, strict=False):
+            slopes[column] = slopes.get(column, 0.0) + own
+        return slopes
+
     def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:
         """Set S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L there."""
         self.sensitivities[:] = 0.0

@@ -73,10 +73,16 @@ class ProjectProblem:
     steps: tuple[Step, ...] = ()
 
 
-def assemble(file: ProjectFile, load: Loader = load_datasets) -> ProjectProblem:
-    """Read all files that a project file names and build the problem; `load` reads the recordings."""
+def assemble(file: ProjectFile, load: Loader = load_datasets, further: Sequence[str] = ()) -> ProjectProblem:
+    """Read all files that a project file names and build the problem.
+
+    Args:
+        file: the project file.
+        load: reads the recordings.
+        further: channels that are read as well, if recordings have them.
+    """
     began = time.perf_counter()
-    builder = ProblemBuilder(file, load)
+    builder = ProblemBuilder(file, load, further)
     problem, steps = None, tuple[Step, ...]()
     try:
         problem = builder.problem()
@@ -99,8 +105,8 @@ def failed(findings: Sequence[Finding]) -> ProjectProblem:
 class ProblemBuilder:
     """Builds a problem from a project file, adding to `findings`."""
 
-    def __init__(self, file: ProjectFile, load: Loader = load_datasets) -> None:
-        self._load = load
+    def __init__(self, file: ProjectFile, load: Loader = load_datasets, further: Sequence[str] = ()) -> None:
+        self._load, self._further = load, further
         self.file = file
         self.findings = Findings()
         self.loaded = LoadedData()
@@ -306,6 +312,7 @@ class ProblemBuilder:
         optional = {**regions, **targets}
         optional = dict.fromkeys(self._undeclared(), "an input that the function does not declare") | optional
         optional |= {name: why for name, why in quantiles.items() if name not in nodes}
+        optional |= dict.fromkeys(self._further, "a channel that may be missing in the function")
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, InputError, KennfeldError, Location
 from kennfeld.base.formatting import count_noun
 from kennfeld.terminal.command_line import (
     DONE,
@@ -247,6 +247,7 @@ def _calibrate(
     except KeyboardInterrupt:
         return _stop()
     _print_result(result, findings, extrapolations, by_file, project.path)
+    print_lines(*_hints(project, result))
     print_findings(*write_findings)
     _print_paths(project, result, written)
     if interrupt.pressed:
@@ -254,6 +255,16 @@ def _calibrate(
     if write_findings.has_errors:
         return WRONG_INPUT
     return DONE if result.converged else NOT_CONVERGED
+
+
+def _hints(project: "Project", result: "Result") -> Sequence[str]:
+    """Return lines on what the function or the search lacks; none if that cannot be computed."""
+    from kennfeld.analysis.missing.hints import hints
+
+    # a result is never lost over this
+    with suppress(ArithmeticError, ValueError, KennfeldError):
+        return hints(project.problem(), result)
+    return ()
 
 
 def _stop() -> int:

@@ -11,7 +11,7 @@ from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Samples
 from kennfeld.native.symmetric import SymmetricMatrix
-from kennfeld.optimize.sums.sums import NormalEquations, Sums
+from kennfeld.optimize.sums.sums import NormalEquations, Sums, TapeVisitor
 
 
 class _Compiled(Protocol):
@@ -176,6 +176,10 @@ class PartitionedSums:
         if owners is not None:
             raise ArgumentError("owners of samples must be assigned within each partition")
         return np.asarray(sum(self._each(partial_touched, self.widths, values)))
+
+    def each_tape(self, values: Float, work: TapeVisitor) -> None:
+        """Raise `ArgumentError`: a tape is read where it is written, within each partition."""
+        raise ArgumentError("tapes are read within each partition")
 
 
 def _at_widths(compiled: _Compiled, widths: Float) -> Sums:
