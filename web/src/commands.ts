@@ -6,6 +6,7 @@ import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
 import { save } from "./saving";
 import { move, open, request, type Screen, screen, state, toggleTheme } from "./store";
+import { inProject } from "./uploads";
 
 export interface Command {
   title: string;
@@ -83,7 +84,7 @@ export const COMMANDS: Command[] = [
     title: "Download the folder as ZIP",
     keys: [],
     run: () => {
-      location.assign("/project.zip");
+      location.assign(inProject("/project.zip"));
     },
     enabled: () => state.value.project !== null,
   },
@@ -150,8 +151,8 @@ function matches(command: Command, event: KeyboardEvent): boolean {
 /** Handle a key anywhere on the page. */
 export function shortcut(event: KeyboardEvent): void {
   const typing = (event.target as HTMLElement).closest("input, textarea, [contenteditable=true]") !== null;
-  if (event.key === "Escape" && overlay.value) overlay.value = "";
-  else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k")
+  if (document.querySelector("dialog[open]") !== null) return; // keys belong to the dialog
+  if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k")
     overlay.value = overlay.value === "palette" ? "" : "palette";
   else {
     const command = COMMANDS.find((each) => matches(each, event));

@@ -3,6 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
 import type { AskedChoice, ComparedScore, ComparedTable, TrustReply } from "./replies";
+import { scoped } from "./scope";
 import { request, screen, settled, state } from "./store";
 
 const NOTHING: Required<TrustReply> = {
@@ -19,15 +20,15 @@ const NOTHING: Required<TrustReply> = {
   values: 0,
 };
 
-export const first = signal("start");
-export const second = signal("now");
-export const changes = signal<ComparedTable[]>([]);
-export const scores = signal<ComparedScore[]>([]);
+export const first = scoped("start");
+export const second = scoped("now");
+export const changes = scoped<ComparedTable[]>([]);
+export const scores = scoped<ComparedScore[]>([]);
 /** The remedy whose effect is shown, by its title. */
-export const tried = signal("");
-export const trust = signal<Required<TrustReply>>(NOTHING);
-export const chosen = signal("");
-export const rejected = signal<Record<string, Set<number>>>({}); // cells that keep their start, by parameter
+export const tried = scoped("");
+export const trust = scoped<Required<TrustReply>>(NOTHING);
+export const chosen = scoped("");
+export const rejected = scoped<Record<string, Set<number>>>({}); // cells that keep their start, by parameter
 
 export const shown = computed(() => changes.value.find((each) => each.name === chosen.value) ?? changes.value[0]);
 
@@ -71,7 +72,7 @@ export function keepAll(keep: boolean): void {
 }
 
 /** RMSE on training data if the choice were accepted; null if all is accepted. */
-export const choiceScore = signal<{ rmse: number | null; unit: string } | null>(null);
+export const choiceScore = scoped<{ rmse: number | null; unit: string } | null>(null);
 
 const loadChoice = newest(async (given: AskedChoice) => {
   const reply = await request("choice", given);

@@ -1,6 +1,5 @@
 // The frame around every screen: header with the errors and the job, the steps on the left, the status line.
 
-import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
 import { count, MISSING, signed, significant } from "./drawing/numbers";
@@ -8,6 +7,7 @@ import { Icon, Logo } from "./icons";
 import type { ScoreRow } from "./replies";
 import { run } from "./runs";
 import { save } from "./saving";
+import { scoped } from "./scope";
 import { valueAt } from "./settings";
 import {
   connected,
@@ -133,7 +133,7 @@ function jobText(job: typeof state.value.job, runs: number): string {
 }
 
 /** The criterion whose error the header shows; the first one that has samples, if it has none. */
-const criterion = signal("");
+const criterion = scoped("");
 
 function Rmse({ use }: { use: "training" | "test" }) {
   const scores = state.value.scores.filter((s) => s.use === use && s.samples > 0);

@@ -4,6 +4,7 @@ import { type JSX, render } from "preact";
 import { shortcut } from "./commands";
 import { connect, listen } from "./connection";
 import { Header, Rail } from "./frame";
+import { begin } from "./history";
 import { lazy } from "./lazy";
 import { Overlays } from "./overlays";
 import { Data } from "./screens/data";
@@ -48,7 +49,8 @@ function Page() {
     <>
       <Header />
       <Rail />
-      <Shown />
+      {/* what components keep by themselves belongs to the project, too */}
+      <Shown key={state.value.project?.id ?? ""} />
       <Overlays />
     </>
   );
@@ -70,7 +72,7 @@ listen("state", (reply) => {
   const first = state.value === before;
   takeState(reply);
   void takeUp();
-  if (first && state.value.project === null) screen.value = "start";
+  if (first) begin();
   if (first)
     requestIdleCallback(
       () => {

@@ -3,6 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { holdsFunctions } from "./function-files";
 import type { KnownProjects, Questions } from "./replies";
+import { save } from "./saving";
 import { message, request, type Screen, screen, state } from "./store";
 import { upload } from "./uploads";
 
@@ -35,10 +36,36 @@ export const selected = computed(
   () => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0],
 );
 
-export async function openProject<Q extends "open" | "demo" | "new">(
+/** What is to be done once it is decided what becomes of the unsaved edits of the present project; null if nothing. */
+export const leaving = signal<(() => void) | null>(null);
+
+/** Leave the present project: at once, or once the user has decided what becomes of its unsaved edits. */
+function leave(go: () => void): void {
+  if (state.value.unsaved.length === 0) go();
+  else leaving.value = go;
+}
+
+/** Save or take back the edits of the present project, or leave them as they are, and do what was to be done. */
+export async function decide(edits: "save" | "keep" | "discard"): Promise<void> {
+  const go = leaving.value;
+  leaving.value = null;
+  if (edits === "save" && !(await save())) return;
+  if (edits === "discard" && (await request("discard")) === null) return;
+  go?.();
+}
+
+export function openProject<Q extends "open" | "demo" | "new">(
   question: Q,
   given: Questions[Q]["asks"],
   next: Screen = "parameters",
+): void {
+  leave(() => void openAtOnce(question, given, next));
+}
+
+async function openAtOnce<Q extends "open" | "demo" | "new">(
+  question: Q,
+  given: Questions[Q]["asks"],
+  next: Screen,
 ): Promise<void> {
   opening.value = true; // files that are dropped from now on belong to that project
   try {
@@ -49,7 +76,11 @@ export async function openProject<Q extends "open" | "demo" | "new">(
 }
 
 /** Make a project from dropped files: recordings, a function, or a calibration. */
-export async function projectFrom(files: File[]): Promise<void> {
+export function projectFrom(files: File[]): void {
+  leave(() => void makeFrom(files));
+}
+
+async function makeFrom(files: File[]): Promise<void> {
   // an application names a project of many files
   const first = files.find((file) => /\.app$/i.test(file.name)) ?? files[0];
   if (first === undefined || (await request("new", { name: first.name, free: true })) === null) return;

@@ -1566,6 +1566,8 @@ export interface KnownProjects {
 
 /** A project that was opened before; the summary that follows `open` may lack any of its parts. */
 export interface RecentRow {
+  /** By which addresses of the page name it. */
+  id: string;
   path: string;
   name: string;
   folder: string;
@@ -1573,7 +1575,7 @@ export interface RecentRow {
   opened: number;
   /** True if it has unsaved edits. */
   unsaved: boolean;
-  /** True if it is the open project. */
+  /** True if it is open in this or in another page. */
   open: boolean;
   /** Status of the last run, or the number of problems. */
   state?: string;
@@ -1627,6 +1629,11 @@ export interface ProjectPath {
   path: string;
 }
 
+/** A project that was opened before, by its id. */
+export interface ProjectId {
+  project: string;
+}
+
 /** A demo by its name. */
 export interface DemoName {
   name: string;
@@ -1675,9 +1682,13 @@ export interface AppState {
   excerpt?: [number, number] | null;
 }
 
-/** Name and project file of the open project. */
+/** The open project. */
 export interface OpenProject {
+  /** By which addresses of the page name it, and by which answers say what they are about. */
+  id: string;
+  /** As the project file says it. */
   name: string;
+  /** The project file. */
   path: string;
 }
 
@@ -1845,6 +1856,7 @@ export interface Questions {
   "stop-training": { asks: Nothing; head: Nothing; arrays: Nothing };
   save: { asks: SaveCommand; head: SaveReply; arrays: Nothing };
   reload: { asks: Nothing; head: Nothing; arrays: Nothing };
+  discard: { asks: Nothing; head: Nothing; arrays: Nothing };
   recover: { asks: RecoverCommand; head: Nothing; arrays: Nothing };
   undo: { asks: Nothing; head: HistoryStep; arrays: Nothing };
   redo: { asks: Nothing; head: HistoryStep; arrays: Nothing };
@@ -1855,6 +1867,7 @@ export interface Questions {
   "take-values": { asks: TakeCommand; head: TakenValues; arrays: Nothing };
   projects: { asks: Nothing; head: KnownProjects; arrays: Nothing };
   open: { asks: ProjectPath; head: Nothing; arrays: Nothing };
+  show: { asks: ProjectId; head: Nothing; arrays: Nothing };
   demo: { asks: DemoName; head: Nothing; arrays: Nothing };
   new: { asks: NewProject; head: Nothing; arrays: Nothing };
   forget: { asks: ProjectPath; head: Nothing; arrays: Nothing };

@@ -4,23 +4,15 @@ import { batch, computed, signal } from "@preact/signals";
 import { type Asked, ask, newest, type Question, type Reply, setReady } from "./connection";
 import { themeChanged } from "./drawing/colours";
 import type { EditedTable, OpenProject, AppState as OpenState, StateNews, ValueEdit } from "./replies";
+import { onRenewal, projectId, renew, scoped } from "./scope";
+import type { Screen } from "./screen-names";
 
 /** The state of the open project; empty lists as long as it cannot be evaluated. */
 export interface AppState extends Omit<Required<OpenState>, "project"> {
   project: OpenProject | null;
 }
 
-export const SCREENS = [
-  "data",
-  "function",
-  "parameters",
-  "optimization",
-  "results",
-  "plots",
-  "files",
-  "start",
-] as const;
-export type Screen = (typeof SCREENS)[number];
+export { SCREENS, type Screen } from "./screen-names";
 
 const EMPTY: AppState = {
   project: null,
@@ -58,10 +50,10 @@ export const settled = computed(() => {
 });
 export const connected = signal(false);
 export const screen = signal<Screen>("parameters");
-export const openName = signal("");
-export const table = signal<EditedTable | null>(null);
-export const message = signal("");
-export const failure = signal("");
+export const openName = scoped("");
+export const table = scoped<EditedTable | null>(null);
+export const message = scoped("");
+export const failure = scoped("");
 export const theme = signal(document.documentElement.dataset.theme === "dark" ? "dark" : "light");
 
 /** The selected rectangle of the open table, by x and y index, and the cell that typing changes. */
@@ -70,7 +62,7 @@ export interface Selection {
   y: [number, number];
   active: [number, number];
 }
-export const selection = signal<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
+export const selection = scoped<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
 
 /** What the values are compared with: the last run, or the start. */
 export const referenceName = computed(() => {
@@ -81,18 +73,30 @@ export const referenceName = computed(() => {
 export const parameter = computed(() => state.value.parameters.find((p) => p.name === openName.value) ?? null);
 
 let dragging = "";
+onRenewal(() => {
+  dragging = "";
+});
 
-/** Ask, and show the server's message if it refuses. */
+/**
+ * Ask, and show the server's message if it refuses. What is about a project that the page does not show any more, or
+ * about values before the present ones, is dropped.
+ */
 export async function request<Q extends Question>(question: Q, ...given: Asked<Q>): Promise<Reply<Q> | null> {
+  const own = projectId();
   try {
     const reply = await ask(question, ...given);
+    if (!OPENING.has(question) && (own !== projectId() || reply.project !== own || isOlder(reply))) return null;
     failure.value = "";
     return reply;
   } catch (error) {
-    failure.value = (error as Error).message;
+    if (own === projectId()) failure.value = (error as Error).message;
     return null;
   }
 }
+
+const OPENING = new Set<Question>(["open", "show", "demo", "new", "projects", "forget"]);
+
+const isOlder = (reply: { revision: number }): boolean => reply.revision < state.peek().revision;
 
 export const isRunning = (job: AppState["job"]): boolean => job.state === "running" || job.state === "stopping";
 
@@ -100,12 +104,14 @@ export const isRunning = (job: AppState["job"]): boolean => job.state === "runni
 export function takeState(news: StateNews): void {
   const next: AppState = { ...EMPTY, ...news.state };
   const before = revision.value;
-  if (isRunning(state.value.job) && !isRunning(next.job))
+  const same = (next.project?.id ?? "") === projectId();
+  if (same && isRunning(state.value.job) && !isRunning(next.job))
     message.value =
       next.job.state === "validated"
         ? `Cross-validation: ${next.job.message}`
         : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
   batch(() => {
+    renew(next.project?.id ?? "");
     state.value = next;
     if (!next.parameters.some((p) => p.name === openName.value))
       openName.value = (next.parameters.find((p) => p.kind !== "rbf") ?? next.parameters[0])?.name ?? "";

@@ -7,7 +7,7 @@ const answers: Record<string, (given: never) => { head: object; arrays?: Record<
 vi.mock("../src/connection", () => ({
   ask: async (question: string, given: Record<string, unknown>) => {
     asked.push([question, given]);
-    return { arrays: {}, ...answers[question]!(given as never) };
+    return { project: "p", revision: 1e9, arrays: {}, ...answers[question]!(given as never) };
   },
   newest: (send: unknown) => send,
   setReady: () => {},
@@ -19,7 +19,7 @@ const { brushed, drawn, points, pair, rangeRows, sample, stepCursor } = await im
 
 const project: AppState = {
   ...{
-    project: { name: "p", path: "/p" },
+    project: { id: "p", name: "p", path: "/p" },
     revision: 1,
     textRevision: 1,
     unsaved: [],

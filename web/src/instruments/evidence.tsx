@@ -1,6 +1,6 @@
 // What a grid point rests on: its samples, their errors, where they look the table up, and when.
 
-import { batch, computed, effect, signal } from "@preact/signals";
+import { batch, computed, effect } from "@preact/signals";
 import { newest } from "../connection";
 import { area, extent, line, type Pen, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
@@ -8,6 +8,7 @@ import { ring } from "../drawing/marks";
 import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
 import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
 import type { EditedTable, InformingRow } from "../replies";
+import { scoped } from "../scope";
 import { endDrag, referenceName, request, revision, screen, selection, settled, setValues, table } from "../store";
 import { Picture } from "./picture";
 import { cellAt } from "./table-cells";
@@ -28,9 +29,9 @@ interface Strip {
   now: Float32Array;
 }
 
-const evidence = signal<Evidence | null>(null);
-const shownStretch = signal(0);
-const strip = signal<Strip | null>(null);
+const evidence = scoped<Evidence | null>(null);
+const shownStretch = scoped(0);
+const strip = scoped<Strip | null>(null);
 
 const load = newest(async (given: { name: string; cell: number; criterion: number }) => {
   const reply = await request("informing", given);

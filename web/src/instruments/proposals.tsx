@@ -1,14 +1,15 @@
 // What the function needs and the project lacks, each with a button that adds it.
 
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { newest } from "../connection";
 import { Icon } from "../icons";
 import type { ProposalRow } from "../replies";
+import { scoped } from "../scope";
 import { type Change, setKeys } from "../settings";
 import { request, settled } from "../store";
 
-const proposals = signal<ProposalRow[]>([]);
-const choices = signal<Record<string, string>>({}); // by title
+const proposals = scoped<ProposalRow[]>([]);
+const choices = scoped<Record<string, string>>({}); // by title
 
 const load = newest(async (_: number) => {
   const reply = await request("proposals");

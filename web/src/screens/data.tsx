@@ -1,6 +1,6 @@
 // The data: files and their use, channels, and what the function reads of them.
 
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { newest } from "../connection";
 import { count, MISSING, significant } from "../drawing/numbers";
 import { NumberField, Segment, TextField } from "../fields";
@@ -10,15 +10,16 @@ import { Proposals } from "../instruments/proposals";
 import { SettingsButton } from "../instruments/settings-panel";
 import { openEntry, panel, showFinding } from "../navigation";
 import type { ChannelRow, DatasetFiles, MappedInput, RecordingFile } from "../replies";
+import { scoped } from "../scope";
 import { setKeys } from "../settings";
 import { message, request, screen, settled, state } from "../store";
 import { droppedFiles, upload } from "../uploads";
 import { DataSettings } from "./data/settings";
 
-const entries = signal<DatasetFiles[]>([]);
-const inputs = signal<MappedInput[]>([]);
-const search = signal("");
-const closed = signal(new Set<string>());
+const entries = scoped<DatasetFiles[]>([]);
+const inputs = scoped<MappedInput[]>([]);
+const search = scoped("");
+const closed = scoped(new Set<string>());
 
 const load = newest(async (_: number) => {
   const reply = await request("files");

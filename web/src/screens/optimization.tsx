@@ -13,6 +13,7 @@ import { Picture } from "../instruments/picture";
 import { showFinding } from "../navigation";
 import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
+import { scoped } from "../scope";
 import { isRunning, open, request, screen, settled, state } from "../store";
 import { OutcomeBody, OutcomeHead } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
@@ -25,7 +26,7 @@ interface Progress {
   lines: Record<string, Float32Array>;
 }
 
-const progress = signal<Progress>({ starts: [], tables: [], steps: [], lines: {} });
+const progress = scoped<Progress>({ starts: [], tables: [], steps: [], lines: {} });
 const quantity = signal<"rmse" | "cost">("rmse");
 
 const load = newest(async (_: number) => {

@@ -47,8 +47,8 @@ export function Start() {
 }
 
 const openRecent = (each: RecentRow): void => {
-  if (each.open) screen.value = "parameters";
-  else void openProject("open", { path: each.path });
+  if (each.id === state.value.project?.id) screen.value = "parameters";
+  else openProject("open", { path: each.path });
 };
 
 function RecentProjects() {

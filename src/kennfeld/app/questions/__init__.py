@@ -87,6 +87,7 @@ _COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which
     "stop-training": surrogates.stop_training,
     "save": settings.save,
     "reload": settings.reload,
+    "discard": settings.discard,
     "recover": settings.recover,
     "undo": history.undo,
     "redo": history.redo,

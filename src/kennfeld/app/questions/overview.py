@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.view import View
@@ -27,8 +28,15 @@ Screen = Literal["data", "function", "parameters", "optimization", "results"]
 
 @dataclass(frozen=True)
 class OpenProject:
-    """Name and project file of the open project."""
+    """The open project.
 
+    Attributes:
+        id: by which addresses of the page name it, and by which answers say what they are about.
+        name: as the project file says it.
+        path: the project file.
+    """
+
+    id: str
     name: str
     path: str
 
@@ -215,7 +223,7 @@ def overview(session: Session) -> AppState:
     """Return what all pages show of a session."""
     project, job, training = session.project, session.job, session.training
     state = AppState(
-        OpenProject(project.name if project else session.path.parent.name, str(session.path)),
+        OpenProject(project_id(session.path), project.name if project else session.path.parent.name, str(session.path)),
         session.revision,
         session.text_revision,
         session.history.titles_since(session.saved),

@@ -22,7 +22,16 @@ from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
 from kennfeld.app.session.runs import Job, Run
 from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
-from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
+from kennfeld.app.session.state import (
+    Command,
+    History,
+    Restore,
+    SessionState,
+    SetKeys,
+    SetTables,
+    inverse,
+    same_values,
+)
 from kennfeld.app.session.surrogate_training import SurrogateTraining
 from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
@@ -278,6 +287,16 @@ class Session:
         return tables
 
     @property
+    def is_busy(self) -> bool:
+        """True while a calibration or a training runs."""
+        return self._running is not None or self.training.state == "running"
+
+    @property
+    def has_edits(self) -> bool:
+        """True if something is not saved."""
+        return bool(self.history.titles_since(self.saved))
+
+    @property
     def formula_file(self) -> str:
         """Name of the formula file, empty if the function is something else."""
         model = self.settings.get("model")
@@ -399,6 +418,12 @@ class Session:
         if kept is not None:
             self._files.known.update(kept.known)  # what has changed meanwhile is a conflict
             self.do(kept.edits, tables=kept.tables)
+
+    def discard(self) -> None:
+        """Take back everything that is not saved, as a command that can be undone."""
+        self.do(inverse(self.saved, self.state, "Discarded the edits"))
+        self.saved = self.state
+        self.recovery.remove()
 
     def _changed_values(self) -> ParameterSet | None:
         """Return what `VALUES` is to hold: the edited parameters, and those saved before; None if none are edited."""

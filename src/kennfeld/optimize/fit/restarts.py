@@ -57,7 +57,9 @@ class Restarts:
 
     def _leaves_errors(self, end: SolverResult) -> bool:
         """Return if a descent has converged with errors that another one may lower; rounding it would only shuffle."""
-        return end.status == "converged" and not self.setup.is_global and not is_rounding(self.setup.objective, end.cost)
+        return (
+            end.status == "converged" and not self.setup.is_global and not is_rounding(self.setup.objective, end.cost)
+        )
 
     def _leave_saddles(self, end: SolverResult) -> SolverResult:
         """Search again from points at which values cannot move; failed if all searches lead to such points."""

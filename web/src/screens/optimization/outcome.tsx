@@ -1,14 +1,14 @@
 // The lower pane of the optimization: tables, what the last run says, the steps of a sequence, and cross-validation.
 
-import { signal } from "@preact/signals";
 import { parseNumber, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import type { RunResult, StepRow } from "../../replies";
 import { outcome, running, validate, view } from "../../runs";
+import { scoped } from "../../scope";
 import { state } from "../../store";
 
-const folds = signal(5);
-const parts = signal("auto");
+const folds = scoped(5);
+const parts = scoped("auto");
 
 export function OutcomeHead({ sub, steps }: { sub: string; steps: StepRow[] }) {
   const options = ["tables", "result", ...(steps.length ? ["steps"] : []), "cross-validation"];
