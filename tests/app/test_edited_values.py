@@ -137,14 +137,15 @@ def test_breakpoints_that_a_run_moved_are_shown_saved_and_undone(project: Path) 
     assert session.deviation("C") is not None
     session.undo()
     assert session.parameters["C"].axes[0].breakpoints.tolist() == [0, 1, 2.5, 3]
-    ask(session, "accept", title="all", run=1, cells={"C": None})
+    ask(session, "accept", title="all", source={"from": 1}, cells={"C": None})
     assert rmse(session) == pytest.approx(quality.rmse_after, rel=1e-6)
     recovered = Session(project)
     ask(recovered, "recover")
     assert rmse(recovered) == pytest.approx(quality.rmse_after, rel=1e-6)
     recovered.save()
     assert rmse(Session(project)) == pytest.approx(quality.rmse_after, rel=1e-6)
-    ask(session, "accept", title="one", run=1, cells={"C": [0]})
+    session.undo()
+    ask(session, "accept", title="one", source={"from": 1}, cells={"C": [1]})
     assert session.parameters["C"].axes[0].breakpoints.tolist() == [0, 1, 2.5, 3]
 
 

@@ -42,7 +42,7 @@ def test_start_and_present_values_are_compared_without_another_evaluation(
     name = ended.require_view().model.problem.free_names[0]
     ended.do(SetValues("raise", name, ended.parameters[name].values + 1.0))
     calls = counted(monkeypatch, LiveModel, "evaluate")
-    head = QUESTIONS["compare"](ended, {"first": "start", "second": "now"}).head
+    head = QUESTIONS["compare"](ended, {"first": {"from": "start"}, "second": {"from": "now"}}).head
     assert calls == []
     assert [row["name"] for row in head["changes"] if row["largest"]] == [name]
     view = ended.require_view()
@@ -51,7 +51,7 @@ def test_start_and_present_values_are_compared_without_another_evaluation(
 
 
 def test_a_run_is_compared_with_its_own_values(ended: Session) -> None:
-    head = QUESTIONS["compare"](ended, {"first": "now", "second": 1}).head
+    head = QUESTIONS["compare"](ended, {"first": {"from": "now"}, "second": {"from": 1}}).head
     rows = {row["name"]: row for row in head["changes"]}
     result = ended.runs[-1].result.parameters
     for name in ended.require_view().model.problem.free_names:
@@ -79,7 +79,10 @@ def test_values_at_a_bound_are_those_that_the_calibration_could_move(exhaust: Pa
     set_bounds(session, name, least, "inf")
     rows = {row.name: row for row in overview.overview(session).parameters}
     changes = {
-        row["name"]: row for row in QUESTIONS["compare"](session, {"first": "start", "second": "now"}).head["changes"]
+        row["name"]: row
+        for row in QUESTIONS["compare"](session, {"first": {"from": "start"}, "second": {"from": "now"}}).head[
+            "changes"
+        ]
     }
     count = int(np.count_nonzero(values == least))
     assert rows[name].at_bound == changes[name]["atBound"] == len(changes[name]["bound"]) == count > 0

@@ -67,7 +67,7 @@ const active = computed(() => screen.value === "files" && settled.value.project 
 const key = computed(() => `${settled.value.revision} ${settled.value.runs.length} ${changed.value}`);
 
 effect(() => {
-  if (active.value) loadFolder(key.value);
+  if (active.value || (screen.value === "results" && settled.value.project !== null)) loadFolder(key.value);
 });
 effect(() => {
   if (!active.value || !key.value) return;
@@ -80,14 +80,15 @@ effect(() => {
     loadPair({ first: source(sides.first.value), second: source(sides.second.value), name: chosen.value });
 });
 
-/** Store dropped files, and compare the first with the present values. */
-export async function addFiles(files: File[]): Promise<void> {
+/** Store dropped files, and compare the first with the present values; returns those that hold values. */
+export async function addFiles(files: File[]): Promise<string[]> {
   const names = await upload(files);
   changed.value++;
-  const values = names.find((name) => !name.toLowerCase().endsWith(".a2l"));
-  if (values === undefined) return;
-  sides.second.value = `file:${values}`;
-  message.value = `Opened ${values}`;
+  const values = names.filter((name) => !name.toLowerCase().endsWith(".a2l"));
+  if (values[0] === undefined) return [];
+  sides.second.value = `file:${values[0]}`;
+  message.value = `Opened ${values[0]}`;
+  return values;
 }
 
 /** Take the ticked labels of the second set into the values of the project. */

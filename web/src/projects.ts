@@ -4,6 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { holdsFunctions } from "./function-files";
 import type { KnownProjects, Questions } from "./replies";
 import { save } from "./saving";
+import { clock } from "./spoken";
 import { message, request, type Screen, screen, state } from "./store";
 import { upload } from "./uploads";
 
@@ -101,8 +102,7 @@ export function spoken(seconds: number, now = new Date()): string {
   const days = Math.round(
     (new Date(now.toDateString()).getTime() - new Date(then.toDateString()).getTime()) / 86_400_000,
   );
-  if (days === 0)
-    return `today ${String(then.getHours()).padStart(2, "0")}:${String(then.getMinutes()).padStart(2, "0")}`;
+  if (days === 0) return `today ${clock(seconds)}`;
   if (days === 1) return "yesterday";
   return `${then.getDate()} ${then.toLocaleString("en", { month: "short" })}${then.getFullYear() === now.getFullYear() ? "" : ` ${then.getFullYear()}`}`;
 }

@@ -511,10 +511,49 @@ export interface ErrorsByFile {
   several: boolean;
 }
 
-/** Two sets of values: those of the start, of now, or of a run by its number. */
+/** What can be compared: the present values, runs and cross-validations, the last one first, and the start. */
+export interface SetHistory {
+  rows: SetRow[];
+}
+
+/** An entry of the history. */
+export interface SetRow {
+  /** `now`, `start`, the number of a run, or empty for a cross-validation, which has no values. */
+  key: string;
+  title: string;
+  /** In a few words. */
+  detail: string;
+  /** When it ended, in s since 1970; 0 if it did not run. */
+  ended: number;
+  scores: SetScore[];
+  /** Of a cross-validation: standard deviation of the RMSE over the folds, by criterion. */
+  spread: (number | null)[];
+  /** What a cross-validation says about overfitting. */
+  remark: string;
+}
+
+/** RMSE of a criterion on training data and on test data; of a cross-validation, on data that were held out. */
+export interface SetScore {
+  criterion: string;
+  unit: string;
+  training: number | null;
+  test: number | null;
+}
+
+/** Two sets of values. */
 export interface ComparedValues {
-  first: string | number;
-  second: string | number;
+  first: SourceName;
+  second: SourceName;
+}
+
+/** A set of values as a page names it. */
+export interface SourceName {
+  /** "now", "start", the number of a run, or "file". */
+  from?: string | number;
+  /** A file of the folder. */
+  file?: string;
+  /** The A2L file of an image, if it is known. */
+  a2l?: string | null;
 }
 
 /** The differences of two sets of values, the relatively largest first. */
@@ -553,23 +592,40 @@ export interface ComparedScore {
   largest: number | null;
 }
 
-/** Values of a run: numbers of the values to take by parameter; null takes all. */
+/** Values of a set: numbers of the values to take by parameter, null for all; what is not named stays as it is. */
 export interface AskedChoice {
-  run: number;
+  source: SourceName;
   cells: Record<string, number[] | null>;
 }
 
-/** The errors with the chosen values; `unit` is that of the first criterion. */
+/** The errors with the chosen values, number of values that change, and the tables that belong together, if any. */
 export interface ChoiceScores {
   scores: ChoiceScore[];
-  unit: string;
+  count: number;
+  together: MovedTogether | null;
 }
 
-/** The error of a criterion with the chosen values. */
+/** The error of a criterion now, and with the chosen values. */
 export interface ChoiceScore {
   use: string;
-  criterion: number;
-  rmse: number | null;
+  criterion: string;
+  unit: string;
+  now: number | null;
+  then: number | null;
+}
+
+/** Tables that have to be taken together. */
+export interface MovedTogether {
+  /** The chosen ones first. */
+  names: string[];
+  /** Number of values that change if these are taken. */
+  count: number;
+  /** Error of the first criterion with the chosen tables only. */
+  alone: number | null;
+  /** With all of these. */
+  together: number | null;
+  /** Of both. */
+  unit: string;
 }
 
 /** Values that the data of the last run cannot determine; without a run, only empty lists. */
@@ -1271,16 +1327,6 @@ export interface AskedContents {
   source: SourceName;
 }
 
-/** A set of values as a page names it. */
-export interface SourceName {
-  /** "now", "start", the number of a run, or "file". */
-  from?: string | number;
-  /** A file of the folder. */
-  file?: string;
-  /** The A2L file of an image, if it is known. */
-  a2l?: string | null;
-}
-
 /** The labels of a set of values, `count` of them, and what was skipped. */
 export interface SetContents {
   label: string;
@@ -1527,9 +1573,9 @@ export interface RunCommand {
   parts?: string;
 }
 
-/** Values of a run that are taken: their numbers by parameter; null takes all. */
+/** Values of a set that are taken, see `AskedChoice`. */
 export interface AcceptedChoice {
-  run: number;
+  source: SourceName;
   cells: Record<string, number[] | null>;
   title: string;
 }
@@ -1813,6 +1859,7 @@ export interface Questions {
   progress: { asks: Nothing; head: RunProgress; arrays: RunProgressArrays };
   outcome: { asks: Nothing; head: RunOutcome; arrays: Nothing };
   "by-file": { asks: Nothing; head: ErrorsByFile; arrays: Nothing };
+  sets: { asks: Nothing; head: SetHistory; arrays: Nothing };
   compare: { asks: ComparedValues; head: ValueChanges; arrays: Nothing };
   choice: { asks: AskedChoice; head: ChoiceScores; arrays: Nothing };
   trust: { asks: Nothing; head: TrustReply; arrays: Nothing };

@@ -78,7 +78,6 @@ const OF_THE_PAGE = new Set([
   "schema.ts sections shownForms",
   "runs.ts view",
   "plots.ts width tool part",
-  "comparison.ts ranking",
   "navigation.ts panel",
   "instruments/error-split.tsx mounted",
   "instruments/strip-pointer.ts pending",

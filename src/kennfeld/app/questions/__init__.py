@@ -5,6 +5,7 @@ from collections.abc import Callable
 from kennfeld.app.questions import (
     additions,
     calibrations,
+    comparison,
     error_split,
     evidence,
     exports,
@@ -42,8 +43,9 @@ _QUESTIONS: dict[str, Callable[..., object]] = {
     "progress": runs.progress,
     "outcome": runs.outcome,
     "by-file": runs.by_file,
-    "compare": runs.compare,
-    "choice": runs.choice,
+    "sets": comparison.sets,
+    "compare": comparison.compare,
+    "choice": comparison.choice,
     "trust": trust.trust,
     "pinned": trust.pinned,
     "settings": settings.settings,
@@ -93,7 +95,7 @@ _COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which
     "redo": history.redo,
     "run": runs.run,
     "stop": runs.stop,
-    "accept": runs.accept,
+    "accept": comparison.accept,
     "add-files": additions.add_files,
     "take-values": calibrations.take_values,
 }

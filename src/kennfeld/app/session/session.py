@@ -20,7 +20,7 @@ from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
-from kennfeld.app.session.runs import Job, Run
+from kennfeld.app.session.runs import Job, Run, ValidationRun
 from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
 from kennfeld.app.session.state import (
     Command,
@@ -88,7 +88,7 @@ class Session:
         self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
-        self.validation: CrossValidation | None = None  # the last one
+        self.validations: list[ValidationRun] = []
         self.job = Job()
         self.training = SurrogateTraining(changed)
         self._running: RunJob | None = None
@@ -105,6 +105,11 @@ class Session:
     def parameters(self) -> ParameterSet:
         """The present values of all parameters. Raises `InputError` if the project cannot be read."""
         return self.require_view().now.parameters
+
+    @property
+    def validation(self) -> CrossValidation | None:
+        """The last cross-validation, None if there was none."""
+        return self.validations[-1].result if self.validations else None
 
     def require_view(self) -> View:
         """Return the view of the project. Raises `InputError` with all findings if it cannot be read."""
@@ -234,7 +239,7 @@ class Session:
         job = self.job
         job.preview = {}
         if end.validation is not None:
-            self.validation = end.validation
+            self.validations.append(ValidationRun(len(self.runs), end.validation))
             self.revision = next(_REVISIONS)
             job.state, job.message = "validated", " ".join(end.validation.summary())
             return
