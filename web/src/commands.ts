@@ -47,7 +47,12 @@ export const COMMANDS: Command[] = [
   },
   { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() },
   { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
-  { title: "Undo", keys: ["Ctrl", "Z"], run: () => void move("undo"), enabled: () => state.value.undo !== "" },
+  {
+    title: "Undo",
+    keys: ["Ctrl", "Z"],
+    run: () => void move("undo"),
+    enabled: () => state.value.undo !== "" || state.value.waiting.length > 0,
+  },
   { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },
   { title: "Save", keys: ["Ctrl", "S"], run: () => void save(), enabled: () => state.value.unsaved.length > 0 },
   {

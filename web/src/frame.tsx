@@ -23,7 +23,7 @@ import {
 } from "./store";
 
 export function Header() {
-  const { project, unsaved, undo, redo, job, runs } = state.value;
+  const { project, unsaved, undo, redo, job, runs, waiting } = state.value;
   const running = isRunning(job);
   return (
     <header>
@@ -49,7 +49,7 @@ export function Header() {
           id="undo"
           title={undo ? `Undo: ${undo} (Ctrl+Z)` : "Undo (Ctrl+Z)"}
           aria-label="Undo"
-          disabled={!undo}
+          disabled={!undo && waiting.length === 0}
           onClick={() => move("undo")}
         >
           <Icon name="undo" />
@@ -91,7 +91,17 @@ export function Header() {
           <div id="job-state" class={running ? "running" : job.state}>
             {job.state}
           </div>
-          <span>{jobText(job, runs.length)}</span>
+          {waiting.length > 0 ? (
+            <span
+              class="warn"
+              id="edits-wait"
+              title={`Applied to the values of the run at its end:\n${waiting.join("\n")}`}
+            >
+              {waiting.length === 1 ? "1 edit waits" : `${waiting.length} edits wait`}
+            </span>
+          ) : (
+            <span>{jobText(job, runs.length)}</span>
+          )}
         </div>
         <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={run}>
           <Icon name="run" />

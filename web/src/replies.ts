@@ -31,6 +31,8 @@ export interface EditedTable {
   reference: number[];
   /** Numbers of values that are not fitted. */
   locked: number[];
+  /** Numbers of values whose edits wait for the end of a run. */
+  waiting: number[];
   lower: (number | null)[];
   upper: (number | null)[];
   /** Number of samples that inform each value; null if it is not known. */
@@ -1454,12 +1456,21 @@ export interface LabelChange {
   details: string;
 }
 
-/** Values of a parameter; `cells` are their numbers in C order. Edits of one `drag` are one entry of the history. */
+/** An edit of values of a parameter. */
 export interface ValueEdit {
+  /** The parameter. */
   name: string;
+  /** Numbers of the values in C order. */
   cells: number[];
-  values: number[];
+  /** What is done, for the history. */
   title: string;
+  /** Set the values, add an amount to them, or multiply them by it. */
+  kind?: "set" | "add" | "scale";
+  /** The values that are set. */
+  values?: number[];
+  /** What is added, or the factor. */
+  amount?: number;
+  /** Edits of one drag are one entry of the history; of those that wait, the last one counts. */
   drag?: string;
 }
 
@@ -1711,6 +1722,8 @@ export interface AppState {
   findings: FindingRow[];
   code: UndecidedCode[];
   job: JobState;
+  /** Titles of edits that wait for the end of the run. */
+  waiting: string[];
   training: TrainingState;
   runs: RunRow[];
   seconds: number;

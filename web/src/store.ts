@@ -1,8 +1,9 @@
 // What the page shows: the server's state, and what only this page knows, such as the open screen.
 
 import { batch, computed, signal } from "@preact/signals";
-import { type Asked, ask, newest, type Question, type Reply, setReady } from "./connection";
+import { type Asked, ask, type Question, type Reply, setReady } from "./connection";
 import { themeChanged } from "./drawing/colours";
+import { afterEdit, PendingEdits } from "./pending-edits";
 import type { EditedTable, OpenProject, AppState as OpenState, StateNews, ValueEdit } from "./replies";
 import { onRenewal, projectId, renew, scoped } from "./scope";
 import type { Screen } from "./screen-names";
@@ -25,6 +26,7 @@ const EMPTY: AppState = {
   findings: [],
   code: [],
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  waiting: [],
   training: { state: "idle", file: "", seconds: 0, lines: [] },
   parameters: [],
   freeValues: 0,
@@ -126,8 +128,11 @@ export async function loadTable(): Promise<void> {
     return;
   }
   const reply = await request("table", { name: openName.value });
-  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value))
-    table.value = reply.head.table;
+  if (reply === null || reply.head.table.name !== openName.value) return;
+  // answers come in the order of the questions: edits that are not answered yet are not in it
+  const own = reply.head.table;
+  const next = { ...own, values: pending.over(own.name, own.values) };
+  if (JSON.stringify(next) !== JSON.stringify(table.value)) table.value = next;
 }
 
 export function open(name: string): void {
@@ -148,24 +153,38 @@ export function toggleTheme(): void {
   themeChanged();
 }
 
-const sendValues = newest(async (edit: ValueEdit) => {
-  await request("set-values", edit);
-});
+const pending = new PendingEdits();
+onRenewal(() => pending.clear());
 
-/** Set values of the open table: shown at once, recomputed by the server. `drag` joins the moves of one drag. */
+/** Edit values of the open table: shown at once, and sent in the order of the edits. */
+function edit(own: ValueEdit): void {
+  if (table.value === null) return;
+  pending.add(own);
+  table.value = { ...table.value, values: afterEdit(table.value.values, own) };
+  message.value = own.title;
+  dragging = own.drag ?? "";
+  void send();
+}
+
+async function send(): Promise<void> {
+  for (let next = pending.take(); next !== null; next = pending.take()) {
+    const reply = await request("set-values", next);
+    pending.answered();
+    if (reply === null) void loadTable(); // it was refused: show what is there
+  }
+}
+
+/** Set values of the open table. `drag` joins the moves of one drag. */
 export function setValues(cells: number[], values: number[], title: string, drag = ""): void {
-  const own = table.value;
-  if (own === null) return;
-  const next = own.values.slice();
-  cells.forEach((cell, k) => {
-    next[cell] = values[k]!;
-  });
-  table.value = { ...own, values: next };
-  message.value = title;
-  dragging = drag;
-  sendValues({ name: own.name, cells, values, title, drag });
+  if (table.value !== null) edit({ name: table.value.name, cells, values, title, kind: "set", drag });
+}
+
+/** Add an amount to values of the open table, or multiply them by it. */
+export function changeValues(cells: number[], kind: "add" | "scale", amount: number, title: string): void {
+  if (table.value !== null) edit({ name: table.value.name, cells, title, kind, amount });
 }
 
 export function endDrag(): void {
+  if (dragging) void loadTable();
   dragging = "";
 }

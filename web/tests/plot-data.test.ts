@@ -29,6 +29,7 @@ const project: AppState = {
   },
   ...{
     code: [],
+    waiting: [],
     runs: [],
     seconds: 0,
     changedOnDisk: false,

@@ -29,6 +29,7 @@ const project: AppState = {
   ...{
     findings: [],
     code: [],
+    waiting: [],
     runs: [],
     seconds: 0,
     changedOnDisk: false,

@@ -1,12 +1,21 @@
 import { describe, expect, test } from "vitest";
 import { cellAt, cellsOf } from "../src/instruments/table-cells";
-import { describeCells, editCells, readEdit, smallStep } from "../src/instruments/table-edits";
+import { asOperation, describeCells, editCells, readEdit, smallStep } from "../src/instruments/table-edits";
 import type { EditedTable } from "../src/replies";
 import type { Selection } from "../src/store";
 
 function table(points: number[][], values: number[], own: Partial<EditedTable> = {}): EditedTable {
   const axes = points.map((each, k) => ({ input: `in${k}`, unit: "", points: each }));
-  const empty = { unit: "", description: "", locked: [], lower: [], upper: [], samples: null, deviation: null };
+  const empty = {
+    unit: "",
+    description: "",
+    locked: [],
+    waiting: [],
+    lower: [],
+    upper: [],
+    samples: null,
+    deviation: null,
+  };
   return { name: "MapX", kind: "map", axes, values, reference: values.map((v) => v + 1), ...empty, ...own };
 }
 
@@ -74,6 +83,21 @@ describe("edits of the selected values", () => {
     expect(smallStep(table([], [0]))).toBe(0.001);
     const [stepped] = editCells(table([[0, 1]], [0, 1000]), all, [0], { kind: "step", title: "", amount: -1 })!;
     expect(stepped).toBe(-1);
+  });
+
+  test("a step is never below the last digit that is shown", () => {
+    expect(smallStep(table([[0, 1]], [100, 103.6]))).toBe(0.1); // a thousandth of the span would be 0.005
+    expect(smallStep(table([[0, 1]], [1, 1.004]))).toBe(0.001);
+    expect(smallStep(table([[0, 1]], [2e8, 2.0001e8]))).toBe(1e6);
+    expect(smallStep(table([[0, 1]], [0, 1000]))).toBe(1);
+  });
+
+  test("a step, a sum and a factor hold whatever the values are by then; a set value does not depend on them", () => {
+    const own = table([[0, 1]], [0, 1000]);
+    expect(asOperation(own, { kind: "step", title: "", amount: -10 })).toEqual({ kind: "add", amount: -10 });
+    expect(asOperation(own, { kind: "scale", title: "", amount: 1.1 })).toEqual({ kind: "scale", amount: 1.1 });
+    expect(asOperation(own, { kind: "set", title: "", amount: 1 })).toBeNull();
+    expect(asOperation(own, { kind: "smooth", title: "" })).toBeNull();
   });
 });
 

@@ -66,6 +66,17 @@ export function plain(value: number, digits = 5): string {
 export const withUnit = (title: string, unit: string): string =>
   unit && unit !== "-" && unit !== "1" ? `${title} [${unit}]` : title;
 
+/** Return the smallest difference that the numbers of a table can show, see `tableFormat`; 0 if all are 0. */
+export function shownDigit(values: Iterable<number>): number {
+  const largest = Math.max(0, ...Array.from(values, Math.abs).filter(Number.isFinite));
+  if (largest === 0) return 0;
+  const digits = Math.floor(Math.log10(largest));
+  return isExtreme(largest) ? 10 ** (digits - 2) : 10 ** -Math.min(8, Math.max(0, 3 - digits));
+}
+
+/** Numbers so large or small that each is written by its own digits. */
+const isExtreme = (largest: number): boolean => largest >= 1e7 || (largest > 0 && largest < 1e-5);
+
 /** Return a function that writes the numbers of a table with the same decimals. */
 export function tableFormat(
   values: Iterable<number>,
@@ -74,7 +85,7 @@ export function tableFormat(
   const rounded = Array.from(values, (value) => Number(value.toPrecision(4)));
   const largest = Math.max(0, ...rounded.filter(Number.isFinite).map(Math.abs));
   const decimals = options.decimals ?? tableDecimals(rounded);
-  const extreme = largest >= 1e7 || (largest > 0 && largest < 1e-5);
+  const extreme = isExtreme(largest);
   return (value) => {
     const text = extreme ? significant(value, 3) : fixed(value, decimals);
     return options.signed && value > 0 && Number(text) !== 0 ? `+${text}` : text;

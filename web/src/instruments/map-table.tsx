@@ -7,10 +7,10 @@ import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
 import { fixed, parseNumber, significant, tableDecimals, tableFormat } from "../drawing/numbers";
 import type { EditedTable } from "../replies";
-import { type Selection, selection, setValues, theme } from "../store";
+import { changeValues, type Selection, selection, setValues, theme } from "../store";
 import { cellTints, coverOf, coverTitle } from "./coverage";
 import { cellAt, cellsOf, size } from "./table-cells";
-import { describeCells, type Edit, editCells, readEdit } from "./table-edits";
+import { asOperation, describeCells, type Edit, editCells, readEdit } from "./table-edits";
 
 export type Mode = "value" | "difference" | "percent";
 
@@ -43,8 +43,12 @@ function bars(own: EditedTable): (number | null)[] {
 /** Edit the selected values that are not locked. */
 export function applyEdit(own: EditedTable, edit: Edit): void {
   const cells = cellsOf(own, selection.value).filter((cell) => !own.locked.includes(cell));
-  const next = editCells(own, selection.value, cells, edit);
-  if (next !== null && cells.length) setValues(cells, next, `${describeCells(own, selection.value)}: ${edit.title}`);
+  if (cells.length === 0) return;
+  const title = `${describeCells(own, selection.value)}: ${edit.title}`;
+  const operation = asOperation(own, edit);
+  const next = operation === null ? editCells(own, selection.value, cells, edit) : null;
+  if (operation !== null) changeValues(cells, operation.kind, operation.amount, title);
+  else if (next !== null) setValues(cells, next, title);
 }
 
 export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
@@ -267,6 +271,7 @@ function cellClass(
     i === chosen.active[0] && j === chosen.active[1] ? `active ${own.samples?.[at] ? "ev" : ""}` : "",
     shown.empty && own.samples?.[at] === 0 ? "nd" : "",
     locked.has(at) ? "lock" : "",
+    own.waiting.includes(at) ? "waits" : "",
     own.values[at] !== own.reference[at] ? "changed" : "",
   ]
     .filter(Boolean)
@@ -285,6 +290,7 @@ function cellTitle(own: EditedTable, at: number): string {
         : `standard deviation ${significant(deviation, 3)}`,
     own.samples === null ? "" : `${own.samples[at]} samples`,
     coverTitle(own, at),
+    own.waiting.includes(at) ? "an edit waits for the end of the run" : "",
   ]
     .filter(Boolean)
     .join("\n");

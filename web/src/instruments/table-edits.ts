@@ -1,6 +1,7 @@
 // What an edit makes of the selected values. Pure functions of the table.
 
-import { parseNumber, plain } from "../drawing/numbers";
+import { parseNumber, plain, shownDigit } from "../drawing/numbers";
+import { rounded } from "../pending-edits";
 import type { EditedTable } from "../replies";
 import type { Selection } from "../store";
 import { cellAt } from "./table-cells";
@@ -30,17 +31,21 @@ export function editCells(own: EditedTable, chosen: Selection, cells: number[], 
   }
 }
 
-const rounded = (value: number): number => Number(value.toPrecision(12));
+/** An edit that depends on the values before it only through themselves, so that it holds whatever they are by then. */
+export function asOperation(own: EditedTable, edit: Edit): { kind: "add" | "scale"; amount: number } | null {
+  if (edit.kind === "step") return { kind: "add", amount: rounded(edit.amount * smallStep(own)) };
+  return edit.kind === "add" || edit.kind === "scale" ? { kind: edit.kind, amount: edit.amount } : null;
+}
 
 const pickCells = (own: EditedTable, cells: number[], values: number[] | null): number[] | null =>
   values === null ? null : cells.map((cell) => values[cell] ?? own.values[cell]!);
 
-/** A thousandth of the span of the table, rounded to 1, 2 or 5. */
+/** A thousandth of the span of the table, rounded to 1, 2 or 5, but not less than the last digit that is shown. */
 export function smallStep(own: EditedTable): number {
   const span = Math.max(...own.values) - Math.min(...own.values) || Math.abs(own.values[0]!) || 1;
   const raw = span / 1000;
   const power = 10 ** Math.floor(Math.log10(raw));
-  return (raw / power > 3.3 ? 5 : raw / power > 1.4 ? 2 : 1) * power;
+  return Math.max((raw / power > 3.3 ? 5 : raw / power > 1.4 ? 2 : 1) * power, shownDigit(own.values));
 }
 
 const position = (points: number[], k: number, [from, to]: [number, number]): number =>

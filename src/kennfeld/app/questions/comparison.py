@@ -295,6 +295,8 @@ def _change(a: Parameter, b: Parameter, inputs: Sequence[str]) -> ComparedTable:
 
 def accept(session: Session, asked: AcceptedChoice) -> None:
     """Take the chosen values of a set; the others stay as they are."""
+    if session.is_calibrating:
+        raise ArgumentError("a calibration is running, whose values would replace these; take them at its end")
     taking = take(session, asked.source, asked.cells)
     if not taking.count:
         raise ArgumentError("the chosen values are those of now")

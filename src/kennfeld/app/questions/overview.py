@@ -176,6 +176,7 @@ class AppState:
 
     Attributes:
         revision: changes with what the model shows, not with the progress of a run.
+        waiting: titles of edits that wait for the end of the run.
         text_revision: changes with the project file and the function.
         excerpt: of data in partitions: samples that the screens show, and all samples; null if all are shown.
     """
@@ -189,6 +190,7 @@ class AppState:
     findings: Sequence[FindingRow]
     code: Sequence[UndecidedCode]
     job: JobState
+    waiting: Sequence[str]
     training: TrainingState
     runs: Sequence[RunRow]
     seconds: float
@@ -232,6 +234,7 @@ def overview(session: Session) -> AppState:
         [_finding(finding) for finding in session.findings],
         [UndecidedCode(each.file, each.digest, each.text) for each in session.undecided],
         JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace)),
+        [edit.title for edit in session.waiting],
         TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
         [RunRow(run.number, run.result.status) for run in session.runs],
         session.seconds,
@@ -334,7 +337,10 @@ def _screen_of(location: Location) -> Screen:
 
 
 def _scores(session: Session, view: View) -> list[ScoreRow]:
-    problem, last = view.model.problem, session.last
+    problem = view.model.problem
+    # criteria or datasets may have changed since
+    last = {(score.criterion, score.use): score.rmse for score in session.last if score.samples}
+    comparable = len(session.last) == len(view.now.scores)
     return [
         ScoreRow(
             criterion=problem.criteria[score.criterion].node,
@@ -343,7 +349,7 @@ def _scores(session: Session, view: View) -> list[ScoreRow]:
             samples=score.samples,
             rmse=finite(score.rmse),
             before=finite(view.start.scores[i].rmse),
-            last=finite(last[i].rmse) if last else None,
+            last=finite(last.get((score.criterion, score.use), np.nan)) if comparable else None,
             mean=finite(score.mean),
             largest=finite(score.largest),
         )

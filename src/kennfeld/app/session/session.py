@@ -29,10 +29,12 @@ from kennfeld.app.session.state import (
     SessionState,
     SetKeys,
     SetTables,
+    SetValues,
     inverse,
     same_values,
 )
 from kennfeld.app.session.surrogate_training import SurrogateTraining
+from kennfeld.app.session.value_edits import ValueEdit
 from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.atomic_files import write_whole
@@ -83,7 +85,7 @@ class Session:
         self._opened: list[FileVersion] = []  # the files that the project was read from
         self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
         self._data: RecordedData | PartitionedData = RecordedData()
-        self.last: tuple[LiveScore, ...] = ()  # before the last edit
+        self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
         self.revision = next(_REVISIONS)  # changes with the values and the texts
         self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
@@ -92,6 +94,7 @@ class Session:
         self.job = Job()
         self.training = SurrogateTraining(changed)
         self._running: RunJob | None = None
+        self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
         self.recoverable = self.recovery.exists  # a session ended without saving
         self._assemble()
@@ -136,21 +139,47 @@ class Session:
 
         `tables` are those for which the values of the command were given; by default the present ones.
         """
-        self._change(lambda: self.history.do(command, drag, tables))
+        joined = self.history.joins(drag)
+        self._change(lambda: self.history.do(command, drag, tables), joined=joined)
+
+    def edit(self, edit: ValueEdit) -> None:
+        """Edit values of a parameter; during a calibration, whose values replace the present ones, at its end.
+
+        Raises:
+            ArgumentError: there is no such parameter, or it has fewer values.
+        """
+        if edit.name not in self.parameters:
+            raise ArgumentError(f"{edit.name[:100]} is not a parameter of the project")
+        values = edit.apply(self.parameters[edit.name])
+        if not self.is_calibrating:
+            self.do(SetValues(edit.title, edit.name, values), edit.drag)
+            return
+        joined = self.waiting[-1].joined(edit) if self.waiting else None
+        self.waiting[len(self.waiting) - bool(joined) :] = [joined or edit]
+        self.revision = next(_REVISIONS)
 
     def undo(self) -> str:
-        """Take the last command back; return its title."""
+        """Take the last command back, or the last edit that waits for the end of a calibration; return its title."""
+        if self.waiting:
+            self.revision = next(_REVISIONS)
+            return self.waiting.pop().title
         return self._change(self.history.undo)
 
     def redo(self) -> str:
         """Bring back what was undone; return its title."""
         return self._change(self.history.redo)
 
-    def _change(self, change: Callable[[], _T]) -> _T:
-        """Change the history, recompute what depends on the state, and keep unsaved edits."""
+    def _change(self, change: Callable[[], _T], *, joined: bool = False) -> _T:
+        """Change the history, recompute what depends on the state, and keep unsaved edits.
+
+        Scores are compared with those before the change; if `joined`, with those before the drag that it belongs to.
+        """
+        scores = () if self.view is None else self.view.now.scores
         before, outcome = self.state, change()
         self._files.note(self.state.texts)
         self._follow(before)
+        if not joined:
+            self.last = scores
         if self.view is not None and not self.stale:
             now, values = self.view.now.parameters, self.state.values
             self.history.note_tables({name: now[name] for name in values if name in now})
@@ -233,6 +262,7 @@ class Session:
             else:
                 self._running = None
                 self._end(message)
+                self._apply_waiting()
 
     def _end(self, end: Ended) -> None:
         """Take over the values of a run that has ended."""
@@ -257,6 +287,20 @@ class Session:
         free = view.model.problem.free_names
         tables = {name: result.parameters[name] for name in free if name in result.parameters}
         self.do(SetTables(f"Run {run.number}", self.values_of(result.parameters, tables)), tables=tables)
+
+    def _apply_waiting(self) -> None:
+        """Apply the edits that were made during the run to its values; say which of them no table takes any more."""
+        waiting, self.waiting = self.waiting, []
+        failed = []
+        for edit in waiting:
+            try:
+                self.edit(edit)
+            except (ArgumentError, InputError) as error:
+                failed.append(f"{edit.title} was not applied: {error}.")
+        if waiting:
+            done = len(waiting) - len(failed)
+            count = f"{done} edit{'' if done == 1 else 's'} that waited {'was' if done == 1 else 'were'} applied."
+            self.job.message = " ".join([self.job.message, count, *failed])
 
     def values_of(self, parameters: ParameterSet, names: Collection[str]) -> dict[str, Float | None]:
         """Return the values of parameters, with the breakpoints of free axes in place of those of an earlier run."""
@@ -290,6 +334,11 @@ class Session:
         except InputError:
             return {}
         return tables
+
+    @property
+    def is_calibrating(self) -> bool:
+        """True while a calibration runs, at whose end its values become the present ones."""
+        return self._running is not None and not self._running.validates
 
     @property
     def is_busy(self) -> bool:
@@ -476,7 +525,6 @@ class Session:
         self._opened = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
 
     def _read_project(self) -> None:
-        self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
         self.undecided, self._matching = (), None
         try:
@@ -572,7 +620,6 @@ class Session:
         self.revision = next(_REVISIONS)
         if self.view is not None:
             began = time.perf_counter()
-            self.last = self.view.now.scores
             findings = self.view.follow(self.state.values, self.state.tables)
             if not self.stale:
                 self.findings = (*self._own_findings, *findings)
