@@ -230,7 +230,10 @@ export interface AskedInforming {
 /** Samples that inform a value. */
 export interface InformingReply {
   datasets: InformingRow[];
-  /** Number of the dataset with most of them; missing without samples, as the arrays are. */
+  /**
+   * Number of the dataset with most of them, of training data if these have any; missing without samples, as the arrays
+   * are.
+   */
   most?: number;
 }
 
@@ -238,6 +241,7 @@ export interface InformingReply {
 export interface InformingRow {
   number: number;
   dataset: string;
+  use: string;
   samples: number;
   /** Number of stretches. */
   count: number;

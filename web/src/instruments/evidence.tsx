@@ -138,7 +138,8 @@ function Facts({ own }: { own: EditedTable }) {
   const cell = cellAt(own, ...selection.value.active);
   const part = shownPart.value;
   const parts = evidence.value?.parts ?? [];
-  const sum = (value: (part: InformingRow) => number) => parts.reduce((total, each) => total + value(each), 0);
+  const sum = (use: string, value: (part: InformingRow) => number) =>
+    parts.filter((each) => each.use === use).reduce((total, each) => total + value(each), 0);
   const deviation = own.deviation?.[cell];
   const how = origin(own, cell);
   const worse = part !== undefined && Math.abs(part.meanNow ?? 0) > Math.abs(part.meanBefore ?? 0);
@@ -178,11 +179,21 @@ function Facts({ own }: { own: EditedTable }) {
                 ? "undetermined"
                 : `± ${significant(deviation, 3)}`}
           </dd>
-          <dt>samples</dt>
-          <dd>
-            {count(sum((each) => each.samples))} <u>in</u> {count(sum((each) => each.count))} <u>stretches</u>
+          <dt>training samples</dt>
+          <dd data-samples="training">
+            {count(sum("training", (each) => each.samples))} <u>in</u> {count(sum("training", (each) => each.count))}{" "}
+            <u>stretches</u>
           </dd>
-          <dt>their mean error</dt>
+          {sum("test", (each) => each.samples) > 0 && (
+            <>
+              <dt title="They look the point up, but it does not rest on them">test samples</dt>
+              <dd data-samples="test">
+                {count(sum("test", (each) => each.samples))} <u>in</u> {count(sum("test", (each) => each.count))}{" "}
+                <u>stretches</u>
+              </dd>
+            </>
+          )}
+          <dt class="cut">mean error in {part?.dataset ?? "the data"}</dt>
           <dd>
             {part ? (
               <>
