@@ -168,13 +168,14 @@ def test_a_recording_that_appears_or_goes_is_a_change(project: Path) -> None:
     session = Session(project)
     assert not session.changed_on_disk
     record(project.with_name("d2.csv"), 4.0 * X)
-    assert session.changed_files == [project.with_name("d2.csv")]
+    assert [str(change) for change in session.disk_changes] == ["d2.csv is new"]
+    session.reload()
     calibrate(session)
     expected = Project.read(project).calibrate().parameters["C"].values
     np.testing.assert_allclose(session.runs[-1].result.parameters["C"].values, expected, rtol=1e-6, atol=1e-9)
     assert not session.changed_on_disk
     project.with_name("d2.csv").unlink()
-    assert session.changed_on_disk
+    assert [str(change) for change in session.disk_changes] == ["d2.csv was deleted"]
 
 
 def test_a_plot_does_not_mix_a_recording_with_its_successor(project: Path) -> None:

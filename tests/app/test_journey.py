@@ -97,8 +97,8 @@ def test_a_file_that_changes_on_disk_is_noticed(torque: Path) -> None:
             .replace("[optimizer]", "[optimizer]\nstarts = 3"),
             encoding="utf-8",
         )
-        page.wait_for_selector("#changed-on-disk")
-        page.click("text=Show the change")
+        page.wait_for_selector("#changed-on-disk:has-text('kennfeld.toml has another content')")
+        page.click("text=Read again")
         page.wait_for_selector("#changed-on-disk", state="detached")
 
 

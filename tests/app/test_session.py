@@ -119,21 +119,46 @@ def test_a_project_that_cannot_be_read_shows_the_reason(torque: Path) -> None:
         session.run()
 
 
-@pytest.mark.slow
-@forked
-def test_a_replaced_recording_is_noticed_and_read_before_a_run(exhaust: Path) -> None:
+def test_no_run_begins_on_data_that_have_changed_since_and_what_changed_is_said(exhaust: Path) -> None:
     session = Session(exhaust)
-    assert not session.changed_on_disk
-    drive = exhaust.parent / "drive.csv"
+    drive, other = exhaust.parent / "drive.csv", exhaust.parent / "another_drive.csv"
     stat, text = drive.stat(), drive.read_text(encoding="utf-8")
     drive.write_text("\n".join(text.splitlines()[:2001]) + "\n", encoding="utf-8")
     os.utime(drive, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-    assert session.changed_files == [drive]
-    assert session.changed_on_disk
-    session.run()
-    session.close()
-    assert session.require_view().model.problem.datasets[0].samples == 1999  # below two lines of header
+    other.unlink()
+    changes = [str(each) for each in session.disk_changes]
+    assert changes == ["drive.csv has 54.65 kB instead of 185.7 kB", "another_drive.csv was deleted"]
+    with pytest.raises(InputError, match=r"drive\.csv: has .* since it was read") as refused:
+        session.run()
+    assert [finding.location.file for finding in refused.value.findings] == ["drive.csv", "another_drive.csv"]
+    other.write_text(text, encoding="utf-8")
+    session.reload()
     assert not session.changed_on_disk
+    assert session.require_view().model.problem.datasets[0].samples == 1999  # below two lines of header
+    assert not session.findings
+
+
+def test_a_recording_that_a_change_of_a_setting_reads_again_is_told(exhaust: Path) -> None:
+    session = Session(exhaust)
+    drive = exhaust.parent / "another_drive.csv"
+    drive.write_text("\n".join(drive.read_text(encoding="utf-8").splitlines()[:1001]) + "\n", encoding="utf-8")
+    session.do(SetKeys("a title", exhaust.name, [(("report", "title"), "Exhaust")]))
+    [finding] = session.findings
+    assert (finding.severity, finding.location.file) == ("warning", "another_drive.csv")
+    assert "was read again" in finding.message
+    session.reload()
+    assert not session.findings
+
+
+@pytest.mark.slow
+@forked
+def test_a_file_that_is_deleted_during_a_run_is_named_at_its_end(exhaust: Path) -> None:
+    session = Session(exhaust)
+    session.run()
+    (exhaust.parent / "another_drive.csv").unlink()
+    wait_for_end(session)
+    assert session.job.state == "converged"
+    assert "another_drive.csv was deleted" in session.job.message
 
 
 @pytest.mark.slow

@@ -258,11 +258,14 @@ function Notices() {
         </div>
       )}
       {screen.value !== "function" && <CodeConsent />}
-      {changedOnDisk && (
+      {changedOnDisk.length > 0 && (
         <div class="note warn" id="changed-on-disk">
-          <span class="grow">Another program has changed the files of this project.</span>
+          <span class="grow" title={changedOnDisk.join("\n")}>
+            Since it was read, {changedOnDisk.slice(0, 3).join("; ")}
+            {changedOnDisk.length > 3 ? `; and ${changedOnDisk.length - 3} more` : ""}.
+          </span>
           <button class="btn small" onClick={() => request("reload")}>
-            Show the change
+            Read again
           </button>
         </div>
       )}

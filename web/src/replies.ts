@@ -1731,7 +1731,8 @@ export interface AppState {
   training: TrainingState;
   runs: RunRow[];
   seconds: number;
-  changedOnDisk: boolean;
+  /** Files of the project that another program has changed, each with how. */
+  changedOnDisk: string[];
   recoverable: boolean;
   function: ShownFunction;
   nodes?: NamedUnit[];

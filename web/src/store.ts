@@ -36,7 +36,7 @@ const EMPTY: AppState = {
   nodes: [],
   runs: [],
   seconds: 0,
-  changedOnDisk: false,
+  changedOnDisk: [],
   recoverable: false,
   function: { file: "", screen: "formula" },
   excerpt: null,

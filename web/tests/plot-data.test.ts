@@ -32,7 +32,7 @@ const project: AppState = {
     waiting: [],
     runs: [],
     seconds: 0,
-    changedOnDisk: false,
+    changedOnDisk: [],
     recoverable: false,
     function: { file: "a.kf", screen: "formula" },
     inputs: ["n"],

@@ -42,7 +42,7 @@ class AppWorkspace:
         self._push: Push = lambda topic, answer, project: None
         self._wake: Callable[[str], object] = lambda project: None
         self._sessions: dict[str, Session] = {}
-        self._changed: dict[str, bool] = {}  # by project, whether pages know that its files have changed on disk
+        self._changed: dict[str, Sequence[str]] = {}  # by project, what pages know to have changed on disk
         self._seen: dict[str, float] = {}  # by project, when a page last showed it
         self.latest = ""
         if path is not None:
@@ -159,7 +159,7 @@ class AppWorkspace:
             self._seen[project] = time.monotonic()
         self._close_unseen(shown)
         for project in [each for each in self._sessions if each in shown]:
-            if self._sessions[project].changed_on_disk != self._changed.get(project, False):
+            if [*map(str, self._sessions[project].disk_changes)] != self._changed.get(project, []):
                 self._tell(project)
 
     def _close_unseen(self, shown: Collection[str]) -> None:
@@ -211,7 +211,7 @@ class AppWorkspace:
         session = self._sessions.get(project)
         state = NoProject() if session is None else overview(session)
         # what pages know
-        self._changed[project] = isinstance(state, AppState) and state.changed_on_disk
+        self._changed[project] = state.changed_on_disk if isinstance(state, AppState) else []
         return to_answer(StateNews(state))
 
 

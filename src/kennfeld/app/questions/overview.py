@@ -176,6 +176,7 @@ class AppState:
 
     Attributes:
         revision: changes with what the model shows, not with the progress of a run.
+        changed_on_disk: files of the project that another program has changed, each with how.
         waiting: titles of edits that wait for the end of the run.
         text_revision: changes with the project file and the function.
         excerpt: of data in partitions: samples that the screens show, and all samples; null if all are shown.
@@ -194,7 +195,7 @@ class AppState:
     training: TrainingState
     runs: Sequence[RunRow]
     seconds: float
-    changed_on_disk: bool
+    changed_on_disk: Sequence[str]
     recoverable: bool
     function: ShownFunction
     nodes: Sequence[NamedUnit] | Absent = ABSENT
@@ -238,7 +239,7 @@ def overview(session: Session) -> AppState:
         TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
         [RunRow(run.number, run.result.status) for run in session.runs],
         session.seconds,
-        session.changed_on_disk,
+        list(map(str, session.disk_changes)),
         session.recoverable,
         _function(session),
     )

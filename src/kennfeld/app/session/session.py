@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints
-from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk, read_exactly, text_or_none
+from kennfeld.app.session.files_on_disk import Conflict, DiskChange, FilesOnDisk, read_exactly, text_or_none
 from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
@@ -83,6 +83,9 @@ class Session:
         self.stale = False  # the texts have errors since
         self.undecided: tuple[ConsentRequest, ...] = ()  # what may not run or be used yet
         self._opened: list[FileVersion] = []  # the files that the project was read from
+        self._read_again: tuple[
+            Finding, ...
+        ] = ()  # files that have been read again, but not because the user asked for it
         self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
         self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
@@ -202,8 +205,12 @@ class Session:
         """
         if self._running is not None:
             raise ArgumentError("a run is in progress; stop it first")
-        if self.changed_files:
-            self.refresh()
+        if changes := self._data_changes():
+            # what a run is based on is not exchanged without a word
+            remedy = "Read the files again first."
+            raise InputError(
+                Finding(Location(each.file), f"{each.change} since it was read", remedy) for each in changes
+            )
         if self.stale:
             raise InputError(self.findings)
         view = self.require_view()
@@ -263,6 +270,9 @@ class Session:
                 self._running = None
                 self._end(message)
                 self._apply_waiting()
+                if changes := self._data_changes():
+                    told = "; ".join(map(str, changes))
+                    self.job.message += f" Since its data were read, files have changed: {told}."
 
     def _end(self, end: Ended) -> None:
         """Take over the values of a run that has ended."""
@@ -431,26 +441,34 @@ class Session:
     @property
     def changed_on_disk(self) -> bool:
         """True if another program has changed a text since it was read or saved, or another file of the project."""
-        return self._files.have_changed(self.state.texts) or bool(self.changed_files)
+        return bool(self.disk_changes)
 
     @property
-    def changed_files(self) -> list[Path]:
-        """The files, but for texts that are edited here, that have changed since the project was read from them.
+    def disk_changes(self) -> tuple[DiskChange, ...]:
+        """The files of the project that another program has changed since they were read or saved, and how."""
+        return (*self._files.changed(self.state.texts), *self._data_changes())
+
+    def _data_changes(self) -> list[DiskChange]:
+        """Return the files, but for texts that are edited here, that have changed since the project was read from them.
 
         Those that match a pattern of the project now, or do not any more, are among them.
         """
-        own = {self.path.parent / name for name in self.saved.texts}
-        changed = [file.path for file in self._opened if file.path not in own and not file.is_present]
+        folder, own = self.path.parent, {self.path.parent / name for name in self.saved.texts}
+        opened = [file for file in self._opened if file.path not in own and not file.is_present]
+        changes = {file.path: DiskChange.of(file.path, folder, file) for file in opened}
         if self._matching is not None:
             file, before = self._matching
-            changed += [Path(path) for path in sorted(set(before).symmetric_difference(matching_files(file)))]
-        return list(dict.fromkeys(changed))
+            for path in sorted(set(before).symmetric_difference(matching_files(file))):
+                own_path = Path(path).absolute()
+                changes.setdefault(own_path, DiskChange.of(own_path, folder))
+        return list(changes.values())
 
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
         texts = {name: text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
+        self._read_again = ()
         # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
@@ -520,6 +538,14 @@ class Session:
 
     def _assemble(self) -> None:
         """Read the project again and build its model; files that change meanwhile are found changed."""
+        self._read_again += tuple(
+            Finding(
+                Location(each.file),
+                f"{each.change} since the project was opened, and was read again",
+                severity="warning",
+            )
+            for each in self._data_changes()
+        )
         with opened_files() as opened:
             self._read_project()
         self._opened = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
@@ -532,7 +558,7 @@ class Session:
             self._matching = project.file, matching_files(project.file)
             self._require_consent(project)
             project = self._with_data(project)
-            self.project, self._own_findings = project, tuple(project.check())
+            self.project, self._own_findings = project, (*self._read_again, *project.check())
             self.findings = self._own_findings
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
