@@ -122,7 +122,7 @@ def test_a_project_that_cannot_be_read_shows_the_reason(torque: Path) -> None:
 def test_no_run_begins_on_data_that_have_changed_since_and_what_changed_is_said(exhaust: Path) -> None:
     session = Session(exhaust)
     drive, other = exhaust.parent / "drive.csv", exhaust.parent / "another_drive.csv"
-    stat, text = drive.stat(), drive.read_text(encoding="utf-8")
+    stat, text, others = drive.stat(), drive.read_text(encoding="utf-8"), other.read_text(encoding="utf-8")
     drive.write_text("\n".join(text.splitlines()[:2001]) + "\n", encoding="utf-8")
     os.utime(drive, ns=(stat.st_atime_ns, stat.st_mtime_ns))
     other.unlink()
@@ -131,7 +131,7 @@ def test_no_run_begins_on_data_that_have_changed_since_and_what_changed_is_said(
     with pytest.raises(InputError, match=r"drive\.csv: has .* since it was read") as refused:
         session.run()
     assert [finding.location.file for finding in refused.value.findings] == ["drive.csv", "another_drive.csv"]
-    other.write_text(text, encoding="utf-8")
+    other.write_text(others, encoding="utf-8")
     session.reload()
     assert not session.changed_on_disk
     assert session.require_view().model.problem.datasets[0].samples == 1999  # below two lines of header

@@ -468,7 +468,7 @@ class Session:
         folder = self.path.parent
         texts = {name: text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
-        self._read_again = ()
+        self._opened, self._matching, self._read_again = [], None, ()  # the user has seen what has changed
         # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
@@ -527,6 +527,7 @@ class Session:
 
     def refresh(self) -> None:
         """Read the project again, after files that it names have changed."""
+        self._opened, self._matching, self._read_again = [], None, ()  # the changes are known
         self._assemble()
 
     def allow_code(self, digests: Collection[str]) -> None:
