@@ -153,6 +153,8 @@ class Session:
         """
         if edit.name not in self.parameters:
             raise ArgumentError(f"{edit.name[:100]} is not a parameter of the project")
+        if self.project is not None and edit.name in self.project.surrogates:
+            raise ArgumentError(f"{edit.name} is a surrogate, whose values are trained, not edited")
         values = edit.apply(self.parameters[edit.name])
         if not self.is_calibrating:
             self.do(SetValues(edit.title, edit.name, values), edit.drag)
