@@ -5,7 +5,7 @@ import { accept } from "./comparison";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
 import { save } from "./saving";
-import { move, open, request, type Screen, screen, state, toggleTheme } from "./store";
+import { blocking, move, open, request, type Screen, screen, state, toggleTheme } from "./store";
 import { inProject } from "./uploads";
 
 export interface Command {
@@ -45,7 +45,7 @@ export const COMMANDS: Command[] = [
       screen.value = "start";
     },
   },
-  { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() },
+  { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() && blocking.value === null },
   { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
   {
     title: "Undo",

@@ -10,6 +10,7 @@ import { save } from "./saving";
 import { scoped } from "./scope";
 import { valueAt } from "./settings";
 import {
+  blocking,
   connected,
   failure,
   isRunning,
@@ -103,7 +104,13 @@ export function Header() {
             <span>{jobText(job, runs.length)}</span>
           )}
         </div>
-        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={run}>
+        <button
+          class="btn primary"
+          id="run"
+          title={blocking.value ? `Cannot run: ${blocking.value.text}` : "Run (F5)"}
+          disabled={running || !project || blocking.value !== null}
+          onClick={run}
+        >
           <Icon name="run" />
           Run
         </button>
@@ -139,6 +146,7 @@ export function Header() {
 
 function jobText(job: typeof state.value.job, runs: number): string {
   if (isRunning(job)) return `${job.message} · ${job.seconds.toFixed(1)} s`;
+  if (job.validates) return `cross-validation · ${job.seconds.toFixed(1)} s`;
   return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
 }
 
@@ -234,7 +242,8 @@ const STEPS: Step[] = [
     screen: "optimization",
     key: 4,
     title: "Optimization",
-    detail: () => (state.value.runs.length ? `run ${state.value.runs.length} ${state.value.job.state}` : "no run yet"),
+    detail: () =>
+      state.value.runs.length ? `run ${state.value.runs.length} ${state.value.runs.at(-1)!.status}` : "no run yet",
   },
   {
     screen: "results",

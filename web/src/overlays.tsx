@@ -5,10 +5,12 @@ import { CodeConsent } from "./code-consent";
 import { COMMANDS, type Command, overlay, searchable } from "./commands";
 import { Dialog } from "./dialog";
 import { Icon } from "./icons";
+import { proposals } from "./instruments/proposals";
+import { showFinding } from "./navigation";
 import { decide, leaving } from "./projects";
 import { foreign } from "./restart";
 import { conflicts, save, takeDisk } from "./saving";
-import { connected, request, screen, state } from "./store";
+import { blocking, connected, request, screen, state } from "./store";
 
 export function Overlays() {
   return (
@@ -234,10 +236,42 @@ function Leaving() {
   );
 }
 
+/** What keeps the project from being evaluated, on every screen, with what solves it. */
+function Blocking() {
+  const own = blocking.value;
+  // what is not allowed yet is asked for by a notice of its own
+  if (own === null || state.value.code.length > 0 || screen.value === "start") return null;
+  const more = state.value.findings.filter((each) => each.severity === "error").length - 1;
+  return (
+    <div class="note bad" id="blocking">
+      <Icon name="warning" />
+      <span class="grow cut" title={own.text}>
+        {own.text}
+        {more > 0 && <span class="q"> and {more} more</span>}
+      </span>
+      {proposals.value.length > 0 && screen.value !== "function" && screen.value !== "data" && (
+        <button
+          class="btn small"
+          title={proposals.value.map((each) => each.title).join("\n")}
+          onClick={() => {
+            screen.value = "function";
+          }}
+        >
+          {proposals.value.length === 1 ? "1 proposal" : `${proposals.value.length} proposals`}
+        </button>
+      )}
+      <button class="btn small" id="show-blocking" onClick={() => showFinding(own)}>
+        Show
+      </button>
+    </div>
+  );
+}
+
 function Notices() {
   const { changedOnDisk, recoverable } = state.value;
   return (
     <div class="notices" role="status">
+      <Blocking />
       {!connected.value && foreign.value && (
         <div class="note bad" id="restarted">
           <span class="grow">

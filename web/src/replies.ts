@@ -453,6 +453,8 @@ export interface RunOutcome {
   resumable: string;
   result: RunResult | null;
   validation: FoldsTable | null;
+  /** Number of files with training data, which can be the folds of a cross-validation. */
+  files: number;
 }
 
 /** The result of a run, and its remarks. */
@@ -843,9 +845,10 @@ export interface MappedInput {
   number?: number;
 }
 
-/** Proposals for all that the project lacks. */
+/** Proposals for all that the project lacks, and why its initial files say nothing about some of it. */
 export interface ProposalRows {
   proposals: ProposalRow[];
+  problems: string[];
 }
 
 /** Something that the project lacks, with the keys that provide it; one of them may be chosen. */
@@ -1595,6 +1598,22 @@ export interface AcceptedChoice {
   title: string;
 }
 
+/** Proposals that are added, by title, with what was chosen for those that have a choice. */
+export interface AddedProposals {
+  titles: string[];
+  choices: Record<string, string>;
+}
+
+/** What the project says after proposals were added. */
+export interface AddedReply {
+  /** Error of the first criterion on training data; null if the project still lacks something. */
+  rmse: number | null;
+  /** Of the error. */
+  unit: string;
+  /** What it lacks. */
+  problems: string[];
+}
+
 /** Files of the folder. */
 export interface AddedFiles {
   files: string[];
@@ -1779,13 +1798,14 @@ export interface UndecidedCode {
   text: string;
 }
 
-/** The running or last calibration. */
+/** The running or last calibration, or cross-validation if it `validates`. */
 export interface JobState {
   state: string;
   message: string;
   seconds: number;
   run: number;
   iterations: number;
+  validates: boolean;
 }
 
 /** The running or last training of a surrogate: idle, running, trained, failed or stopped. */
@@ -1928,6 +1948,7 @@ export interface Questions {
   run: { asks: RunCommand; head: Nothing; arrays: Nothing };
   stop: { asks: Nothing; head: Nothing; arrays: Nothing };
   accept: { asks: AcceptedChoice; head: Nothing; arrays: Nothing };
+  "add-proposals": { asks: AddedProposals; head: AddedReply; arrays: Nothing };
   "add-files": { asks: AddedFiles; head: FileKinds; arrays: Nothing };
   "take-values": { asks: TakeCommand; head: TakenValues; arrays: Nothing };
   projects: { asks: Nothing; head: KnownProjects; arrays: Nothing };

@@ -25,7 +25,7 @@ const EMPTY: AppState = {
   scores: [],
   findings: [],
   code: [],
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
   waiting: [],
   training: { state: "idle", file: "", seconds: 0, lines: [] },
   parameters: [],
@@ -100,6 +100,16 @@ const OPENING = new Set<Question>(["open", "show", "demo", "new", "projects", "f
 
 const isOlder = (reply: { revision: number }): boolean => reply.revision < state.peek().revision;
 
+/** What ended, and how: `Run 2: converged.` */
+export function jobTitle({ job, runs }: Pick<AppState, "job" | "runs">): string {
+  if (job.validates) return job.state === "validated" ? "Cross-validation:" : `Cross-validation: ${job.state}.`;
+  // a run that failed has no number
+  return job.state === "failed" ? "The run failed." : `Run ${runs.length}: ${job.state}.`;
+}
+
+/** Why nothing can be calibrated or evaluated; null if it can. */
+export const blocking = computed(() => state.value.findings.find((each) => each.severity === "error") ?? null);
+
 export const isRunning = (job: AppState["job"]): boolean => job.state === "running" || job.state === "stopping";
 
 /** Take over the state that the server pushed. */
@@ -108,10 +118,7 @@ export function takeState(news: StateNews): void {
   const before = revision.value;
   const same = (next.project?.id ?? "") === projectId();
   if (same && isRunning(state.value.job) && !isRunning(next.job))
-    message.value =
-      next.job.state === "validated"
-        ? `Cross-validation: ${next.job.message}`
-        : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
+    message.value = `${jobTitle(next)} ${next.job.message}`;
   batch(() => {
     renew(next.project?.id ?? "");
     state.value = next;

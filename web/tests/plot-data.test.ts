@@ -37,7 +37,7 @@ const project: AppState = {
     function: { file: "a.kf", screen: "formula" },
     inputs: ["n"],
   },
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
   training: { state: "idle", file: "", seconds: 0, lines: [] },
   nodes: [{ name: "trq", unit: "Nm" }],
   criteria: [{ node: "trq", target: "torque", unit: "Nm" }],

@@ -36,7 +36,7 @@ const project: AppState = {
     recoverable: false,
     function: { file: "a.kf", screen: "formula" },
   },
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
   training: { state: "idle", file: "", seconds: 0, lines: [] },
   nodes: [
     { name: "trq", unit: "Nm" },

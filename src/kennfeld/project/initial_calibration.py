@@ -64,7 +64,7 @@ class _InitialFiles:
             self._fail(*(_missing(self.file, path) for path in missing))
             return None
         try:
-            parameters, remarks = _read(folder / name, folder / description if description else None)
+            parameters, remarks = read_initial_file(folder / name, folder / description if description else None)
         except InputError as error:
             self._fail(*error.findings)
             return None
@@ -165,7 +165,7 @@ def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: Findings)
     return not reasons
 
 
-def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
+def read_initial_file(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
     """Return the parameters of a calibration file, or the expansion of a static surrogate as a parameter."""
     if identify(path).role is not Role.SURROGATE:
         [parameters], remarks = read_several([path], a2l)

@@ -14,7 +14,7 @@ import { showFinding } from "../navigation";
 import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
 import { scoped } from "../scope";
-import { isRunning, open, request, screen, settled, state } from "../store";
+import { isRunning, jobTitle, open, request, screen, settled, state } from "../store";
 import { OutcomeBody, OutcomeHead } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 import { OptimizationSettings } from "./optimization/settings";
@@ -57,7 +57,13 @@ export function Optimization() {
         <section class="pane prog">
           <div class="pl">
             <b class="acc" id="progress">
-              {running ? `Run ${job.run + 1}` : job.run ? `Run ${job.run}: ${job.state}` : "No run yet"}
+              {running
+                ? job.validates
+                  ? "Cross-validation"
+                  : `Run ${job.run + 1}`
+                : job.state === "idle"
+                  ? "No run yet"
+                  : jobTitle(state.value).replace(/[.:]$/, "")}
             </b>
             <span class="cut">{job.message}</span>
             <RunOptions />

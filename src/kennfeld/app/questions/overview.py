@@ -73,13 +73,14 @@ class UndecidedCode:
 
 @dataclass(frozen=True)
 class JobState:
-    """The running or last calibration."""
+    """The running or last calibration, or cross-validation if it `validates`."""
 
     state: str
     message: str
     seconds: float
     run: int
     iterations: int
+    validates: bool
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,7 @@ def overview(session: Session) -> AppState:
         session.history.redoable,
         [_finding(finding) for finding in session.findings],
         [UndecidedCode(each.file, each.digest, each.text) for each in session.undecided],
-        JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace)),
+        JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace), job.validates),
         [edit.title for edit in session.waiting],
         TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
         [RunRow(run.number, run.result.status) for run in session.runs],

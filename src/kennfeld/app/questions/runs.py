@@ -1,5 +1,6 @@
 """Calibration runs: start and stop, their progress, and what their results say."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Literal, cast, get_args
 
@@ -20,6 +21,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.fit.result import Result, TraceLine
 from kennfeld.optimize.quality.recording_quality import of_several_files, recordings_table
 
+FOLD = re.compile(r"fold (\d+) ")  # of a cross-validation, whose folds are drawn apart
 MAX_RECORDINGS = 500  # rows that are listed
 
 
@@ -156,11 +158,13 @@ class RunOutcome:
 
     Attributes:
         resumable: a sentence on an interrupted run that can be resumed; empty if there is none.
+        files: number of files with training data, which can be the folds of a cross-validation.
     """
 
     resumable: str
     result: RunResult | None
     validation: FoldsTable | None
+    files: int
 
 
 @dataclass(frozen=True)
@@ -205,7 +209,8 @@ def progress(session: Session) -> RunProgress:
     view, job = session.require_view(), session.job
     lines: dict[int, list[TraceLine]] = {}
     for line in job.trace:
-        lines.setdefault(line.start, []).append(line)
+        fold = FOLD.match(line.stage) if job.validates else None
+        lines.setdefault(line.start if fold is None else int(fold[1]), []).append(line)
     arrays = {}
     for number, own in lines.items():
         arrays[f"rmse {number}"] = np.array([line.rmse for line in own])
@@ -245,7 +250,14 @@ def outcome(session: Session) -> RunOutcome:
         resumable=session.resumable if idle else "",
         result=None if last is None else _outcome(session, last),
         validation=None if session.validation is None else _folds(session.validation),
+        files=_training_files(session),
     )
+
+
+def _training_files(session: Session) -> int:
+    datasets = [] if session.view is None else session.view.model.problem.datasets
+    training = [data for data in datasets if data.use == "training"]
+    return sum(1 if data.files is None else len(data.files.starts) for data in training)
 
 
 def by_file(session: Session) -> ErrorsByFile:

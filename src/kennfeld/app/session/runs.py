@@ -51,7 +51,7 @@ class ValidationRun:
 
 @dataclass
 class Job:
-    """The running or last calibration, as it is shown.
+    """The running or last calibration or cross-validation, as it is shown.
 
     Attributes:
         state: idle, running, stopping, or the status of the last result.
@@ -61,6 +61,7 @@ class Job:
         trace: the steps so far.
         preview: values of the best step so far, by parameter.
         problem: what is calibrated.
+        validates: True for a cross-validation.
     """
 
     state: str = "idle"
@@ -70,3 +71,4 @@ class Job:
     trace: list[TraceLine] = field(default_factory=list)
     preview: Mapping[str, Float] = field(default_factory=dict)
     problem: Problem | None = None
+    validates: bool = False

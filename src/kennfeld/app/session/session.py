@@ -4,7 +4,7 @@ import itertools
 import queue
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints
 from kennfeld.app.session.files_on_disk import Conflict, DiskChange, FilesOnDisk, read_exactly, text_or_none
-from kennfeld.app.session.function_source import read_called
+from kennfeld.app.session.function_source import imported_model, read_called
+from kennfeld.app.session.initial_files import initial_names
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
@@ -42,13 +43,13 @@ from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.base.file_state import FileVersion, opened_files
 from kennfeld.base.output_paths import within
-from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.domain.free_axes import AXIS_LABEL
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.models import Model
 from kennfeld.models.code_consent import ConsentRequest, allow
+from kennfeld.models.formula import read as read_formula
 from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
@@ -86,6 +87,7 @@ class Session:
         self._read_again: tuple[
             Finding, ...
         ] = ()  # files that have been read again, but not because the user asked for it
+        self._function: tuple[int, Model | None] | None = None  # of another tool, by the revision of the texts
         self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
         self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
@@ -224,7 +226,7 @@ class Session:
         cluster = self.project.cluster_address if joins else None
         self._require_scheduler(cluster)
         task = RunTask(problem, options, None if validation else self.checkpoints, points, validation, cluster)
-        self.job = Job("running", "compiling", time.monotonic(), problem=problem)
+        self.job = Job("running", "compiling", time.monotonic(), problem=problem, validates=validation is not None)
         self._running = RunJob(task, self._put)
 
     @property
@@ -376,22 +378,35 @@ class Session:
             return self.view.model.problem.model
         file = self.formula_file
         try:
-            return read_function(self.text_of(file), read_called(self.settings, self.path)) if file else None
+            if file:
+                return read_function(self.text_of(file), read_called(self.settings, self.path))
         except InputError:
             return None
+        return None if self.undecided else self._imported()
+
+    def _imported(self) -> Model | None:
+        """Return the function of another tool, also if the project lacks data; None if it cannot be read."""
+        if self._function is None or self._function[0] != self.text_revision:
+            self._function = self.text_revision, imported_model(self.settings, self.path)
+        return self._function[1]
+
+    def read_trial(self, command: Command) -> Project:
+        """Read the project as it would be after a command, with the recordings that are known.
+
+        Raises:
+            InputError: it would have errors.
+        """
+        texts = command.apply(self.state).texts
+        edited = {name: text for name, text in texts.items() if text != self.saved.texts.get(name)}
+        plain = {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
+        return self._with_data(Project.read(self.path, plain))
 
     @property
     def initial_names(self) -> list[str]:
         """Names of the parameters that the initial files provide."""
         if self.view is not None and not self.stale:
             return list(self.view.start.parameters)
-        calibration = self.settings.get("calibration")
-        files = calibration.get("initial", []) if isinstance(calibration, dict) else []
-        names: list[str] = []
-        for file in [files] if isinstance(files, str) else files:
-            with suppress(InputError, TypeError):
-                names += read_parameters(self.path.parent / file)
-        return names
+        return list(initial_names(self.settings, self.path).names)
 
     @property
     def conflicts(self) -> list[Conflict]:
@@ -566,10 +581,21 @@ class Session:
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
             # the last view stays, so that pages go on showing something while a text is being edited
-            self.findings, self.stale = error.findings, True
+            self.findings, self.stale = (*error.findings, *self._formula_errors(error.findings)), True
             return
         if self.state.values:
             self._evaluate()
+
+    def _formula_errors(self, known: Collection[Finding]) -> tuple[Finding, ...]:
+        """Return what is wrong in formula text, which a project that lacks data is not checked for."""
+        file = self.formula_file
+        if not file or any(finding.location.file.endswith(Path(file).name) for finding in known):
+            return ()
+        try:
+            read_formula(self.path.parent / file, None, (), self.text_of(file), read_called(self.settings, self.path))
+        except InputError as error:
+            return error.findings
+        return ()
 
     def _require_consent(self, project: Project) -> None:
         """Raise `InputError` if the project runs code, or reads from addresses, that the user has not allowed.
