@@ -3,6 +3,7 @@
 import { type JSX, render } from "preact";
 import { shortcut } from "./commands";
 import { connect, listen } from "./connection";
+import { takeDrops } from "./dropping";
 import { Header, Rail } from "./frame";
 import { begin } from "./history";
 import { lazy } from "./lazy";
@@ -87,5 +88,6 @@ connect((on) => {
   connected.value = on;
 });
 addEventListener("keydown", shortcut);
+takeDrops();
 if (matchMedia("(prefers-color-scheme: dark)").matches) document.documentElement.dataset.theme = "dark";
 render(<Page />, document.body);

@@ -1,6 +1,6 @@
 import { describe, expect, test } from "vitest";
 import { cellAt, cellsOf } from "../src/instruments/table-cells";
-import { asOperation, describeCells, editCells, readEdit, smallStep } from "../src/instruments/table-edits";
+import { asOperation, describeCells, editCells, readEdit, readPaste, smallStep } from "../src/instruments/table-edits";
 import type { EditedTable } from "../src/replies";
 import type { Selection } from "../src/store";
 
@@ -117,4 +117,29 @@ test("what is typed is a number, or an operator and a number", () => {
   expect(readEdit("-3")).toMatchObject({ kind: "set", amount: -3 });
   expect(readEdit("high")).toBeNull();
   expect(readEdit("")).toBeNull();
+});
+
+describe("what a spreadsheet has copied", () => {
+  const two = table(
+    [
+      [0, 1, 2],
+      [0, 1],
+    ],
+    [0, 1, 2, 3, 4, 5],
+    { locked: [1] },
+  );
+
+  test("is set from the corner of the selection on, with commas as in German", () => {
+    const pasted = readPaste(two, chosen([1, 1], [0, 0]), "1,5\t2\r\n3\t4\r\n");
+    expect(pasted).toMatchObject({ cells: [2, 4, 3, 5], values: [1.5, 2, 3, 4] });
+    expect(pasted.filled).toEqual({ x: [1, 2], y: [0, 1], active: [1, 0] });
+    expect(pasted.remark).toBe("Pasted 4 values into MapX.");
+  });
+
+  test("keeps locked values, and says what is left out and cut", () => {
+    const pasted = readPaste(two, chosen([0, 0], [0, 0]), "7\tx\t8\t9\n7\t7\t7\t7\n1\t1\t1\t1");
+    expect(pasted.cells).toEqual([0, 4, 3, 5]);
+    expect(pasted.remark).toBe("Pasted 4 values into MapX; left out: 1 not numbers, 1 locked, 6 beyond the table.");
+    expect(readPaste(two, chosen([0, 0], [1, 1]), "5").remark).toBe("Nothing was pasted; left out: 1 locked.");
+  });
 });

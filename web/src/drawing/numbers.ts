@@ -30,6 +30,9 @@ export function count(value: number): string {
   return value < 10_000 ? text : text.replace(/\B(?=(\d{3})+$)/g, "\u2009");
 }
 
+/** A number of things: `1 file`, `2 files`. */
+export const counted = (number: number, noun: string): string => `${count(number)} ${noun}${number === 1 ? "" : "s"}`;
+
 /** Return the decimals with which all numbers of a table can be told apart, at most four significant digits. */
 export function tableDecimals(values: Iterable<number>): number {
   let largest = 0;
@@ -62,9 +65,11 @@ export function plain(value: number, digits = 5): string {
   return text.includes(".") && !text.includes("e") ? text.replace(/\.?0+$/, "") : text;
 }
 
+/** A unit as it is written behind a number; nothing for a number without one, which files call `-` or `1`. */
+export const unitText = (unit: string): string => (unit === "-" || unit === "1" ? "" : unit);
+
 /** Write a title with its unit in brackets, if it has one. */
-export const withUnit = (title: string, unit: string): string =>
-  unit && unit !== "-" && unit !== "1" ? `${title} [${unit}]` : title;
+export const withUnit = (title: string, unit: string): string => (unitText(unit) ? `${title} [${unit}]` : title);
 
 /** Return the smallest difference that the numbers of a table can show, see `tableFormat`; 0 if all are 0. */
 export function shownDigit(values: Iterable<number>): number {

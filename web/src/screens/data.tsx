@@ -2,7 +2,8 @@
 
 import { effect } from "@preact/signals";
 import { newest } from "../connection";
-import { count, MISSING, significant } from "../drawing/numbers";
+import { count, counted, MISSING, significant } from "../drawing/numbers";
+import { addFiles } from "../dropping";
 import { NumberField, Segment, TextField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
@@ -12,8 +13,7 @@ import { openEntry, panel, showFinding } from "../navigation";
 import type { ChannelRow, DatasetFiles, MappedInput, RecordingFile } from "../replies";
 import { scoped } from "../scope";
 import { setKeys } from "../settings";
-import { message, request, screen, settled, state } from "../store";
-import { droppedFiles, upload } from "../uploads";
+import { request, screen, settled, state } from "../store";
 import { DataSettings } from "./data/settings";
 
 const entries = scoped<DatasetFiles[]>([]);
@@ -36,11 +36,7 @@ effect(() => {
 export function Data() {
   return (
     <>
-      <main
-        class={`data ${panel.data.value ? "open" : ""}`}
-        onDragOver={(event) => event.preventDefault()}
-        onDrop={drop}
-      >
+      <main class={`data ${panel.data.value ? "open" : ""}`}>
         <FileList />
         <Channels />
         <Mapping />
@@ -54,25 +50,17 @@ export function Data() {
   );
 }
 
-async function drop(event: DragEvent): Promise<void> {
-  event.preventDefault();
-  await addFiles(await droppedFiles(event));
-}
-
-/** Store files beside the project, and add each as what it is: a dataset, the function, or initial values. */
-async function addFiles(files: globalThis.File[]): Promise<void> {
-  const names = await upload(files);
-  if (names.length && (await request("add-files", { files: names })) !== null)
-    message.value = `Added ${names.join(", ")}`;
-}
-
 function FileList() {
   return (
     <section class="pane files">
       <div class="head">
         <h2>Files</h2>
         <span class="sub">
-          {entries.value.reduce((sum, e) => sum + e.files.length, 0)} in {entries.value.length} datasets
+          {counted(
+            entries.value.reduce((sum, e) => sum + e.files.length, 0),
+            "file",
+          )}{" "}
+          in {counted(entries.value.length, "dataset")}
         </span>
         <span class="right">
           <SettingsButton own={panel.data} first="dataset" />

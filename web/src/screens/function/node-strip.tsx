@@ -4,6 +4,7 @@ import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
 import { area, extent, line, type Pen, widened } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
+import { unitText } from "../../drawing/numbers";
 import { split } from "../../instruments/error-split";
 import { Picture } from "../../instruments/picture";
 import { criterion, cursor, datasetNumber } from "../../plots";
@@ -75,7 +76,7 @@ export function NodeStrip() {
     <>
       <div class="head mid">
         <h2>{drawnNode.value}</h2>
-        <span class="sub">{unit && `[${unit}] `}around the cursor; a click moves it</span>
+        <span class="sub">{unitText(unit) && `[${unit}] `}around the cursor; a click moves it</span>
         <span class="right">
           <span class="key">
             <i style={{ borderColor: "var(--model)" }} />
