@@ -110,6 +110,7 @@ class TestHelp:
             "calibrate",
             "simulate",
             "report",
+            "export",
             "info",
             "convert",
             "diff",
@@ -130,7 +131,7 @@ class TestHelp:
 
     @pytest.mark.parametrize(
         "command",
-        ["demo", "check", "calibrate", "simulate", "report", "info", "convert", "diff", "merge", "surrogate"],
+        ["demo", "check", "calibrate", "simulate", "report", "export", "info", "convert", "diff", "merge", "surrogate"],
     )
     def test_every_command_explains_itself(self, command):
         done = CliRunner().invoke(cli.app, [command, "--help"])
@@ -164,7 +165,7 @@ class TestWrongUse:
         assert err.count("\n") == 1
         assert said in err
 
-    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report", "info"])
+    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report", "export", "info"])
     def test_a_folder_is_no_file(self, command, tmp_path, capsys):
         assert cli.run([command, str(tmp_path)]) == 2
         assert capsys.readouterr().err.startswith(str(tmp_path))

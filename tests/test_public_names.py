@@ -46,6 +46,7 @@ IN_THE_DOCUMENTS = {
     "fmu",
     "function",
     *("DynamicSurrogate", "FilteredSurrogate", "read_surrogate", "write_surrogate", "compress_map"),
+    *("Export", "export_function"),
 }
 # what packages with an importer are written against
 OF_IMPORTERS = ("from kennfeld.models.importer import ", "from kennfeld.models.model_function import ")

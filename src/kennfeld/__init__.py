@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from kennfeld.domain.parameter_set import ParameterSet
     from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
     from kennfeld.domain.rbf import RBF, Expansion
+    from kennfeld.export.api import Export, export_function
     from kennfeld.graph import Graph
     from kennfeld.importers.ascet.importing import esdl, import_esdl
     from kennfeld.importers.fmu.importing import fmu
@@ -67,6 +68,7 @@ __all__ = [
     "DynamicSurrogate",
     "Equality",
     "Expansion",
+    "Export",
     "FilteredSurrogate",
     "Finding",
     "Graph",
@@ -100,6 +102,7 @@ __all__ = [
     "compress_map",
     "cross_validate",
     "esdl",
+    "export_function",
     "find_extrapolation",
     "fmu",
     "formula",
@@ -129,6 +132,7 @@ _NAMES = {
     "domain.constraints": "Equality Limit Pin Shape Term",
     "domain.criteria": "Criterion Region Target",
     "domain.dataset": "Channel Dataset Settling",
+    "export.api": "Export export_function",
     "base.errors": "ArgumentError Finding InputError InputWarning KennfeldError",
     "graph": "Graph",
     "measurement": "read",

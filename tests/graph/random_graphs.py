@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from hypothesis import strategies as st
 
+from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.domain.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
@@ -17,7 +18,7 @@ from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.native.rbf_code import KERNELS
 
 INPUTS = ("u", "v", "w")
-LOSSES = ("square", "huber", "soft_l1")
+LOSSES = ("square", *ROBUST_LOSSES)
 DRAWN = tuple(sorted(set(OPERATIONS) - {"guard"}))  # `guard` occurs in derivatives alone
 
 

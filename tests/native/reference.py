@@ -14,7 +14,7 @@ from tests.graph.random_graphs import Case, Criterion, sizes_of
 
 
 def loss(r, kind, delta):
-    """rho(r), and rho'(r) / (2 r)."""
+    """Return rho(r), and rho'(r) / (2 r)."""
     match kind:
         case "square":
             return r * r, np.ones_like(r)
@@ -27,6 +27,7 @@ def loss(r, kind, delta):
             return 2 * r * r / (root + 1), 1 / root
         case "excess":
             return np.where(r > 0, r * r, 0.0), np.where(r > 0, 1.0, 0.0)
+    raise AssertionError(f"the loss {kind} is not written down here")
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.domain.criteria import ROBUST_LOSSES
 from tests.draws import mostly_slow
 
 X = np.linspace(0, 10, 100)
@@ -79,6 +80,16 @@ def test_an_end_worse_than_the_mean_has_a_warning_with_a_remedy():
     assert result.quality[0].r2_after < 0
     messages = [f"{warning} {warning.remedy}" for warning in result.warnings]
     assert result.status != "converged" or any("worse than by the mean" in m and "starts = 10" in m for m in messages)
+
+
+@pytest.mark.parametrize("loss", ROBUST_LOSSES)
+def test_a_robust_fit_beside_outliers_names_them_before_other_starts(loss):
+    x = np.linspace(0, 1, 60)
+    target = np.where(np.arange(60) % 9 == 0, 40.0, 0.1 * x)
+    criterion = kf.Criterion("y", "m", loss=loss, delta=0.01)
+    result = kf.calibrate("y = a * x", {"x": x, "m": target}, {"a": 0.0}, criteria=[criterion])
+    (warning,) = (each for each in result.warnings if "worse than by the mean" in each.message)
+    assert warning.remedy.startswith("If the largest errors are outliers")
 
 
 def test_a_poor_end_that_limits_enforce_names_them():

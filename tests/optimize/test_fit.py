@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.optimize.fit.fit import default_tolerance
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.limits.projection import project
@@ -164,6 +165,7 @@ def test_a_scale_divides_the_error():
 @pytest.mark.parametrize(
     ("loss", "expected"),
     [("huber", lambda r, d: 2 * d * r - d * d), ("soft_l1", lambda r, d: 2 * d * d * ((1 + (r / d) ** 2) ** 0.5 - 1))],
+    ids=ROBUST_LOSSES,
 )
 def test_losses_are_those_of_the_design(loss, expected):
     criterion = kf.Criterion("m", "y", loss=loss, delta=0.5, scale=2.0)
@@ -171,7 +173,7 @@ def test_losses_are_those_of_the_design(loss, expected):
     assert result.cost_before == pytest.approx(expected(3.0, 0.5))
 
 
-@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+@pytest.mark.parametrize("loss", ROBUST_LOSSES)
 def test_robust_losses_are_not_misled_by_outliers(loss):
     random = np.random.default_rng(0)
     y = 3 * X - 1 + 0.01 * random.standard_normal(X.size)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.optimize import Problem
 from kennfeld.optimize.fit.separate_parts import separate_parts
 from kennfeld.optimize.limits.linear_limits import linear_limits
@@ -66,7 +67,7 @@ def test_parts_are_the_values_that_affect_some_criteria_only(text, criteria, exp
     assert [tuple(sorted(part.names)) for part in parts] == expected
 
 
-@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+@pytest.mark.parametrize("loss", ROBUST_LOSSES)
 def test_an_outlier_that_hides_all_other_samples_is_named(loss):
     y = np.where(np.arange(X.size) == 7, 1e20, RATIO)
     criteria = [kf.Criterion("R", "q", loss=loss, delta=0.03)]

@@ -14,6 +14,30 @@ def test_a_curvature_stays_within_its_limits(shop):
     assert np.diff(result.parameters["Gain"].values, 2)[0] >= 0.2 * (1 - 1e-9)
 
 
+def test_a_slope_is_limited_in_a_part_of_a_table(shop):
+    limit = "[{ x = [-inf, 0.0005], where = { x = [2000, inf] } }]"
+    values = shop.add(f"[parameters.Gain]\ngradient = {limit}").project.calibrate().parameters["Gain"].values
+    assert values[2] - values[1] <= 0.5 * (1 + 1e-9)
+    assert values[1] - values[0] > 0.6
+
+
+def test_a_part_without_neighbouring_breakpoints_is_reported(shop):
+    shop.add("[parameters.Gain]\ngradient = [{ x = [0, inf], where = { x = [1500, 2500] } }]")
+    assert "no 2 neighbouring breakpoints are within its where" in str(shop.project.check())
+
+
+def test_bounds_are_relative_to_the_start(shop):
+    shop.add("[parameters.Gain]\ninitial = [0.5, 0, -2]\nbounds = { relative = 0.1, absolute = 0.1 }")
+    gain = shop.project.problem().parameters["Gain"]
+    assert gain.lower == pytest.approx([0.4, -0.1, -2.2])
+    assert gain.upper == pytest.approx([0.6, 0.1, -1.8])
+
+
+def test_a_value_of_0_that_a_share_keeps_is_reported(shop):
+    shop.add("[parameters.Gain]\ninitial = [0.5, 0, -2]\nbounds = { relative = 0.1 }")
+    assert "1 of 3 initial values are 0 and cannot move" in str(shop.project.check())
+
+
 def test_values_are_made_equal(shop):
     terms = "terms = [{ parameter = 'Gain', at = [1000] }, { parameter = 'Gain', at = 3000, factor = -1 }]"
     result = shop.add(f"[[equality]]\n{terms}").project.calibrate()
@@ -54,7 +78,12 @@ def test_a_limit_may_use_channels_without_another_use(shop):
         ("[parameters.Gain]\ngradient = { x = [1, 0] }", "lower limit 1 exceeds upper limit 0"),
         ("[parameters.Gain]\ngradient = { x = 3 }", "must be a range of two numbers, got 3"),
         ("[parameters.Gain]\ngradient = { y = [0, 1] }", "Gain has no axis y"),
-        ("[parameters.Gain]\ngradient = 3", "must be a table, got 3"),
+        ("[parameters.Gain]\ngradient = 3", "must be a table by axis or a list of them, got 3"),
+        ("[parameters.Gain]\ngradient = [{ where = { x = [0, 1] } }]", "gradient 1: has no limit"),
+        ("[parameters.Gain]\ngradient = [{ x = [0, 1], where = { y = [0, 1] } }]", "Gain has no axis y"),
+        ("[parameters.Gain]\ngradient = [{ x = [0, 1], where = { x = [3, 1] } }]", "first and the last axis value"),
+        ("[parameters.Gain]\nbounds = {}", "must have a distance from the initial value"),
+        ("[parameters.Gain]\nbounds = { relative = -1 }", "must be > 0, got -1"),
         ("[[equality]]\nvalue = 3", "terms: the key is missing"),
         ("[[equality]]\nterms = [{ parameter = 'Gian' }]", "Did you mean Gain?"),
         ("[[equality]]\nterms = [{ parameter = 'Gain', at = [1, 2] }]", "2.0] has 2 coordinates, but Gain has 1 axes"),

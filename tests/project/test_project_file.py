@@ -153,7 +153,10 @@ def test_a_byte_order_mark_and_windows_line_ends_are_accepted(shop):
         ("[[criterion]]\nnode = 'a'\ntarget = []", "2 target: must be a channel, a node or a number, got []"),
         ("[[criterion]]\nnode = 'a'\ntarget = {}", "[[criterion]] 2 target: must be either a channel or a node"),
         ("[[criterion]]\nnode = 'a'\ntarget = {chanel = 'b'}", "chanel: unknown key"),
-        ("[[criterion]]\nnode = 'a'\ntarget = 1\nloss = 'hubert'", "loss: unknown value 'hubert'. Did you mean huber?"),
+        (
+            "[[criterion]]\nnode = 'a'\ntarget = 1\nloss = 'hubert'\ndelta = 2",
+            "loss: unknown value 'hubert'. Did you mean huber?",
+        ),
         ("[[criterion]]\nnode = 'a'\ntarget = 1\ndelta = 2", "delta requires the loss huber or soft_l1"),
         ("[parameters]\nGain = 3", "[parameters] Gain: must be a section, got 3. Write a section [parameters.Gain]."),
         ("[parameters.Gain]\nfree = 'yes'", "[parameters.Gain] free: must be true or false, got 'yes'"),

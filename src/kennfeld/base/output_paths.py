@@ -118,14 +118,22 @@ def is_plain_name(name: str) -> bool:
     return os.name != "nt" or not (_is_device(name) or name.endswith((".", " ")))
 
 
+def file_name(written: str) -> str:
+    r"""Strip a name of a file of its folders, however a text separates them.
+
+    >>> file_name("data\\engine.sldd"), file_name("data/engine.sldd")
+    ('engine.sldd', 'engine.sldd')
+    """
+    return written.replace("\\", "/").rpartition("/")[2]
+
+
 def plain_name(name: str) -> str:
     """Return a file name without a folder, and without characters that a file system or a page may take for more.
 
     >>> plain_name("../../a:b?.csv"), plain_name("CON.csv"), plain_name("gpj\u202ecsv.exe")
     ('a_b_.csv', '_CON.csv', 'gpj_csv.exe')
     """
-    last = name.replace("\\", "/").rpartition("/")[2]
-    plain = "".join("_" if letter in _UNSAFE or _is_unseen(letter) else letter for letter in last)
+    plain = "".join("_" if letter in _UNSAFE or _is_unseen(letter) else letter for letter in file_name(name))
     # a dot at the beginning would hide the file; Windows drops dots and blanks at the end
     plain = _last_bytes(plain, MAX_NAME).strip(". ") or "file"
     return f"_{plain}" if _is_device(plain) else plain

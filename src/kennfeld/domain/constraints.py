@@ -1,12 +1,14 @@
 """Constraints of a calibration in addition to bounds and locks: shapes of tables, equalities, and output limits."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Literal
 
 from kennfeld.base.arrays import ArrayLike
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import array, number
+from kennfeld.domain.parameters import AXIS_LETTERS
 
 UNBOUNDED = float("inf")
 
@@ -71,12 +73,14 @@ class Shape:
             d2z/dx2 between three neighbours: convex if >= 0.
         lower: lower bound.
         upper: upper bound.
+        where: by axis letter a range of axis values, both ends included; differences count whose grid points are all
+            within these ranges. Default is the whole table.
 
     Raises:
         ArgumentError: a bound is not a number, or the lower one exceeds the upper one.
 
-    >>> Shape("MapX", 0, "slope", lower=0.0)
-    Shape(parameter='MapX', axis=0, kind='slope', lower=0.0, upper=inf)
+    >>> Shape("MapX", 1, "slope", lower=0.0, where={"x": (2000, 6000)}).where
+    {'x': (2000.0, 6000.0)}
     """
 
     parameter: str
@@ -84,9 +88,12 @@ class Shape:
     kind: Literal["slope", "curvature"]
     lower: float = -UNBOUNDED
     upper: float = UNBOUNDED
+    where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _set_range(self, f"{self.kind} of {self.parameter}")
+        owner = f"{self.kind} of {self.parameter}"
+        _set_range(self, owner)
+        object.__setattr__(self, "where", {axis: _ends(ends, axis, owner) for axis, ends in self.where.items()})
 
 
 @dataclass(frozen=True)
@@ -148,6 +155,16 @@ def _term_text(term: Term) -> str:
 
 def _coordinates(at: ArrayLike, owner: str) -> tuple[float, ...]:
     return tuple(array(at, f"coordinates of {owner}").tolist())
+
+
+def _ends(ends: tuple[float, float], axis: str, owner: str) -> tuple[float, float]:
+    """Return the ends of a range along an axis as numbers, in order."""
+    if axis not in AXIS_LETTERS:
+        raise ArgumentError(f"where of the {owner}: axis {axis!r} is none of {', '.join(AXIS_LETTERS)}")
+    first, last = (number(end, f"where of the {owner} along {axis}", "", infinite=True) for end in ends)
+    if not first <= last:
+        raise ArgumentError(f"where of the {owner}: {first:g} exceeds {last:g} along {axis}")
+    return first, last
 
 
 def _set_range(limit: Limit | Shape, owner: str) -> None:

@@ -7,11 +7,13 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes
+from kennfeld.models.imperative.path_facts import bound_of
 
 Rule: TypeAlias = Callable[..., Nodes]  # of the evaluator and the arguments
 _MAX_ELEMENTS: Final = 100_000
@@ -58,6 +60,15 @@ def filled_array(evaluator: SymbolicEvaluator, node: int, sizes: Sequence[Nodes]
     if math.prod(shape) > _MAX_ELEMENTS:
         raise ProgramError(f"an array of more than {_MAX_ELEMENTS} elements")
     return np.full(shape if len(shape) > 1 else (*shape, 1), node, dtype=np.int64)
+
+
+def wrapped(builder: GraphBuilder, x: Nodes, least: float, count: float) -> Nodes:
+    """Return x mod `count`, from `least` on; numbers that are known to be within that range stay as they are."""
+    nodes = [int(node) for node in x.ravel()]
+    if all(least <= bound_of(builder, node, False) and bound_of(builder, node, True) < least + count for node in nodes):
+        return x
+    apply = Elementwise(builder)
+    return apply("add", apply("mod", apply("sub", x, least), count), least)
 
 
 def shift(direction: float) -> Rule:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.matlab import values as v
+from kennfeld.matlab.errors import failed_assignment
 from kennfeld.matlab.evaluator import NumericEvaluator
 from kennfeld.matlab.indexing import Index, assign_elements, delete_elements, index_array
 from kennfeld.matlab.operators import cast_to_class, result_class, to_strings
@@ -27,7 +28,7 @@ def assign(evaluator: NumericEvaluator, target: m.Expression, value: v.Value) ->
         evaluator.owned.pop(name, None)
         return name
     if name in evaluator.undefined:
-        raise v.MatlabValueError(f"{name} is undefined: {evaluator.undefined[name]}")
+        raise v.MatlabValueError(f"{name} is undefined: {failed_assignment(evaluator.undefined[name])}")
     known = evaluator.variables.get(name)
     owned = known is not None and evaluator.owned.get(name) == id(known)
     result = _assign_part(evaluator, known, steps, value, owned)

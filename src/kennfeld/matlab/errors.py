@@ -14,6 +14,11 @@ class MatlabError(InputError):
         return cls([Finding(Location(name, place.line, column=place.column), message, remedy, excerpt)])
 
 
+def failed_assignment(place: Location) -> str:
+    """Return why a variable has no value that a script does not assign."""
+    return f"assignment failed in {place}"
+
+
 class LimitError(Exception):
     """A script exceeds its budget."""
 

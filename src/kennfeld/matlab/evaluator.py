@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.base.errors import Location
 from kennfeld.base.formatting import nearest, size_text
 from kennfeld.matlab import values as v
-from kennfeld.matlab.errors import Budget, LimitError, MatlabError
+from kennfeld.matlab.errors import Budget, LimitError, MatlabError, failed_assignment
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS, NumericArguments
 from kennfeld.matlab.indexing import ALL, Index, index_array
 from kennfeld.matlab.operators import (
@@ -85,7 +86,7 @@ class NumericEvaluator:
         self.functions = functions
         self.budget = budget
         self.name = name
-        self.undefined: dict[str, str] = {}
+        self.undefined: dict[str, Location] = {}  # where the assignment of a variable or field failed
         self.owned: dict[str, int] = {}  # id of the array of each variable that owns it alone
         self._ends: list[tuple[v.Value, int, int]] = []
 
@@ -219,7 +220,8 @@ class NumericEvaluator:
                 return
             path = f"{path}.{step.name}"
             if path in self.undefined:
-                raise MatlabError.at(self.name, base.place, f"{path} is undefined: {self.undefined[path]}")
+                why = failed_assignment(self.undefined[path])
+                raise MatlabError.at(self.name, base.place, f"{path} is undefined: {why}")
 
     def step(self, value: v.Value, step: m.Expression, outputs: int = 1) -> list[v.Value]:
         """Return the part of a value that a field, an index or a brace index selects."""
@@ -265,7 +267,8 @@ class NumericEvaluator:
     def _call_by_name(self, base: m.Name, steps: Sequence[m.Expression], outputs: int) -> tuple[list[v.Value], int]:
         """Call the function at the base of a chain; return its values and the number of accesses it consumes."""
         if base.name in self.undefined:
-            raise MatlabError.at(self.name, base.place, f"{base.name} is undefined: {self.undefined[base.name]}")
+            why = failed_assignment(self.undefined[base.name])
+            raise MatlabError.at(self.name, base.place, f"{base.name} is undefined: {why}")
         path, at = base.name, 0
         while at < len(steps) and isinstance(field := steps[at], m.Field):
             path, at = f"{path}.{field.name}", at + 1

@@ -15,7 +15,7 @@ from kennfeld.base.errors import Finding, Location, Severity
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.matlab import values as v
 from kennfeld.matlab.assignment import assign, without_field
-from kennfeld.matlab.errors import Budget, LimitError, MatlabError
+from kennfeld.matlab.errors import Budget, LimitError, MatlabError, failed_assignment
 from kennfeld.matlab.evaluator import HostFunction, NumericEvaluator
 from kennfeld.matlab.functions.reductions import matches_case
 from kennfeld.matlab.parser import parse_leniently
@@ -46,14 +46,14 @@ class ScriptResult:
     """The variables that a script leaves, and the findings on it.
 
     `comments` are those behind the last assignment to a variable or to a field of it (`Map.x`), `lines` the first line
-    that assigns each variable, `undefined` the reasons why others have no value, `missing_files` the files that it
+    that assigns each variable, `undefined` where the assignment of others failed, `missing_files` the files that it
     loads or runs and that do not exist. A finding is an error if the script ends early.
     """
 
     variables: dict[str, v.Value]
     findings: tuple[Finding, ...]
     comments: dict[str, str] = field(default_factory=dict)
-    undefined: dict[str, str] = field(default_factory=dict)
+    undefined: dict[str, Location] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     missing_files: tuple[str, ...] = ()
 
@@ -182,15 +182,14 @@ class _ScriptRunner(NumericEvaluator):
         self.budget.step(_FAILURE_STEPS)
         if isinstance(error, v.MatlabValueError):
             error = MatlabError.at(self.name, statement.place, str(error))
-        line = f"{self.name} line {statement.place.line}"
         lost = sorted(paths_assigned(statement))
         for finding in error.findings:
             message = finding.message + (f"; {', '.join(lost[:5])} remains undefined" if lost else "")
             self.shared.report(finding.location, message, finding.remedy)
-        self.forget(lost, f"assignment failed in {line}")
+        self.forget(lost, Location(self.name, statement.place.line))
 
-    def forget(self, paths: Iterable[str], why: str) -> None:
-        """Remove the values of variables and of fields; the other fields of a struct stay."""
+    def forget(self, paths: Iterable[str], place: Location) -> None:
+        """Remove the values of variables and of fields whose assignment failed; other fields of a struct stay."""
         for path in paths:
             name, *fields = path.split(".")
             rest = without_field(self.variables.get(name), fields) if fields else None
@@ -198,7 +197,7 @@ class _ScriptRunner(NumericEvaluator):
                 self.variables[name] = rest
             elif not fields:
                 self.variables.pop(name, None)
-            self.undefined[path] = why
+            self.undefined[path] = place
 
     def define(self, path: str) -> None:
         """Record that a variable or field has a value again, and so do the fields in it."""
@@ -404,7 +403,8 @@ class _ScriptRunner(NumericEvaluator):
                 values.append(self.variables[name])
             # called as a statement, a function need not assign its output; a failed assignment is reported all the same
             elif len(values) < max(outputs, 1) and (outputs or name in self.undefined):
-                why = self.undefined.get(name, "no assignment was reached")
+                place = self.undefined.get(name)
+                why = "no assignment was reached" if place is None else failed_assignment(place)
                 raise v.MatlabValueError(f"{function.name} does not assign its output {name}: {why}")
             else:
                 break

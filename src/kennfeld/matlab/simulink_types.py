@@ -30,7 +30,7 @@ _PROPERTIES: Mapping[str, Mapping[str, v.Value]] = {
     VALUE_TYPE: {name: value for name, value in _ELEMENT.items() if name != "Name"},
 }  # fmt: skip
 _MODE: Final = "Fixed-point: "
-_MOST_BITS: Final = 128
+MOST_BITS: Final = 128  # of a fixed-point type
 _MAX_DEPTH: Final = 50
 _MAX_ZEROS: Final = 1_000_000
 
@@ -91,8 +91,8 @@ def fixed_point_object(arguments: Sequence[v.Value]) -> v.MatlabStruct:
     if not 2 <= count <= 5 or any(part.size != 1 for part in numbers[1:]):
         raise v.MatlabValueError("a sign, the number of bits and the scaling are required")
     signed, (bits, *scaling) = numbers[0], [float(part[0]) for part in numbers[1:]]
-    if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
-        raise v.MatlabValueError(f"the number of bits must be an integer from 1 to {_MOST_BITS}, got {bits:g}")
+    if not (bits.is_integer() and 1 <= bits <= MOST_BITS):
+        raise v.MatlabValueError(f"the number of bits must be an integer from 1 to {MOST_BITS}, got {bits:g}")
     # [] leaves the sign to the signal
     sign = "Auto" if not signed.size else "Signed" if signed[0] else "Unsigned"
     fields: dict[str, v.Value] = {"Signedness": v.characters(sign), "WordLength": v.scalar(bits)}

@@ -1,6 +1,7 @@
 """LLVM IR of the elementwise operations; agrees with `graph.operations` bit for bit if IEEE 754 defines the result.
 
-Elementary functions are those of the C library.
+Sums are therefore not fused with products, whatever the processor offers: a simulation is the same on all of them, and
+the same as that of exported C code. Elementary functions are those of the C library.
 """
 
 from collections.abc import Callable
@@ -20,7 +21,7 @@ CONDITIONS: dict[str, str] = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge"
 
 
 def _binary(instruction: str) -> Callable[..., str]:
-    return lambda f, a, b: f.new(f"{instruction} contract double {a}, {b}")
+    return lambda f, a, b: f.new(f"{instruction} double {a}, {b}")
 
 
 def _intrinsic(name: str) -> Callable[..., str]:
@@ -49,7 +50,6 @@ def _extreme(comparison: str) -> Callable[..., str]:
 def _mod(f: FunctionWriter, a: str, b: str) -> str:
     """Return the remainder with the sign of the divisor; the dividend if the divisor is zero."""
     whole = f.new(f"call double @llvm.floor.f64(double {f.new(f'fdiv double {a}, {b}')})")
-    # without `contract`: a fused multiply-add rounds once, and the interpreter twice
     rest = f.new(f"fsub double {a}, {f.new(f'fmul double {whole}, {b}')}")
     return f.select(f.new(f"fcmp oeq double {b}, {ZERO}"), a, rest)
 

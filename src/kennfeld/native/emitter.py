@@ -6,6 +6,7 @@ LLVM's passes grows faster than the length of a block; values used across functi
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -164,6 +165,9 @@ class StepEmitter:
                 self._values[node] = self.f.load("%frame", self.frame[node])
         return self._values[node]
 
+    def _is_known(self, node: int) -> bool:
+        return node in self._values or node in self._truths or node in self.frame
+
     def _truth(self, node: int) -> Condition:
         if node not in self._truths:
             self._truths[node] = Condition(self.f.new(f"fcmp une double {self.value(node)}, {ZERO}"))
@@ -301,6 +305,10 @@ class StepEmitter:
     def cell(self, node: int, count: int) -> Cell:
         """Return the two of `count` grid points around a position."""
         if (node, count) not in self._cells:
+            op, args, payload = self.nodes[node]
+            if op == "position" and self._is_known(args[0]):
+                # in a later function than the position: searched again, as its sum has lost bits of the fraction
+                return self._search(node, args[0], payload)
             f, place = self.f, self.value(node)
             if count == 1:
                 return Cell("0", f.fmul(place, ZERO), single=True)
@@ -402,7 +410,8 @@ class StepEmitter:
         sides, strides = self.sides(table, args), self.layout.strides(table.name)
         terms = (guarded_product(f, c.weight, f.load(base, c.index)) for c in corners(f, sides, strides, slope))
         if not any(isinstance(side, Window) for side in sides):
-            return f.sum([*terms])
+            # in this order, which `f.sum` would leave to LLVM: exported C code adds in the same one
+            return reduce(lambda a, b: f.new(f"fadd double {a}, {b}"), terms)
         total = f.variable("double", ZERO)
         for term in terms:  # within the loops of the windows
             f.increase(term, total.pointer)

@@ -20,7 +20,9 @@ Influence = tuple[Float, Float]  # psi / r and psi', Float[samples] each
 
 @dataclass(frozen=True)
 class LossRule:
-    """A loss.
+    """A loss: at least 0, falling nowhere as |r| grows, and not finite for a residual that is not.
+
+    The weight of its equivalent square is at least 0. Values that make an output overflow are thus rejected.
 
     Attributes:
         code: writes the code of a residual, given as the name of its value, with the `delta` of the criterion.

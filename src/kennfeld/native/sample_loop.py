@@ -76,10 +76,16 @@ def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int,
 
     items: list[CodeItem] = []
     for n in ancestors(nodes, [*roots, *behind]):
-        items.append(CodeItem(nodes[n].args, compute(n), n))
+        items.append(CodeItem(_needs(nodes, n), compute(n), n))
         if n in behind:
             items.append(behind[n])
     return items
+
+
+def _needs(nodes: Sequence[Node], n: int) -> tuple[int, ...]:
+    """Return the nodes whose values a node takes, and the coordinates of the cells that it interpolates in."""
+    own = nodes[n].args
+    return (*own, *(nodes[a].args[0] for a in own if nodes[a].op == "position"))
 
 
 def step_items(

@@ -1,6 +1,9 @@
 """Builds the criteria and constraints of a project: pins, shapes of tables, equalities, and output limits."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Literal
+
+import numpy as np
 
 from kennfeld.base.errors import Finding, Findings, Location
 from kennfeld.base.formatting import count_noun, nearest, toml_text
@@ -9,12 +12,16 @@ from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.domain.criteria import Criterion, Region, Target
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.table_parts import Range, grid_points_within, missing_directions
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.parameter_tables import Tables
 from kennfeld.project.schema import CriterionEntry, ProjectFile
-from kennfeld.project.table_schema import ParameterEntry
+from kennfeld.project.table_schema import ParameterEntry, ShapeEntry
 from kennfeld.project.value_forms import DIRECTIONS
+
+IGNORED = "The limit is ignored."
+Limits = Range | tuple[ShapeEntry, ...]
 
 
 @dataclass
@@ -80,23 +87,37 @@ class _ConstraintBuilder:
 
     def shapes(self, entry: ParameterEntry) -> Iterable[Shape]:
         """Yield the limits of slope and curvature of a free parameter."""
-        name = entry.name
-        axes = self.tables.parameters[name].index_axes
-        for key, kind, ranges, least in (
+        table = self.tables.parameters[entry.name]
+        kinds: tuple[tuple[str, Literal["slope", "curvature"], Limits, int], ...] = (
             ("gradient", "slope", entry.gradient, 2),
             ("curvature", "curvature", entry.curvature, 3),
-        ):
-            for direction, (lower, upper) in ranges.items():
-                location, axis = entry.location.within(f"{key} {direction}"), DIRECTIONS.index(direction)
-                if axis >= len(axes):
-                    self.findings.error(location, f"{name} has no axis {direction}", "Remove it.")
-                elif len(axes[axis]) < least:
-                    message = f"{key} requires {least} breakpoints, but the axis has {len(axes[axis])}"
-                    self.findings.warning(location, message, "The limit is ignored.")
-                elif name in self.tables.free and self._is_used(name):
-                    yield Shape(name, axis, "slope" if kind == "slope" else "curvature", lower, upper)
-                elif self._is_used(name):
-                    self.findings.warning(location, f"{name} is not free", "The limit is ignored.")
+        )
+        for key, kind, limits, width in kinds:
+            for place, direction, (lower, upper), where in _shape_limits(key, limits):
+                fault = self._shape_fault(table, direction, where, width)
+                if fault is None and not self._is_used(entry.name):
+                    continue
+                if fault is not None:
+                    message, remedy, is_error = fault
+                    report = self.findings.error if is_error else self.findings.warning
+                    report(entry.location.within(f"{place} {direction}"), message, remedy)
+                else:
+                    yield Shape(entry.name, DIRECTIONS.index(direction), kind, lower, upper, where)
+
+    def _shape_fault(self, table: Parameter, direction: str, where: Range, width: int) -> tuple[str, str, bool] | None:
+        """Return why a table cannot have limits on differences of `width` points: message, remedy, if an error."""
+        for beyond in missing_directions(table, {direction: (0.0, 0.0), **where}):
+            return f"{table.name} has no axis {beyond}", "Remove it.", True
+        points = len(table.index_axes[DIRECTIONS.index(direction)])
+        if points < width:
+            kind = "gradient" if width == 2 else "curvature"
+            return f"{kind} requires {width} breakpoints, but the axis has {points}", IGNORED, False
+        along = np.moveaxis(grid_points_within(table, where), DIRECTIONS.index(direction), 0)
+        if not np.any(np.all([along[i : points - width + 1 + i] for i in range(width)], axis=0)):
+            return f"no {width} neighbouring breakpoints are within its where", IGNORED, False
+        if self._is_used(table.name) and table.name not in self.tables.free:
+            return f"{table.name} is not free", IGNORED, False
+        return None
 
     def equalities(self) -> Iterable[Equality]:
         """Yield the equalities whose terms are all valid."""
@@ -115,6 +136,15 @@ class _ConstraintBuilder:
                     is_valid = False
             if is_valid:
                 yield Equality([Term(term.parameter, term.at, term.factor) for term in entry.terms], entry.value)
+
+
+def _shape_limits(key: str, limits: Limits) -> Iterator[tuple[str, str, tuple[float, float], Range]]:
+    """Yield of each limit its place in the section, its direction, its ends and where it applies."""
+    if not isinstance(limits, tuple):
+        yield from ((key, direction, ends, {}) for direction, ends in limits.items())
+        return
+    for number, entry in enumerate(limits, 1):
+        yield from ((f"{key} {number}", direction, ends, entry.where) for direction, ends in entry.limits.items())
 
 
 def build_criteria(

@@ -34,6 +34,7 @@ from kennfeld.project.value_forms import (
     AXIS_RANGE,
     DIRECTIONS,
     FREE,
+    Around,
     ArrayForm,
     BoundsForm,
     BreakpointsForm,
@@ -148,7 +149,8 @@ def _(form: TableOfForm) -> Description:
 def _(form: EitherForm) -> Description:
     plain, table = describe_form(form.plain), describe_form(form.table)
     by = "by axis" if table.get("names") else "by name"
-    alternatives = plain["forms"] if plain["kind"] == "either" else [{"title": "for all", **plain}]
+    title = "by part" if plain["kind"] == "entries" else "for all"
+    alternatives = plain["forms"] if plain["kind"] == "either" else [{"title": title, **plain}]
     return _either(*alternatives, {"title": by, **table})
 
 
@@ -174,7 +176,8 @@ def _(form: ArrayForm) -> Description:
 
 @describe_form.register
 def _(form: BoundsForm) -> Description:
-    return _either({"title": "for all", "kind": "pair"}, {"title": "by value", "kind": "toml"})
+    around = {"title": "around the start", "kind": "entry", "keys": _describe_keys(Around)}
+    return _either({"title": "for all", "kind": "pair"}, around, {"title": "by value", "kind": "toml"})
 
 
 @describe_form.register

@@ -17,15 +17,15 @@ from kennfeld.domain.file_keys import KeyProblem
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Parameter, parameter
 from kennfeld.domain.rbf import RBF
+from kennfeld.domain.table_parts import Range, grid_points_within, missing_directions
 from kennfeld.graph.interpolation import regrid
 from kennfeld.project.axes import Axes, free_breakpoints
 from kennfeld.project.initial_calibration import describe_parameter, format_shape
 from kennfeld.project.label_selection import expand_lists
 from kennfeld.project.model import ProjectModel, axis_count_finding, coordinates_of, initial_level
 from kennfeld.project.schema import ProjectFile
-from kennfeld.project.steps import grid_points_within, missing_directions
 from kennfeld.project.table_schema import Factor, ParameterEntry
-from kennfeld.project.value_forms import DIRECTIONS, Range
+from kennfeld.project.value_forms import DIRECTIONS, Around
 
 Report = Callable[[str, str, str], None]  # key, message, remedy
 
@@ -40,7 +40,8 @@ def apply_rbf_settings(old: RBF, entry: ParameterEntry, report: Report) -> Param
     texts = {"unit": entry.unit, "description": entry.description}
     expansion = old.changed(**{key: text for key, text in texts.items() if text is not None})
     if entry.bounds is not None:
-        expansion = expansion.with_bounds(*entry.bounds)
+        bounds = entry.bounds.bounds(old.values) if isinstance(entry.bounds, Around) else entry.bounds
+        expansion = expansion.with_bounds(*bounds)
     return expansion.changed(locked=np.full(old.values.shape, entry.lock is True))
 
 
@@ -60,7 +61,8 @@ def _rbf_problems(old: RBF, entry: ParameterEntry) -> Iterator[KeyProblem]:
     if not isinstance(entry.lock, bool):
         message = f"a part of {entry.name} cannot be locked by ranges: an RBF expansion has no axes"
         yield "lock", message, "Write lock = true, or set equal lower and upper bounds for values to be kept."
-    if any(side.shape != old.values.shape for side in entry.bounds or ()):
+    sides = () if isinstance(entry.bounds, Around) else entry.bounds or ()
+    if any(side.shape != old.values.shape for side in sides):
         message = f"the bounds of {entry.name} must have {old.size} values: offset, slopes, weights, centres and widths"
         yield "bounds", message, f"Write two lists of {old.size} numbers, in the order of trust.csv."
 
@@ -249,6 +251,8 @@ class _TableBuilder:
         """Return bounds of the table's shape; warn if initial values are outside."""
         if self.entry.bounds is None:
             return {}
+        if isinstance(self.entry.bounds, Around):
+            return self._bounds_around(values, self.entry.bounds)
         lower, upper = (self._spread("bounds", side, values.shape) for side in self.entry.bounds)
         if lower is None or upper is None:
             return {}
@@ -257,6 +261,21 @@ class _TableBuilder:
             at = tuple(np.argwhere(outside)[0])
             message = f"{int(outside.sum())} of {values.size} initial values are outside, such as {values[at]:g}"
             self._report("bounds", message, "They will be clipped to the bounds.", warning=True)
+        return {"lower": lower, "upper": upper}
+
+    def _bounds_around(self, values: Float, around: Around) -> dict[str, Float]:
+        """Return bounds around initial values; warn if some of these are 0, which a share does not move."""
+        lower, upper = around.bounds(values)
+        if (fixed := int(np.count_nonzero(lower == upper))) and fixed < values.size:
+            message = f"{fixed} of {values.size} initial values are 0 and cannot move"
+            self._report("bounds", message, "Add absolute = ... to let them.", warning=True)
+        elif fixed:
+            message = (
+                "all initial values are 0 and cannot move"
+                if values.size > 1
+                else "the initial value is 0 and cannot move"
+            )
+            self._report("bounds", message, "Write bounds = { absolute = ... }.", warning=True)
         return {"lower": lower, "upper": upper}
 
     def _lock(self, table: Parameter) -> Bool:

@@ -145,7 +145,8 @@ class ModelEntry:
         "lp64",
     )
     float32: bool = key(
-        "round each result of type `float` of functions in C to single precision, as the processor does, also in "
+        "round each result of type `float` of functions in C, and signals of type `single` of a "
+        "[Simulink model](simulink.md#data-types), to single precision, as the processor does; for C also in "
         "`[functions]`",
         False,
     )

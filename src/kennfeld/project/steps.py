@@ -11,6 +11,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool
 from kennfeld.base.errors import Findings
 from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.table_parts import grid_points_within, missing_directions
 from kennfeld.optimize.problem.options import Step
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.quality.lookup_coverage import Coverage, touched
@@ -18,24 +19,7 @@ from kennfeld.optimize.search.step_problem import check_steps
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.project.label_selection import expand_lists
 from kennfeld.project.schema import ProjectFile, StepEntry
-from kennfeld.project.value_forms import DIRECTIONS, Lock, Range
-
-
-def missing_directions(table: Parameter, part: Range) -> list[str]:
-    """Return the directions of a range that the table does not have; those of a value block count positions."""
-    return [direction for direction in part if DIRECTIONS.index(direction) >= len(table.index_axes)]
-
-
-def grid_points_within(table: Parameter, part: Range) -> Bool:
-    """Mark the grid points within ranges of axis values, both ends included; Bool of the table's shape."""
-    inside = np.ones(table.values.shape, dtype=bool)
-    for direction, (first, last) in part.items():
-        which = DIRECTIONS.index(direction)
-        points = table.index_axes[which].breakpoints
-        # broadcast along the other axes
-        shape = [-1 if i == which else 1 for i in range(table.values.ndim)]
-        inside &= ((points >= first) & (points <= last)).reshape(shape)
-    return inside
+from kennfeld.project.value_forms import DIRECTIONS, Lock
 
 
 def uncovered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:

@@ -11,10 +11,13 @@ from kennfeld.base.errors import Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.parameters import Extrapolation
-from kennfeld.project.forms import EitherForm, NumberForm, TableOfForm, TextForm
+from kennfeld.domain.table_parts import Range
+from kennfeld.project.forms import EitherForm, EntriesForm, NumberForm, TableOfForm, TextForm
 from kennfeld.project.value_forms import (
+    AXIS_RANGE,
     DIRECTIONS,
     FREE,
+    Around,
     ArrayForm,
     BoundsForm,
     BreakpointsForm,
@@ -23,7 +26,6 @@ from kennfeld.project.value_forms import (
     Lock,
     LockForm,
     PairForm,
-    Range,
 )
 
 Factor = float | Literal["auto"]
@@ -172,6 +174,38 @@ class PinEntry:
     at: tuple[float, ...] = key("the coordinates, one per axis", (), form=CoordinatesForm(may_be_infinite=True))
 
 
+@dataclass(frozen=True)
+class ShapeEntry:
+    """One entry of `gradient` or `curvature`: limits of a part of the table."""
+
+    x: tuple[float, float] | None = key("the range along x", None, form=LimitPairForm(), default_text="none")
+    y: tuple[float, float] | None = key("the range along y", None, form=LimitPairForm(), default_text="none")
+    z: tuple[float, float] | None = key("the range along z", None, form=LimitPairForm(), default_text="none")
+    w: tuple[float, float] | None = key("the range along w", None, form=LimitPairForm(), default_text="none")
+    where: Range = key(
+        "ranges of axis values, including their ends; a difference counts if all its grid points are within them",
+        factory=dict,
+        form=TableOfForm(AXIS_RANGE, names=DIRECTIONS),
+        default_text="the whole table",
+    )
+
+    @property
+    def limits(self) -> Range:
+        """The limits by direction."""
+        return {name: pair for name in DIRECTIONS if (pair := getattr(self, name)) is not None}
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield that there is no limit."""
+        if not self.limits:
+            yield "", "has no limit", "Write { x = [0, inf] }."
+
+
+def _shapes(key: str) -> EitherForm:
+    """Return the form of limits by direction, or of parts that have such limits."""
+    fault, remedy = "must be a table by axis or a list of them", f"Write {key} = {{ x = [0, inf] }}."
+    return EitherForm(EntriesForm(ShapeEntry, word=key, fault=fault, remedy=remedy, shows=True), _LIMITS)
+
+
 @dataclass(frozen=True, eq=False)
 class ParameterEntry:
     """One `[parameters.NAME]`; None where a key is missing."""
@@ -195,8 +229,10 @@ class ParameterEntry:
         "a number, or all values, one row for each x", None, form=ArrayForm(), default_text=_INITIAL
     )
     free: bool | None = key("`false` keeps the values", None, default_text="by `[calibration]`")
-    bounds: tuple[Float, Float] | None = key(
-        "`[lower, upper]`; each a number or a table of the parameter's shape. They hold exactly",
+    bounds: tuple[Float, Float] | Around | None = key(
+        "`[lower, upper]`; each a number or a table of the parameter's shape. They hold exactly. "
+        "`{ relative = 0.1 }` keeps each value within 10 % of its initial one, `{ absolute = 5 }` within 5, both "
+        "within the larger distance",
         None,
         form=BoundsForm(),
         default_text="none",
@@ -223,17 +259,18 @@ class ParameterEntry:
         remedy="Write pin = [{ at = [...], value = ... }].",
         shows=True,
     )
-    gradient: Range = key(
+    gradient: Range | tuple[ShapeEntry, ...] = key(
         "`{ x = [0, inf] }`: range of dz/dx between neighbours, in units of z per unit of x; with 0 on one side the "
-        "table is monotonic",
+        "table is monotonic. A list limits parts of the table, "
+        "`[{ y = [0, inf], where = { x = [2000, inf] } }]`",
         factory=dict,
-        form=_LIMITS,
+        form=_shapes("gradient"),
         default_text="none",
     )
-    curvature: Range = key(
-        "`{ x = [0, inf] }`: range of d2z/dx2; >= 0 is convex, <= 0 concave",
+    curvature: Range | tuple[ShapeEntry, ...] = key(
+        "`{ x = [0, inf] }`: range of d2z/dx2; >= 0 is convex, <= 0 concave. A list as for `gradient`",
         factory=dict,
-        form=_LIMITS,
+        form=_shapes("curvature"),
         default_text="none",
     )
     extrapolation: Extrapolation | None = key('`"linear"` extrapolates beyond the ends', None, default_text='`"clip"`')

@@ -1,7 +1,7 @@
 """Forms of particular values: arrays, ranges, locks, targets, initial files and the criteria of a step."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -11,9 +11,11 @@ from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import endings
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
-from kennfeld.domain.file_keys import key
+from kennfeld.domain.file_keys import KeyProblem, key
+from kennfeld.domain.table_parts import Range
 from kennfeld.project.forms import (
     INFINITE,
+    EntryForm,
     FilesForm,
     Form,
     NumberForm,
@@ -26,7 +28,6 @@ from kennfeld.project.simulation_files import SIMULATIONS
 
 DIRECTIONS = ("x", "y", "z", "w")
 FREE = "free"  # in place of breakpoints
-Range = Mapping[str, tuple[float, float]]  # by direction, both ends included
 Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
 _NUMBERS = {"type": "array", "items": {"type": "number"}}
@@ -53,13 +54,36 @@ class ArrayForm(Form):
         return {"type": ["number", "string", "array"]}
 
 
+@dataclass(frozen=True)
+class Around:
+    """Bounds at a distance from the initial value, the larger one of `relative * |value|` and `absolute`."""
+
+    relative: float = key("share of the magnitude of the initial value", 0.0, above=0, default_text="none")
+    absolute: float = key("distance, in the unit of the parameter", 0.0, above=0, default_text="none")
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield that no distance is given."""
+        if not present:
+            yield "", "must have a distance from the initial value", "Write bounds = { relative = 0.1 }."
+
+    def bounds(self, values: Float) -> tuple[Float, Float]:
+        """Return the lower and upper bounds of initial values, in their shape."""
+        distance = np.maximum(self.relative * np.abs(values), self.absolute)
+        return values - distance, values + distance
+
+
+_AROUND = EntryForm(Around)
+
+
 class BoundsForm(Form):
-    """A lower and an upper bound, each a number or nested lists of numbers, which may be infinite."""
+    """A lower and an upper bound, each a number or nested lists of numbers, which may be infinite; or `Around`."""
 
-    label = "`[lower, upper]`"
+    label = "`[lower, upper]` or table"
 
-    def read(self, section: Section, key: str) -> tuple[Float, Float] | None:
+    def read(self, section: Section, key: str) -> tuple[Float, Float] | Around | None:
         pair = section.values[key]
+        if isinstance(pair, dict):
+            return _AROUND.read(section, key)  # type: ignore[no-any-return]
         if not isinstance(pair, list) or len(pair) != 2:
             section.report(key, "must be a lower and an upper bound", "Write bounds = [lower, upper].")
             return None
@@ -75,7 +99,7 @@ class BoundsForm(Form):
         return (sides[0], sides[1]) if len(sides) == 2 and _are_ordered(section, key, *sides) else None
 
     def json_schema(self) -> dict[str, Any]:
-        return {"type": "array", "minItems": 2, "maxItems": 2}
+        return {"anyOf": [{"type": "array", "minItems": 2, "maxItems": 2}, _AROUND.json_schema()]}
 
 
 def _are_ordered(section: Section, key: str, lower: Float, upper: Float) -> bool:

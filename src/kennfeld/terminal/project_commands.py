@@ -5,7 +5,7 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,7 @@ from kennfeld.terminal.command_line import (
     project_file,
     trusted,
 )
+from kennfeld.terminal.opened_project import opened_project
 from kennfeld.terminal.output import (
     align,
     findings_json,
@@ -114,7 +115,7 @@ def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
 
     if is_training(read_toml(path)):
         return _check_training(path, as_json)
-    with _open(path, trust=trust, run=not no_run, connect=False) as project:
+    with opened_project(path, trust=trust, run=not no_run, connect=False) as project:
         findings = project.check() if not no_run else [*project.check(), *_unchecked(project)]
         # without errors, stdout gets all findings as JSON, and stderr none
         verdict = _print_warnings([] if as_json and not _has_errors(findings) else findings)
@@ -129,47 +130,6 @@ def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
     values = f"{count_noun(movable(problem), 'value')} of {count_noun(len(problem.free_names), 'parameter')}"
     print_lines(f"{values} to fit; {', '.join(samples)}")
     return DONE
-
-
-@contextmanager
-def _open(
-    path: Path,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    *,
-    trust: bool,
-    run: bool = True,
-    connect: bool = True,
-) -> "Iterator[Project]":
-    """Yield a project that shows the progress of reading its recordings; what it has started ends with the block.
-
-    Args:
-        path: the project file.
-        scheduler: address of a scheduler that replaces that of the project.
-        workers: number of processes on this machine.
-        trust: allow what the project asks for without a question.
-        run: run code of files that the project names, once the user has allowed it.
-        connect: join a scheduler.
-    """
-    from kennfeld.project import Project
-    from kennfeld.terminal.foreign_code import Consent, asked_consent, refused_code
-    from kennfeld.terminal.progress import ReadingProgress
-
-    project = replace(Project.read(path), watch=ReadingProgress(), report=print_progress)
-    if not run:
-        project = project.on_no_cluster()
-    elif not connect:
-        project = project.on_no_scheduler()
-    else:
-        project = project.on_cluster(scheduler, workers, print_progress)
-    consent = Consent(trust, scheduler)
-    try:
-        with asked_consent(consent) if run else refused_code(consent):
-            if run:
-                consent.require_all(project)  # other processes may be the first that run the code
-            yield project
-    finally:
-        project.close()
 
 
 def _unchecked(project: "Project") -> Iterator[Finding]:
@@ -246,7 +206,7 @@ def calibrate(
         message = f"unknown kind of folds {parts!r}"
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
     folder = results_folder(path, output)
-    with _open(path, scheduler, workers, trust=trust) as project:
+    with opened_project(path, scheduler, workers, trust=trust) as project:
         status = _calibrate(project, folder, workers, resume, by_file)
         if folds is None or status == INTERRUPTED:
             return status
@@ -393,7 +353,7 @@ def simulate(
 
     target = output_file(path, output or path.parent / "simulation.parquet")
     require_simulation_format(target)
-    with _open(path, trust=trust) as project:
+    with opened_project(path, trust=trust) as project:
         values = None if parameters is None else project.read_values(parameters)
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts, deviation=deviation)
@@ -496,7 +456,7 @@ def report(path: Path, output: Path | None, results: Path | None, trust: bool, *
 
     folder = results_folder(path, results)
     target = folder / "report.html" if output is None else output_file(path, output)
-    with _open(path, trust=trust) as project:
+    with opened_project(path, trust=trust) as project:
         changed = {name: text for name, text in heading.items() if text is not None}
         text = from_folder(project, folder, replace(project.file.report, **changed))
     print_lines(f"Written to {write_text(text, target, follow=output is not None)}")

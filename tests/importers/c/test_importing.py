@@ -237,3 +237,40 @@ def test_sizes_shifts_and_addresses_that_are_passed_back(tmp_path):
     columns = {"x": np.array([1.0, 2.0]), "n": np.array([3.0, -4.0])}
     expected = 2 * columns["x"] + 24 + 48 + columns["n"] * 2**17
     np.testing.assert_array_equal(evaluate(graph, columns, ParameterSet())["step"], expected)
+
+
+PASSING = """
+typedef struct { double a; double b; } Pair;
+static double *bounded(double *x) { if (*x > 2) *x = 2; return x; }
+static Pair *same(Pair *pair) { return pair; }
+static double *whole(double values[3]) { return values; }
+"""
+
+
+def test_objects_behind_an_address_that_is_passed_back_are_read_and_written(tmp_path):
+    body = """
+double step(double x) {
+    Pair pair = {x, 3};
+    double y = x, values[3] = {x, 1, 5};
+    *same(&pair) = pair;
+    same(&pair)->b += bounded(&y)[0];
+    *bounded(&y) -= 1;
+    return *bounded(&x) + 10 * same(&pair)->b + 100 * y + 1000 * whole(values)[2];
+}
+"""
+    (tmp_path / "f.c").write_text(PASSING + body)
+    x = np.array([-1.0, 1.5, 4.0])
+    values = evaluate(as_model(read_function_file("f.c:step", tmp_path)).graph, {"x": x}, ParameterSet())
+    low = np.minimum(x, 2)
+    np.testing.assert_allclose(values["step"], low + 10 * (3 + low) + 100 * (low - 1) + 5000)
+
+
+def test_a_function_that_only_passes_an_address_back_is_refused_by_that_reason(tmp_path):
+    text = f"{PASSING}double *step(double *x) {{ return x; }}\n"
+    assert "f.c line 6: step has no number as a result: it returns an address, that of its argument x, and writes " in (
+        _problems(text, tmp_path)
+    )
+    text = f"{PASSING}double step(double x) {{ return bounded(&x) - &x; }}\n"
+    assert "line 6: bounded returns an address, that of its argument x, not a number; read the number behind it" in (
+        _problems(text, tmp_path)
+    )

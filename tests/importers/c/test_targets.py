@@ -66,6 +66,19 @@ def test_a_long_of_32_bits_wraps(tmp_path):
     np.testing.assert_array_equal(values["step"], expected)
 
 
+@pytest.mark.parametrize(("target", "bytes_"), [("ilp32", 4), ("lp64", 8)])
+def test_pointers_have_the_size_of_the_target_in_sizes_of_arrays_as_in_expressions(target, bytes_, tmp_path):
+    text = """
+        typedef struct { double number; } Part;
+        typedef struct { Part *where; short last; } Link;
+        static double ring[sizeof(double *)], links[sizeof(Link)];
+        double step(double x) { return x + sizeof(ring) + 1000.0 * sizeof(links) + 1e6 * sizeof(Link *); }
+    """
+    (tmp_path / "f.c").write_text(text)
+    values, _ = _values("f.c", tmp_path, {"x": np.zeros(1)}, target=target)
+    assert values["step"].tolist() == [8 * bytes_ + 16e3 * bytes_ + 1e6 * bytes_]
+
+
 def test_a_project_names_the_target(tmp_path):
     rest = """
         [[dataset]]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from kennfeld.importers.fmu.fmu_archive import platform_folder
+from kennfeld.base.fmi_platform import platform_folder
 from kennfeld.importers.fmu.importing import fmu
 
 TABLE = list(product((1, 2), (1, 2, 3)))

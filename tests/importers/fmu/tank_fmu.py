@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.importers.fmu.fmu_archive import platform_folder
+from kennfeld.base.fmi_platform import platform_folder
 from tests.importers.fmu.lag_fmu import compile_library
 
 SOURCE = Path(__file__).with_name("tank_fmu.c")

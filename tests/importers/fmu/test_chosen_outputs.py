@@ -1,5 +1,6 @@
 """States, derivatives and other variables of an FMU as nodes."""
 
+import json
 import zipfile
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import kennfeld as kf
 from kennfeld import cli
 from kennfeld.base.errors import InputError
+from kennfeld.importers.fmu import fmu_info
 from kennfeld.importers.fmu.importing import fmu
 from tests.draws import mostly_slow
 from tests.importers.fmu.lag_fmu import DESCRIPTIONS, SOURCE, build, compile_library, pack
@@ -122,3 +124,12 @@ def test_info_lists_what_can_be_chosen(silent, capsys):
     assert "other variable" in printed
     assert "der(x)" in printed
     assert "makes other variables nodes" in printed
+
+
+def test_info_counts_the_variables_that_its_table_leaves_out(silent, capsys, monkeypatch):
+    monkeypatch.setattr(fmu_info, "_MOST_OTHERS", 1)
+    assert cli.run(["info", str(silent), "--json"]) == 0
+    # its states are its outputs already
+    others = len(json.loads(capsys.readouterr().out)["other_variables"])
+    assert cli.run(["info", str(silent)]) == 0
+    assert f"; {others - 1} more are listed by --json" in capsys.readouterr().out

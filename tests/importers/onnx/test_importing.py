@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("onnx", reason="the package onnx is not installed")
 
-from onnx import helper
+from onnx import TensorProto, helper
 
 import kennfeld as kf
 from kennfeld.base.errors import ArgumentError, InputError
@@ -165,6 +165,48 @@ def test_single_precision_is_remarked(tmp_path):
     (remark,) = kf.onnx(path).remarks
     assert "computed in double" in str(remark)
     assert not kf.onnx(perceptron(tmp_path / "double.onnx", random_layers([1, 2, 1]))).remarks
+
+
+def kernel_sum(path, points, weights, kind):
+    """A Gaussian process as exporters write it: distances to points by a loop, a kernel of each, and their sum."""
+    real = helper.np_dtype_to_tensor_dtype(np.dtype(kind))
+    size, columns = points.shape
+    ports = {"all": [size, columns], "row": [columns], "all_out": [size, columns], "squares": [size]}
+    values = {name: helper.make_tensor_value_info(name, real, shape) for name, shape in ports.items()}
+    nodes = [
+        helper.make_node("Identity", ["all"], ["all_out"]),
+        helper.make_node("Sub", ["all", "row"], ["apart"]),
+        helper.make_node("ReduceSumSquare", ["apart", "axis"], ["squares"], keepdims=0),
+    ]
+    axis = helper.make_tensor("axis", TensorProto.INT64, [1], [1])
+    body = helper.make_graph(
+        nodes, "body", [values["all"], values["row"]], [values["all_out"], values["squares"]], [axis]
+    )
+    steps = [
+        helper.make_node("Scan", ["points", "x"], ["end", "d"], body=body, num_scan_inputs=1),
+        helper.make_node("Mul", ["d", "factor"], ["scaled"]),
+        helper.make_node("Exp", ["scaled"], ["kernels"]),
+        helper.make_node("MatMul", ["kernels", "weights"], ["y"]),
+    ]
+    constants = {"points": points, "factor": np.array(-0.5), "weights": weights}
+    constants = {name: array.astype(kind) for name, array in constants.items()}
+    return save(path, steps, {"x": [1, columns]}, {"y": [1, 1]}, constants, kind=kind)
+
+
+def test_a_gaussian_process_in_single_precision_is_remarked_upon_and_nearer_than_sums_in_single(tmp_path):
+    points, x = columns(50, 2), columns(40, 2, seed=2, kind=np.float32).astype(np.float64)
+    kernels = [np.exp(-0.5 * ((points[:, None] - each) ** 2).sum(axis=-1)) for each in (points, x)]
+    weights = np.linalg.solve(kernels[0] + 1e-6 * np.eye(50), np.sin(points[:, :1]))
+    path = kernel_sum(tmp_path / "process.onnx", points, weights, np.float32)
+    (remark,) = kf.onnx(path).remarks
+    assert f"weights in single precision that amount to {np.abs(weights).sum():.2g} and cancel" in str(remark)
+    exact = (kernels[1].T @ weights).ravel()
+    single = (kernels[1].T.astype(np.float32) @ weights.astype(np.float32)).ravel()
+    error = np.abs(simulated(path, x).ravel() - exact).max()
+    assert error < np.abs(single - exact).max()
+    double = kernel_sum(tmp_path / "double.onnx", points, weights, np.float64)
+    assert not kf.onnx(double).remarks
+    np.testing.assert_allclose(simulated(double, x).ravel(), exact, rtol=1e-9, atol=1e-9)
 
 
 def test_a_network_cannot_be_written_as_formula_text(tmp_path):

@@ -51,6 +51,50 @@ def test_operators_and_functions_of_two_numbers_are_those_of_python(expression, 
     np.testing.assert_allclose(translated(text, tmp_path, columns), computed(text, columns), rtol=4e-15)
 
 
+LOST = {
+    "a value that is not used": "x = 1 / b\n    return a",
+    "a comparison": "if math.log(b) > a:\n        return 1\n    return 2",
+    "a maximum": "return max(math.sqrt(a), math.exp(800 * b), 1)",
+    "a power of 0": "return int(a) ** int(b) + math.floor(a) ** 0 + (math.asin(a) * math.cos(b)) ** 0",
+    "a test": "return math.isnan(math.fmod(a, b)) + math.isnan(a ** b)",
+    "one side of a decision": "x = 0\n    if b > 0:\n        x = math.acosh(a)\n    return b if x == x else a % b",
+    "a condition before it": "return a if b == 0 or a / b > 1 else b",
+    "a pass of a loop": """
+    total = 0
+    while total < 3:
+        if total > b:
+            break
+        total += 1
+        y = 1 / (total - a)
+    return total""",
+    "a function": "def g(x):\n        y = 1 // x\n        return x\n    return b + g(a)",
+    "an element that is not chosen": "return [a, 1 / b][0] + [b, 1 % a, a][2:][0]",
+    "an index": "x = [1, 2][int(a)]\n    return b",
+    "elements that are not used": "return len([1 / a]) + sum([b for _ in [math.atanh(b)]])",
+    "a logarithm": "x = math.log(a, b)\n    return b",
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+def test_an_exception_makes_the_result_nan_though_its_value_is_lost(name, tmp_path):
+    # 1e-300 leaves remainders of which no digit is known
+    numbers = [*np.arange(-6, 7) / 4, *(x for x in COMMON if x != 1e-300), math.inf, -math.inf, math.nan]
+    a, b = (each.ravel() for each in np.meshgrid(numbers, numbers))
+    body = LOST[name] if LOST[name].startswith("\n") else f"\n    {LOST[name]}"
+    text, columns = f"{HEAD}def f(a, b):{body}\n", {"a": a, "b": b}
+    expected = computed(text, columns)
+    assert 0 < np.isnan(expected).sum() < expected.size
+    np.testing.assert_allclose(translated(text, tmp_path, columns), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("call", ["1e18 % b", "a // b", "np.mod(a, b)", "math.fmod(a, b)"])
+def test_a_remainder_that_is_not_known_is_not_lost_in_a_maximum(call, tmp_path):
+    text, columns = f"{HEAD}def f(a, b):\n    return max(0.5, {call})\n", {"a": [1e18, 7.0], "b": [0.3, 4e18]}
+    values = translated(text, tmp_path, columns)
+    assert np.isnan(values[0])
+    assert values[1] == computed(text, columns)[1]
+
+
 def test_quotients_that_are_nearly_whole_are_not_rounded_up(tmp_path):
     a, b = np.array([1.0, 0.3, -1.0, 4.2]), np.array([0.1, 0.1, 0.1, -0.7])
     text = "def f(a, b):\n    return a // b\n"

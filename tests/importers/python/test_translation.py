@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.models.function_files import read_function_file
 from tests.importers.python.translated_functions import computed, translated
 
@@ -14,6 +15,7 @@ X = [-1.0, 1.0, 2.5, 4.0]
 Y = (1.0, -3.0, 2.0, 0.5)
 Z = np.array([-1.0, 0.0, 3.0, 7.0])
 CHANGED = [1.0, 2.0]
+LARGE = 36028797018963971
 
 
 def amplifier(k, offset):
@@ -107,6 +109,7 @@ CASES = {
     while i < len(X) - 2 and a > X[i + 1]:
         i += 1
     return Y[i] + (a - X[i]) * (Y[i + 1] - Y[i]) / (X[i + 1] - X[i])""",
+    "large integers that are exact": "return (2 ** 60 + 2 ** 33) % 1000 + int(a) * 4611686018427387904.0",
     "an index out of range": "return X[int(4 * a)]",
 }
 
@@ -134,9 +137,53 @@ def test_lists_closures_and_tables_are_those_of_python(name, tmp_path):
         "return {0: a}[0]",
         "return round(a, int(b))",
         "return math.fsum([a, 1e16, -1e16, b])",
+        "return int(a) % 9007199254740993",
+        "return (2 ** 53 + 1) % 10 + int(b) % LARGE",
+        "return int(a) % LARGE",
     ],
 )
 def test_what_a_graph_cannot_express_is_called(body, tmp_path):
     (tmp_path / "f.py").write_text(f"{HEAD}def f(a, b):\n    {body}\n")
     (remark,) = read_function_file("f.py:f", tmp_path).remarks
     assert "cannot be translated" in remark.message
+
+
+@pytest.mark.parametrize(
+    ("body", "line"),
+    [
+        ("k = 3\n    return a + int(a) * k", 2),
+        ("n = math.floor(a)\n    m = n + 1\n    return max(n, m) ** 2 % 7", 3),
+        ("def g(n):\n        return n * n\n    return g(round(b))", 2),
+        ("return int(a) * SCALE", 1),
+    ],
+)
+def test_integers_that_may_be_rounded_are_remarked_upon_with_their_line(body, line, tmp_path):
+    text = f"import math\nSCALE = 60\n\ndef f(a, b):\n    {body}\n"
+    (tmp_path / "f.py").write_text(text)
+    (remark,) = read_function_file("f.py:f", tmp_path).remarks
+    assert "integers beyond 2^53 are rounded" in remark.message
+    assert (remark.severity, remark.location.line) == ("remark", line + 4)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "n = 0\n    for k in range(20):\n        n = n + k * k\n    return n * a",
+        "n = 0\n    for x in [a, b]:\n        n = 2 * n + x\n    return n",
+        "return int(a) * 2.0 + int(b) % 4 * 3",
+        "n = int(a) % 100\n    return n ** 3 + n * n",
+        "return X[min(max(int(a), 0), 2) + 1] * 2 + int(a) + 1",
+    ],
+)
+def test_integers_that_stay_small_draw_no_remark(body, tmp_path):
+    rng = np.random.default_rng(1)
+    columns = {"a": rng.normal(0, 40, 50), "b": rng.normal(0, 40, 50)}
+    text = f"{HEAD}def f(a, b):\n    {body}\n"
+    np.testing.assert_array_equal(translated(text, tmp_path, columns), computed(text, columns))
+    assert not read_function_file("f.py:f", tmp_path).remarks
+
+
+def test_a_default_that_no_double_represents_is_an_error(tmp_path):
+    (tmp_path / "f.py").write_text("def f(a, n=9007199254740993):\n    return a % n\n")
+    with pytest.raises(InputError, match="the default of n must be a number that a double represents"):
+        read_function_file("f.py:f", tmp_path)

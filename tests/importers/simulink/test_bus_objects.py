@@ -326,7 +326,10 @@ def creating(names, source="In", **parameters):
 TWO = "D = Simulink.Bus; D.Elements = [Simulink.BusElement; Simulink.BusElement]; D.Elements(2).Name = 'b';"
 
 
-@pytest.mark.parametrize("fields", [{"OutDataTypeStr": "Bus: D"}, {"UseBusObject": "on", "BusObject": "D"}])
+@pytest.mark.parametrize(
+    "fields",
+    [{"OutDataTypeStr": "Bus: D"}, {"OutDataTypeStr": "bus :D"}, {"UseBusObject": "On", "BusObject": "D"}],
+)
 @pytest.mark.parametrize(("names", "renamed"), [(["a", "other"], "other as b"), (["b", "a"], "b as a, a as b")])
 def test_a_bus_creator_names_its_elements_as_the_object(fields, names, renamed, tmp_path):
     result = import_simulink(creating(names, **fields).write(tmp_path), parameters=[script(tmp_path, TWO)])

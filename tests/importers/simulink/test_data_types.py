@@ -137,6 +137,7 @@ def test_each_kind_of_ignored_effect_is_reported_once_with_its_blocks(tmp_path):
         "integer types are ignored in D, except for their limits: Simulink rounds there",
         "integer types are ignored in E, H: Simulink rounds there, and wraps beyond their limits",
         "data types that are not defined are ignored in F (Missing): Simulink may round and limit values there",
+        "single precision is ignored in G: generated code rounds there, as float32 = true does",
     ]
 
 

@@ -88,6 +88,36 @@ def test_a_block_is_commented_out_and_a_check_box_ticked_in_any_spelling(word, t
     assert run(imported(drawn, tmp_path), samples=1)["y"][0] == 11.0
 
 
+def spaced(text):
+    """A text with other capitals and spaces."""
+    return text.upper().replace(": ", " :  ")
+
+
+@pytest.mark.parametrize("change", [str, str.upper, str.lower, spaced])
+def test_types_and_resets_are_recognized_in_any_spelling(change, tmp_path):
+    drawn = Model(step="0.1", solver=change("FixedStepDiscrete"))
+    drawn.inport("u", OutDataTypeStr="int8")
+    drawn.inport("z")
+    drawn.block("Gain", "K", Gain="3", OutDataTypeStr=change("Inherit: Same as input"), SaturateOnIntegerOverflow="on")
+    drawn.block("Sum", "A", ports=(2, 1), Inputs="++", SaturateOnIntegerOverflow=change("on"), AccumDataTypeStr="uint8",
+                OutDataTypeStr=change("Inherit: Same as accumulator"))  # fmt: skip
+    drawn.block("DataTypeConversion", "T", OutDataTypeStr=change("Inherit: Inherit via back propagation"),
+                SaturateOnIntegerOverflow="on")  # fmt: skip
+    drawn.block("DiscreteIntegrator", "I", ports=(2, 1), ExternalReset=change("Rising"), SampleTime="0.1")
+    for name, kind in (("y", {}), ("a", {}), ("back", {"OutDataTypeStr": "int8"}), ("i", {})):
+        drawn.outport(name, **kind)
+    drawn.chain("u", "K", "y")
+    drawn.line("u", "A:1", "T")
+    drawn.line("z", "A:2", "I:1", "I:2")
+    drawn.chain("A", "a")
+    drawn.chain("T", "back")
+    drawn.chain("I", "i")
+    values = run(imported(drawn, tmp_path), {"u": 200 * U, "z": 200 * U})
+    np.testing.assert_allclose(values["y"], np.clip(600 * U, -128, 127))
+    np.testing.assert_allclose(values["a"], np.clip(400 * U, 0, 255))
+    np.testing.assert_allclose(values["back"], np.clip(200 * U, -128, 127))
+
+
 def test_an_unknown_word_is_refused_as_written(tmp_path):
     with pytest.raises(InputError, match="VariantControlMode 'Sometimes' is not supported"):
         imported(plant("1", "0", VariantControlMode="Sometimes"), tmp_path, parameters=[{"k": 1.0}])

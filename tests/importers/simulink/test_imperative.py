@@ -154,6 +154,48 @@ def test_statements_follow_matlab(code, rule, tmp_path):
     np.testing.assert_allclose(output, stepwise(rule), rtol=1e-12, atol=1e-12)
 
 
+def appended(u, v):
+    taken = [k for k in range(1, 9) if k * u > v]
+    return sum(taken) + 10 * len(taken)
+
+
+def digits(u, v):
+    taken = [k for k in range(1, 6) if (u * k) % 2 < 1 or v > 1]
+    return float("".join(map(str, taken)) or 0)
+
+
+def filled(u, v):
+    values = [u]
+    while sum(values) < 3 and len(values) < 6:
+        values.append(abs(v))
+    return len(values) + values[-1]
+
+
+SIZES = [
+    ("x = u;\nif v > 0\n x = [x 2];\nend\ny = sum(x) + 10*numel(x);", lambda u, v: u + 10 + 12 * (v > 0)),
+    ("if u > 0\n x = [1 v];\nelse\n x = [3; v; 5];\nend\ny = x(end)*size(x, 1);",
+     lambda u, v: v if u > 0 else 15),
+    ("x = [];\nfor k = 1:8\n if k*u > v\n  x(end+1) = k;\n end\nend\ny = sum(x) + 10*numel(x);", appended),
+    ("x = [];\nfor k = 1:5\n if mod(u*k, 2) < 1 || v > 1\n  x = [x k];\n end\nend\ny = 0;\n"
+     "for k = 1:numel(x)\n y = 10*y + x(k);\nend", digits),
+    ("x = u;\nwhile sum(x) < 3 && numel(x) < 6\n x = [x abs(v)];\nend\ny = numel(x) + x(end);", filled),
+    ("x = [];\nif u > 0\n x = v;\nend\nif isempty(x)\n y = -1;\n return\nend\ny = x;",
+     lambda u, v: v if u > 0 else -1),
+    ("s.x = 1;\nif u > 0\n s.x = [1 v];\nend\ny = sum(s.x) + numel([s.x s.x]);",
+     lambda u, v: 5 + v if u > 0 else 3),
+    ("a = 1; b = 2;\nif u > 0\n a = [1 v];\nend\nif v > 0\n b = [2 u 1];\nend\nc = [a b];\ny = c(2)*numel(c);",
+     lambda u, v: (v if u > 0 else 2) * (2 + (u > 0) + 2 * (v > 0))),
+    ("x = g(u, v);\ny = sum(x)*numel(x);\nend\nfunction x = g(u, v)\nswitch round(u)\n case 0\n  x = v;\n case 1\n"
+     "  x = [v 1];\n otherwise\n  x = zeros(1, 0);\nend\n", lambda u, v: {0: v, 1: 2 * (v + 1)}.get(round(u), 0)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("code", "rule"), SIZES)
+def test_the_size_of_an_array_may_depend_on_decisions(code, rule, tmp_path):
+    text = f"function y = f(u, v)\n{code}" if "function" in code else body(code)
+    np.testing.assert_allclose(outputs(text, tmp_path), stepwise(rule), rtol=1e-12, atol=1e-12)
+
+
 FUNCTIONS = [
     ("function y = f(u, v)\n[a, b] = polar(u, v);\ny = a + 10*b;\nend\nfunction [r, p] = polar(x, y)\n"
      "r = hypot(x, y);\n"
@@ -274,8 +316,12 @@ def test_a_parameter_as_number_of_passes_is_fixed_with_a_remark(tmp_path):
         ("x = [1 2];\ny = x*[1 2 3];", "cannot be multiplied"),
         ("x = [1 2] + [1 2 3];\ny = x(1);", "are not compatible"),
         (
-            "if u > 0\n x = [1 2];\nelse\n x = 3;\nend\ny = sum(x);",
-            "line 7: the size of x depends on a condition \\(1x2 or 1x1\\)",
+            "if u > 0\n x = [1 2];\nelse\n x = 3;\nend\ny = x;",
+            "the size of y depends on a condition \\(1x2 or 1x1\\)",
+        ),
+        (
+            "y = sum(g(u));\nend\nfunction x = g(u)\nx = u;\nif u > 0\n x = [1 2];\nend",
+            "line 2: the size of x depends on a condition \\(1x2 or 1x1\\)",
         ),
         ("try\n y = u;\ncatch\n y = v;\nend", "not supported .try"),
         ("s.a = u;\ny = s.b;", "s has no field b; it has a"),

@@ -2,6 +2,7 @@
 
 import scipy
 
+from kennfeld.base.errors import Location
 from kennfeld.importers.simulink.importing import import_simulink
 from kennfeld.importers.simulink.value_proposals import propose_files
 from kennfeld.importers.simulink.variables.file_search import FileSearch
@@ -10,9 +11,9 @@ from tests.importers.simulink.simulink_files import Model
 from tests.importers.simulink.simulink_runs import alone
 
 
-def proposals(folder, undefined, reasons=None, missing=None, **search):
+def proposals(folder, undefined, failures=None, missing=None, **search):
     """Proposals for a model in `folder`: for each, key, file, variables and what needs it."""
-    proposed = propose_files(folder / "m.slx", FileSearch(**search), undefined, reasons or {}, missing or {})
+    proposed = propose_files(folder / "m.slx", FileSearch(**search), undefined, failures or {}, missing or {})
     return [(each.key, each.path.relative_to(folder).as_posix(), each.names, each.needed_by) for each in proposed]
 
 
@@ -79,7 +80,7 @@ def test_missing_files_are_proposed_by_their_folder_with_what_they_define(tmp_pa
 def test_nothing_replaces_what_a_file_in_use_fails_to_define(tmp_path):
     write(tmp_path, init="K = nowhere(1);", other="K = 2;", called="L = nowhere(1);")
     assert proposals(tmp_path, ["K"], given=(tmp_path / "init.m",)) == []
-    assert proposals(tmp_path, ["L"], reasons={"L": "assignment failed in called.m line 1"}) == []
+    assert proposals(tmp_path, ["L"], failures={"L": Location("called.m", 1)}) == []
 
 
 def test_files_of_the_project_above_the_model_are_searched_and_no_others(tmp_path):

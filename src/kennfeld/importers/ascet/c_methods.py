@@ -1,5 +1,6 @@
 """Methods in C: those whose meaning is known, those whose code is beside the class, and those that can be skipped."""
 
+from functools import lru_cache
 from pathlib import Path
 
 from kennfeld.ascet import syntax as e
@@ -34,32 +35,53 @@ def c_file(instance: ClassInstance, method: e.Method) -> Path | None:
     return next((path for path in paths if path.is_file()), None)
 
 
-def c_body(instance: ClassInstance, method: e.Method) -> e.Statements | None:
-    """Return the statements of a method in C; None if its code is not beside the class.
+def required_c_file(instance: ClassInstance, method: e.Method, place: e.TextPosition) -> Path:
+    """Return the file with the code of a method in C.
+
+    Raises:
+        UnsupportedEsdlError: it is not beside the class; the error is that of a place that needs it.
+    """
+    path = c_file(instance, method)
+    if path is None:
+        raise UnsupportedEsdlError(_refusal(instance, method), place=place)
+    return path
+
+
+def c_body(instance: ClassInstance, method: e.Method, path: Path) -> e.Statements:
+    """Return the statements of a method in C, from its file.
 
     Raises:
         UnsupportedEsdlError: the code has a part that is not supported.
     """
-    path = c_file(instance, method)
-    if path is None:
-        return None
-    # parsed anew at each question: a class has few of them, and they are short
-    body = parse_c_body(read_source(path), path.name)
+    body = _parsed(read_source(path), path.name)
     if isinstance(body, Finding):
-        message = f"{instance.declared.name}.{method.name} is implemented in C, which is not supported: {body.message}"
         place = e.TextPosition(body.location.line, body.location.column, file=path.name)
-        raise UnsupportedEsdlError(message, body.remedy, place)
+        raise UnsupportedEsdlError(f"{_refusal(instance, method)}: {body.message}", body.remedy, place)
     return body
+
+
+def _refusal(instance: ClassInstance, method: e.Method) -> str:
+    return f"{instance.declared.name}.{method.name} is implemented in C, which is not supported"
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str, name: str) -> e.Statements | Finding:
+    # a method is asked for when the steps of a class are chosen, where it is called, and when it is translated
+    return parse_c_body(text, name)
 
 
 def is_calculated(instance: ClassInstance, method: e.Method) -> bool:
     """Return True if a method becomes part of the graph, as far as its language is concerned."""
     if not method.is_in_c or known_rule(instance, method) is not None:
         return True
+    path = c_file(instance, method)
+    if path is None:
+        return False
     try:
-        return c_body(instance, method) is not None
+        c_body(instance, method, path)
     except UnsupportedEsdlError:
         return False
+    return True
 
 
 def changes_nothing(instance: ClassInstance, method: e.Method) -> bool:

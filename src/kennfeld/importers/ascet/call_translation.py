@@ -6,7 +6,7 @@ from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.base.formatting import count_noun, nearest
-from kennfeld.importers.ascet.c_methods import c_body, changes_nothing, is_calculated, known_rule
+from kennfeld.importers.ascet.c_methods import changes_nothing, is_calculated, known_rule, required_c_file
 from kennfeld.importers.ascet.expression_translation import (
     ExpressionTranslation,
     arithmetic_type,
@@ -128,9 +128,7 @@ class CallTranslation(ExpressionTranslation):
             if changes_nothing(instance, method) and not is_calculated(instance, method):
                 self._skipped(instance, method, tree)
                 return None
-            if c_body(instance, method) is None:
-                message = f"{instance.declared.name}.{method.name} is implemented in C, which is not supported"
-                raise UnsupportedEsdlError(message, place=tree.place)
+            required_c_file(instance, method, tree.place)
         values = [self.value(argument) for argument in tree.arguments]
         kinds = [
             self._argument_type(instance, argument, value)

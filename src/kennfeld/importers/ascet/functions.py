@@ -11,7 +11,16 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
-from kennfeld.importers.rules import Rule, RuleFunction, elementwise, filled_array, known_integer, shift, symbolic_rule
+from kennfeld.importers.rules import (
+    Rule,
+    RuleFunction,
+    elementwise,
+    filled_array,
+    known_integer,
+    shift,
+    symbolic_rule,
+    wrapped,
+)
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError
@@ -106,12 +115,7 @@ def _limit(evaluator: SymbolicEvaluator, x: Nodes, low: Nodes, high: Nodes) -> N
 
 def _wrap(evaluator: SymbolicEvaluator, x: Nodes, low: Nodes, size: Nodes) -> Nodes:
     """Return the integers that the lowest bits of numbers stand for: x mod size, from `low` on."""
-    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
-    least, count = (float(builder.value(int(bound.item())) or 0.0) for bound in (low, size))
-    nodes = [int(node) for node in x.ravel()]
-    if all(least <= bound_of(builder, node, False) and bound_of(builder, node, True) < least + count for node in nodes):
-        return x
-    return apply("add", apply("mod", apply("sub", x, least), count), least)
+    return wrapped(evaluator.builder, x, known_integer(evaluator, low), known_integer(evaluator, size))
 
 
 def _index(evaluator: SymbolicEvaluator, at: Nodes, first: Nodes, size: Nodes) -> Nodes:

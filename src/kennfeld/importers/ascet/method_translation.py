@@ -6,7 +6,7 @@ from itertools import product
 from typing import Final
 
 from kennfeld.ascet import syntax as e
-from kennfeld.importers.ascet.c_methods import c_body, c_file, known_rule
+from kennfeld.importers.ascet.c_methods import c_body, known_rule, required_c_file
 from kennfeld.importers.ascet.call_translation import CallTranslation
 from kennfeld.importers.ascet.expression_translation import call_of
 from kennfeld.importers.ascet.instances import ClassInstance, history_label, state_label
@@ -92,10 +92,8 @@ class MethodTranslation(CallTranslation):
             names = (e.Name(argument.name, place=argument.place) for argument in self.method.arguments)
             called = e.Call(e.Name(self.method.name), tuple(names), place=self.method.place)
             return self.statements((e.Return(called, place=self.method.place),), is_last=True)
-        path, body = c_file(self.instance, self.method), c_body(self.instance, self.method)
-        if path is None or body is None:
-            message = f"{self._path()} is implemented in C, which is not supported"
-            raise UnsupportedEsdlError(message, place=self.method.place)
+        path = required_c_file(self.instance, self.method, self.method.place)
+        body = c_body(self.instance, self.method, path)
         self.wraps = True
         self.code.files.setdefault(path)
         return self.statements(body, is_last=True)

@@ -69,9 +69,9 @@ class CCallTranslation(CExpressionTranslation):
         return COperand(rounded(result), kind) if kind.single else COperand(result, DOUBLE)
 
     def returned_address(self, tree: c_ast.FuncCall) -> CPlace:
-        function = self.file.functions.get(getattr(tree.name, "name", ""))
-        if function is None or not function.passed_back:
+        if not self.passes_back(tree):
             raise UnsupportedCError("only addresses of variables and arrays are supported", line_of(tree))
+        function = self.file.functions[tree.name.name]
         names = [argument.variable.name for argument in function.arguments]
         self.call(tree, wants_result=False)
         return self.address(tree.args.exprs[names.index(function.passed_back)])
@@ -93,6 +93,9 @@ class CCallTranslation(CExpressionTranslation):
     def _called_number(
         self, function: CFunctionDeclaration, trees: Sequence[c_ast.Node], line: int, *, wants_result: bool
     ) -> COperand:
+        if wants_result and function.passed_back:
+            message = f"{function.name} returns an address, that of its argument {function.passed_back}, not a number"
+            raise UnsupportedCError(f"{message}; read the number behind it, as *{function.name}(...)", line)
         if wants_result and function.result is None:
             raise UnsupportedCError(f"{function.name} returns no value", wrong=True)
         if isinstance(function.result, CStructType):

@@ -173,7 +173,7 @@ def _size_of_object(tree: c_ast.Node, file: CFile) -> int:
     """Return the size of a type, of a variable outside of functions, or of an element of one."""
     if isinstance(tree, c_ast.Typename):
         declared = file.types.declared(tree)
-        return size_of(declared.type, declared.sizes, is_pointer=declared.is_pointer)
+        return size_of(file.types, declared.type, declared.sizes, is_pointer=declared.is_pointer)
     depth = 0
     while isinstance(tree, c_ast.ArrayRef):
         tree, depth = tree.name, depth + 1
@@ -184,7 +184,7 @@ def _size_of_object(tree: c_ast.Node, file: CFile) -> int:
     sizes = declared.sizes
     if sizes[:1] == (0,):
         sizes = (len(variable.init.exprs) if isinstance(variable.init, c_ast.InitList) else 0, *sizes[1:])
-    return size_of(declared.type, sizes[depth:], is_pointer=declared.is_pointer)
+    return size_of(file.types, declared.type, sizes[depth:], is_pointer=declared.is_pointer)
 
 
 def _declare(item: c_ast.Node, file: CFile) -> None:
@@ -251,7 +251,9 @@ def _function(tree: c_ast.FuncDef, file: CFile) -> CFunctionDeclaration:
             raise UnsupportedCError(f"{tree.decl.name} has arguments that are not supported", line_of(tree.decl))
         arguments.append(_argument(parameter, tree, file))
     passed_back = _passed_back(tree) if isinstance(declared.type, c_ast.PtrDecl) else ""
-    is_void = _is_void(declared.type) or passed_back in {each.variable.name for each in arguments}
+    if passed_back not in {each.variable.name for each in arguments}:
+        passed_back = ""
+    is_void = _is_void(declared.type) or passed_back
     result = None if is_void else _result(tree, file.types.declared(declared.type))
     return CFunctionDeclaration(str(tree.decl.name), tree, tuple(arguments), result, passed_back)
 

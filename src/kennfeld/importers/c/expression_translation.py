@@ -143,14 +143,7 @@ class CExpressionTranslation(PlaceTranslation):
             return self.operand(tree).type.bytes
         else:
             declared = self.place(tree)
-        if 0 in declared.sizes:
-            raise UnsupportedCError("sizeof of an array of unknown size")
-        return size_of(
-            declared.type,
-            declared.sizes,
-            is_pointer=declared.is_pointer,
-            pointer=self.file.types.number("size_t").bytes,
-        )
+        return size_of(self.file.types, declared.type, declared.sizes, is_pointer=declared.is_pointer)
 
     def apart(self, translate: Callable[[], _Value]) -> tuple[_Value, list[m.Statement]]:
         """Translate an expression that is evaluated only under a condition; return it with its statements."""

@@ -8,7 +8,16 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
-from kennfeld.importers.rules import Rule, RuleFunction, elementwise, filled_array, known_integer, shift, symbolic_rule
+from kennfeld.importers.rules import (
+    Rule,
+    RuleFunction,
+    elementwise,
+    filled_array,
+    known_integer,
+    shift,
+    symbolic_rule,
+    wrapped,
+)
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
@@ -22,7 +31,7 @@ from kennfeld.models.imperative.exact_arithmetic import (
     round_to_even,
 )
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, operation
-from kennfeld.models.imperative.integer_types import EXACT, IntegerType, wrap_to_type
+from kennfeld.models.imperative.integer_types import EXACT, IntegerType
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 from kennfeld.models.imperative.path_facts import bound_of
 
@@ -69,12 +78,10 @@ def _word(evaluator: SymbolicEvaluator, bits: Nodes, signed: Nodes) -> IntegerTy
 
 def _wrap(evaluator: SymbolicEvaluator, x: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
     """Return the numbers of the lowest bits; numbers that are known to fit stay as they are."""
-    word, builder = _word(evaluator, bits, signed), evaluator.builder
-    nodes = [int(node) for node in x.ravel()]
-    fits = all(bound_of(builder, n, True) <= word.most and bound_of(builder, n, False) >= word.least for n in nodes)
+    word = _word(evaluator, bits, signed)
     if word.bits <= EXACT:
-        return x if fits else wrap_to_type(builder, x, word)
-    return _known_exactly(builder, x, word)
+        return wrapped(evaluator.builder, x, float(word.least), 2.0**word.bits)
+    return _known_exactly(evaluator.builder, x, word)
 
 
 def _known_exactly(builder: GraphBuilder, x: Nodes, word: IntegerType) -> Nodes:

@@ -24,6 +24,9 @@ class ObjectTranslation(CCallTranslation):
     def object_place(self, tree: c_ast.Node) -> CPlace:
         match tree:
             case c_ast.FuncCall():
+                if self.passes_back(tree):
+                    place = self.returned_address(tree)
+                    return replace(place, is_pointer=not place.sizes)
                 return self.called_struct(tree)
             case c_ast.CompoundLiteral(type=kind, init=values):
                 return self._literal(kind, values, tree)

@@ -171,6 +171,11 @@ class PlaceTranslation:
         """Return the place whose address a call returns: that of one of its arguments."""
         raise NotImplementedError
 
+    def passes_back(self, tree: c_ast.FuncCall) -> bool:
+        """Return True if a call returns the address that one of its arguments is."""
+        function = self.file.functions.get(getattr(tree.name, "name", ""))
+        return function is not None and bool(function.passed_back)
+
     def lookup(self, name: str, tree: c_ast.Node) -> CVariable | CPlace | int:
         """Return the variable, the address, or the constant of an enumeration, of a name."""
         for scope in reversed(self.scopes):

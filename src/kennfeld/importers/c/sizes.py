@@ -3,15 +3,18 @@
 import math
 
 from kennfeld.importers.c.number_types import CType, UnsupportedCError
-from kennfeld.importers.c.struct_types import TAG, CStructType, ObjectType, Sizes
+from kennfeld.importers.c.struct_types import TAG, CStructType, ObjectType, Sizes, TypeTable
 
 
-def size_of(kind: ObjectType, sizes: Sizes = (), *, is_pointer: bool = False, pointer: int = 8) -> int:
-    """Return the size of an object, or of the pointer to one, which has `pointer` bytes.
+def size_of(types: TypeTable, kind: ObjectType, sizes: Sizes = (), *, is_pointer: bool = False) -> int:
+    """Return the size of an object, or of the pointer to one; pointers have the size of `size_t` of the target.
 
     Raises:
         UnsupportedCError: it has parts whose sizes are not known, such as bit fields.
     """
+    if 0 in sizes:
+        raise UnsupportedCError("sizeof of an array of unknown size")
+    pointer = types.number("size_t").bytes
     return pointer if is_pointer and not sizes else _size(kind, pointer)[0] * math.prod(sizes)
 
 

@@ -324,8 +324,7 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
     try:
         whole = replace(whole, interface=_settled(whole, usage), values=_calibration_values(whole))
         if not whole.outputs:
-            message = f"{whole.function.name} has no result: it returns and writes nothing"
-            raise ProgramError(message, line=whole.function.line)
+            raise ProgramError(_without_result(whole.function), line=whole.function.line)
         builder = BoundedGraphBuilder()
         lines = set[int]()
         whole.write(builder, [builder.input(name) for name in whole.inputs], lines.add)
@@ -340,6 +339,14 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
     else:
         return replace(whole, open_loops=tuple(sorted(lines)))
     return replace(whole, problems=(problem,))
+
+
+def _without_result(function: CFunctionDeclaration) -> str:
+    """Return why a function has no result."""
+    if not function.passed_back:
+        return f"{function.name} has no result: it returns and writes nothing"
+    reason = f"it returns an address, that of its argument {function.passed_back}, and writes nothing there"
+    return f"{function.name} has no number as a result: {reason}. Choose a function that calls it"
 
 
 def _settled(whole: TranslatedFunction, usage: Usage) -> CInterface:

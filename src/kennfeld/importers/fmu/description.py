@@ -51,6 +51,10 @@ class FmuVariable(NamedTuple):
         """Number of values."""
         return math.prod(self.shape)
 
+    def start_of(self, position: int) -> float:
+        """Return the start value of an element; 0 if the FMU states none."""
+        return self.start[position] if self.start else 0.0
+
     @property
     def is_real(self) -> bool:
         """True if its values are doubles."""

@@ -1,9 +1,7 @@
 """The archive of an FMU: its description, its platforms, and its files unpacked for loading."""
 
 import atexit
-import platform
 import shutil
-import sys
 import tempfile
 import zipfile
 from hashlib import blake2b
@@ -12,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from kennfeld.base.archives import ZIP_ERRORS, find_oversized
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.fmi_platform import LIBRARY_SUFFIX, platform_folder
 from kennfeld.base.formatting import reason_of
 from kennfeld.base.watch_folder import watch_folder
 from kennfeld.importers.fmu.description import FmuDescription
@@ -19,7 +18,6 @@ from kennfeld.importers.fmu.description_reader import LIMITS, read_description
 
 _DESCRIPTION = "modelDescription.xml"
 _MOST_FILES = 100_000
-_EXTENSIONS = {"win32": ".dll", "darwin": ".dylib"}
 
 
 def read_archive(path: Path) -> FmuDescription:
@@ -61,17 +59,6 @@ def read_unchanged(path: Path, digest: str) -> FmuDescription:
     return read_archive(path)
 
 
-def platform_folder(version: str) -> str:
-    """Name the folder of libraries for this machine."""
-    machine = platform.machine().lower()
-    if version == "3.0":
-        # FMI 3.0 names x86_64-linux or aarch64-darwin; FMI 2.0 linux64, win64 or darwin64
-        architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
-        return f"{architecture}-{ {'win32': 'windows', 'darwin': 'darwin'}.get(sys.platform, 'linux') }"
-    name = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
-    return f"{name}64" if machine in ("amd64", "x86_64") else f"{name}-{machine}"
-
-
 def unpack(path: Path) -> Path:
     """Unpack an FMU into a folder that is removed when the process ends, and return the folder."""
     folder = Path(tempfile.mkdtemp(prefix="kennfeld-fmu-", dir=watch_folder()))
@@ -105,7 +92,7 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 def library_of(folder: Path, version: str, identifier: str) -> Path:
     """Return the path of the library of an unpacked FMU."""
-    return folder / "binaries" / platform_folder(version) / (identifier + _EXTENSIONS.get(sys.platform, ".so"))
+    return folder / "binaries" / platform_folder(version) / (identifier + LIBRARY_SUFFIX)
 
 
 def _check_members(archive: zipfile.ZipFile, path: Path) -> None:

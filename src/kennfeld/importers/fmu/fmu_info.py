@@ -67,7 +67,7 @@ def describe_fmu(file: DescribedFile) -> FileInfo:
     remarks += [remark.message for remark in find_remarks(description, path, used)]
     # how it would run does not matter if it cannot
     notes = [finding.message for finding in obstacles] or remarks
-    notes += _choice_notes(stated)
+    notes += _choice_notes(len(numbers.others))
     offered = " and ".join(INTERFACES[each] for each in interfaces) or "no interface"
     platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
     step = "" if description.step is None else f", step {description.step:g} s"
@@ -148,11 +148,8 @@ class _FmuNumbers(NamedTuple):
         }
 
 
-def _choice_notes(description: "FmuDescription") -> list[str]:
-    """Return what the user can do with variables that are not outputs."""
-    from kennfeld.importers.fmu.chosen_outputs import computed_variables
-
-    others = len(computed_variables(description)) - len(description.number_outputs)
+def _choice_notes(others: int) -> list[str]:
+    """Return what the user can do with the variables that are no nodes, of which there are so many."""
     if not others:
         return []
     # thousands of variables would hide the tables above

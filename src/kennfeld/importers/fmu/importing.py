@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
+from kennfeld.base.fmi_platform import platform_folder
 from kennfeld.base.formatting import join_names
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.importers.fmu.chosen_outputs import SEPARATOR, choose_outputs, describe_choice
 from kennfeld.importers.fmu.description import FmuDescription, FmuInterface
 from kennfeld.importers.fmu.equation_calls import EquationCalls
-from kennfeld.importers.fmu.fmu_archive import digest_of, platform_folder, read_archive
+from kennfeld.importers.fmu.fmu_archive import digest_of, read_archive
 from kennfeld.importers.fmu.fmu_parameters import parameters_of, start_values_of
 from kennfeld.importers.fmu.trajectory_calls import TrajectoryCalls
 from kennfeld.models.import_report import FunctionReport

@@ -75,7 +75,7 @@ class _Argument(NamedTuple):
 
     @property
     def start(self) -> float:
-        return self.variable.start[self.position] if self.variable is not None and self.variable.start else 0.0
+        return 0.0 if self.variable is None else self.variable.start_of(self.position)
 
     @property
     def magnitude(self) -> float:

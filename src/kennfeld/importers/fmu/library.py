@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.base.errors import InputError, Location
+from kennfeld.base.fmi_platform import platform_folder
 from kennfeld.base.machine_code.call_record import CallRecord
 from kennfeld.base.machine_code.engine import compile_functions
 from kennfeld.base.machine_code.external import c_function, provide
 from kennfeld.importers.fmu.description import FmuDescription, FmuInterface
-from kennfeld.importers.fmu.fmu_archive import library_of, platform_folder, unpack
+from kennfeld.importers.fmu.fmu_archive import library_of, unpack
 from kennfeld.importers.fmu.library_format import find_library_problem
 from kennfeld.importers.fmu.logger_code import can_format, write_logger
 

@@ -45,7 +45,7 @@ def other_starts(variables: Sequence[FmuVariable]) -> Float:
 
 
 def _other_start(variable: FmuVariable, position: int) -> float:
-    start = variable.start[position] if variable.start else 0.0
+    start = variable.start_of(position)
     moved = start + (variable.nominal or abs(start) or 1.0)
     return min(max(moved, variable.minimum), variable.maximum) if variable.is_real else start
 

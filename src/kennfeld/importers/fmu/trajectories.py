@@ -143,7 +143,7 @@ class FmuTrajectories:
     def _check_reset(self) -> None:
         """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one."""
         inputs = inputs_of(self.description)
-        starts = np.array([_start_of(v, k) for v in inputs for k in range(v.size)])
+        starts = np.array([v.start_of(k) for v in inputs for k in range(v.size)])
         with self.reports.muted():
             # the third trial leaves other inputs and states behind, which the reset before the fourth one has to remove
             others = other_starts(inputs)
@@ -163,7 +163,7 @@ class FmuTrajectories:
             Outputs, Float[samples, outputs], and the values after them of variables that state a start value.
         """
         description, size = self.description, self.layout.results
-        parameters = [_start_of(v, k) for v in set_at_start(description) for k in range(v.size)]
+        parameters = [v.start_of(k) for v in set_at_start(description) for k in range(v.size)]
         ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
         start = np.array([0.0, 0.0, *inputs, *parameters])
         self.start.call(start.ctypes.data, ticket.ctypes.data, None)
@@ -178,10 +178,6 @@ class FmuTrajectories:
     def resets(self) -> bool:
         """True if instances are used again after a reset."""
         return bool(self._memory[REUSED][0])
-
-
-def _start_of(variable: FmuVariable, position: int) -> float:
-    return variable.start[position] if variable.start else 0.0
 
 
 def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:

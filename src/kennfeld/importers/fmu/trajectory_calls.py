@@ -42,7 +42,7 @@ class TrajectoryCalls:
         layout = trajectory_layout(description, "")
         self.path, self.values, self.single = path, tuple(values), layout.slots == 1
         self.inputs = _order(description.number_inputs, inputs_of(description))
-        self.starts = [v.start[k] if v.start else 0.0 for v in inputs_of(description) for k in range(v.size)]
+        self.starts = [v.start_of(k) for v in inputs_of(description) for k in range(v.size)]
         self.outputs = _order(outputs_of(description), description.number_outputs)
         taken = 2 + layout.arguments
         function = partial(ExternalFunction, native=True)

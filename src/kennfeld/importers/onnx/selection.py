@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.importers.onnx.elementwise import truncated
 from kennfeld.importers.onnx.network import ML, Array, Operator
 from kennfeld.importers.onnx.registry import Arguments, Context, operator
 from kennfeld.importers.onnx.shapes import first
@@ -17,6 +18,7 @@ from kennfeld.importers.onnx.tensors import (
     rearrange,
     shape_of,
 )
+from kennfeld.models.imperative.node_arrays import Nodes
 
 MAX_CHOICES = 256  # elements that an index which depends on the inputs selects from
 
@@ -50,13 +52,9 @@ def extract_features(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def _choose(c: Context, x: Tensor, indices: NodeTensor, axis: int) -> Tensor:
     """Return the elements of a tensor at places that depend on the inputs; NaN at a place that does not exist."""
     shape, axis = shape_of(x), axis % len(shape_of(x))
-    count = shape[axis]
-    if count > MAX_CHOICES:
-        raise UnsupportedOperatorError(f"an index that depends on the inputs selects from {count} elements")
     rest = (*shape[:axis], *shape[axis + 1 :])
-    places: Tensor = NodeTensor(indices.nodes.reshape(*indices.nodes.shape, *[1] * len(rest)), "int")
-    # a negative index counts from the end
-    places = c.where(c.truth("lt", places, 0.0), c.apply("add", places, float(count)), places)
+    count = shape[axis]
+    places = _places(c, indices.nodes.reshape(*indices.nodes.shape, *[1] * len(rest)), count)
     result: Tensor = np.full((*indices.nodes.shape, *rest), np.nan)
     # result = x[0] if index = 0, x[1] if index = 1, ..., written as nested selections
     for place in range(count):
@@ -66,6 +64,14 @@ def _choose(c: Context, x: Tensor, indices: NodeTensor, axis: int) -> Tensor:
     # the dimensions of the indices take the place of the axis
     targets = range(axis, axis + dimensions)
     return as_kind(rearrange(lambda array: np.moveaxis(array, range(dimensions), targets), result), kind_of(x))
+
+
+def _places(c: Context, indices: Nodes, count: int) -> Tensor:
+    """Return indices into so many elements from 0; a negative one counts from the end."""
+    if count > MAX_CHOICES:
+        raise UnsupportedOperatorError(f"an index that depends on the inputs selects from {count} elements")
+    places = NodeTensor(indices, "int")
+    return c.where(c.truth("lt", places, 0.0), c.apply("add", places, float(count)), places)
 
 
 def as_kind(tensor: Tensor, kind: str) -> Tensor:
@@ -85,11 +91,7 @@ def gather_elements(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def _choose_along(c: Context, x: Tensor, indices: NodeTensor, axis: int) -> Tensor:
     """Return for each index, which depends on the inputs, the element at its own place along the other axes."""
     count, shape = shape_of(x)[axis], indices.nodes.shape
-    if count > MAX_CHOICES:
-        raise UnsupportedOperatorError(f"an index that depends on the inputs selects from {count} elements")
-    places: Tensor = NodeTensor(indices.nodes, "int")
-    # a negative index counts from the end
-    places = c.where(c.truth("lt", places, 0.0), c.apply("add", places, float(count)), places)
+    places = _places(c, indices.nodes, count)
     # the indices may leave out the last elements along the other axes
     part = tuple(slice(None) if at == axis else slice(size) for at, size in enumerate(shape))
     result: Tensor = np.full(shape, np.nan)
@@ -246,7 +248,7 @@ def encode_one_hot(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     index = rearrange(lambda array: np.expand_dims(array, -1), x)
     if kind_of(x) == "float":
         # the category of an element is that of its integer part
-        index = c.apply("mul", c.apply("sign", index), c.apply("floor", c.apply("abs", index)))
+        index = truncated(c, index)
     return as_kind(c.truth("eq", index, np.asarray(categories, dtype=np.float64)), "float")
 
 

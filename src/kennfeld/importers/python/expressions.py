@@ -2,12 +2,13 @@
 
 import ast
 import math
+from collections.abc import Sequence
 from functools import reduce
 from typing import Final
 
 from kennfeld.importers.python.mathematics import MAX_DIGITS, library_name
 from kennfeld.importers.python.reading import PythonFunction, number_of
-from kennfeld.importers.python.scope import FunctionScope, untranslated
+from kennfeld.importers.python.scope import FunctionScope, NumberKind, untranslated
 from kennfeld.program import tree as m
 
 _BINARY: Final[dict[type[ast.operator], str]] = {ast.Add: "+", ast.Sub: "-", ast.Mult: ".*"}
@@ -16,14 +17,22 @@ _PYTHON: Final[dict[type[ast.operator], str]] = {
     ast.Div: "py:divide", ast.Pow: "py:pow", ast.FloorDiv: "py:floor_divide", ast.Mod: "py:modulo",
 }  # fmt: skip
 _NUMPY: Final[dict[type[ast.operator], str]] = {
-    ast.Pow: "c:pow", ast.FloorDiv: "py:numpy_floor_divide", ast.Mod: "py:modulo",
+    ast.Pow: "c:pow", ast.FloorDiv: "py:numpy_floor_divide", ast.Mod: "py:numpy_modulo",
+}  # fmt: skip
+# operators whose results are exact for integers of Python, but not as doubles beyond 2^53
+_INTEGER: Final[dict[type[ast.operator], str]] = {
+    ast.Add: "py:integer_add", ast.Sub: "py:integer_sub", ast.Mult: "py:integer_mul", ast.Pow: "py:integer_pow",
 }  # fmt: skip
 _COMPARISONS: Final[dict[type[ast.cmpop], str]] = {
     ast.Eq: "==", ast.NotEq: "~=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
 }  # fmt: skip
 _CONSTANTS: Final = {"pi": math.pi, "e": math.e, "inf": math.inf, "nan": math.nan, "tau": math.tau}
 _BUILT_IN: Final = ("abs", "min", "max", "float", "int", "pow", "round")
-_NO_NUMPY: Final = ("float", "int")  # whose results are plain numbers
+# functions whose results are integers, also of numbers of NumPy; `round` only without a number of digits
+_WHOLE: Final = {
+    ("builtins", "int"), ("builtins", "round"), ("math", "floor"), ("math", "ceil"), ("math", "trunc"),
+}  # fmt: skip
+_PASSING: Final = ("abs", "min", "max", "pow", "round")  # whose results are of the kind of their arguments
 _CONVERSIONS: Final = {("builtins", "float"), ("numpy", "float64")}
 
 
@@ -47,13 +56,13 @@ class NumberTranslation:
         number = number_of(tree, {}) if isinstance(tree, ast.Constant | ast.UnaryOp) else None
         match tree:
             case ast.Constant() | ast.UnaryOp() if number is not None:
-                return m.Number(number)
+                return m.Number(float(number))
             case ast.Name(id=name) if name in self.scope.fixed:
                 return self.scope.fixed[name]
             case ast.Name(id=name) if name in self.scope.names and name not in self.scope.lists:
                 return m.Name(name)
             case ast.Name(id=name) if name in self.source.constants and not self.scope.is_local(name):
-                return m.Number(self.source.constants[name])
+                return m.Number(float(self.source.constants[name]))
             case ast.Name() | ast.Attribute() if self.qualified(tree)[1] in _CONSTANTS:
                 return m.Number(_CONSTANTS[self.qualified(tree)[1]])
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() as op, operand=operand):
@@ -74,30 +83,47 @@ class NumberTranslation:
                 return self._call(tree)
         raise untranslated(tree)
 
-    def is_numpy(self, tree: ast.expr) -> bool:
-        """Return True if an expression is a number of NumPy, which 0 divides."""
+    def kind(self, tree: ast.expr) -> NumberKind:
+        """Return which kind of number an expression is, as far as the text tells."""
         match tree:
+            case ast.Constant(value=int()):
+                return "integer"
+            case ast.Name(id=name) if self.scope.is_local(name):
+                return self.scope.kinds.get(name, "float")
             case ast.Name(id=name):
-                return name in self.scope.numpy
+                return "integer" if isinstance(self.source.constants.get(name), int) else "float"
             case ast.UnaryOp(operand=operand):
-                return self.is_numpy(operand)
-            case ast.BinOp(left=left, right=right):
-                return self.is_numpy(left) or self.is_numpy(right)
+                return self.kind(operand)
+            case ast.BinOp(left=left, op=op, right=right):
+                kind = _common_kind([self.kind(left), self.kind(right)])
+                return "float" if kind == "integer" and isinstance(op, ast.Div) else kind
             case ast.IfExp(body=yes, orelse=no):
-                return self.is_numpy(yes) and self.is_numpy(no)
-            case ast.Call(func=function, args=arguments):
-                module, name = self.qualified(function)
-                passes_on = module == "builtins" and name not in _NO_NUMPY
-                return module == "numpy" or (passes_on and any(map(self.is_numpy, arguments)))
-        return False
+                return self.kind(yes) if self.kind(yes) == self.kind(no) else "float"
+            case ast.Call():
+                return self._kind_of_call(tree)
+        return "float"
+
+    def _kind_of_call(self, tree: ast.Call) -> NumberKind:
+        module, name = self.qualified(tree.func)
+        if module == "numpy":
+            return "numpy"
+        if (module, name) in _WHOLE and len(tree.args) == 1:
+            return "integer"
+        passes_on = module == "builtins" and name in _PASSING and tree.args
+        return _common_kind([self.kind(argument) for argument in tree.args]) if passes_on else "float"
 
     def _binary(self, tree: ast.BinOp) -> m.Expression:
-        kind, left, right = type(tree.op), self.value(tree.left), self.value(tree.right)
-        names = _NUMPY if self.is_numpy(tree) else _PYTHON
-        if kind in names:
-            return m.Call(m.Name(names[kind]), (left, right))
+        op, left, right = type(tree.op), self.value(tree.left), self.value(tree.right)
+        kind = self.kind(tree)
+        if kind == "integer" and op in _INTEGER:
+            return m.Call(m.Name(_INTEGER[op]), (left, right, m.Number(float(tree.lineno))))
+        if kind == "integer" and op is ast.Mod:
+            return m.Call(m.Name("py:integer_modulo"), (left, right))
+        names = _NUMPY if kind == "numpy" else _PYTHON
+        if op in names:
+            return m.Call(m.Name(names[op]), (left, right))
         # of what is left, only a division of NumPy's numbers is an operator of its own
-        sign = _BINARY.get(kind, "./" if kind is ast.Div else "")
+        sign = _BINARY.get(op, "./" if op is ast.Div else "")
         if not sign:
             raise untranslated(tree)
         return m.Binary(sign, left, right)
@@ -160,14 +186,21 @@ class NumberTranslation:
         places = number_of(tree.args[1], self.source.constants)
         if places is None or places != math.floor(places) or abs(places) > MAX_DIGITS:
             raise untranslated(tree)
-        is_numpy = module == "numpy" or self.is_numpy(tree.args[0])
+        is_numpy = module == "numpy" or self.kind(tree.args[0]) == "numpy"
         name = "py:round_by_product" if is_numpy else "py:round_to_digits"
-        return m.Call(m.Name(name), (x, m.Number(places)))
+        return m.Call(m.Name(name), (x, m.Number(float(places))))
 
 
 def fold(name: str, values: list[m.Expression]) -> m.Expression:
     """Return a function of two arguments of the library, applied to values from first to last."""
     return reduce(lambda a, b: m.Call(m.Name(name), (a, b)), values)
+
+
+def _common_kind(kinds: Sequence[NumberKind]) -> NumberKind:
+    """Return the kind of a result of numbers of several kinds."""
+    if "numpy" in kinds:
+        return "numpy"
+    return "integer" if set(kinds) == {"integer"} else "float"
 
 
 def _is_truth(tree: ast.expr) -> bool:

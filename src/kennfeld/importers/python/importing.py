@@ -30,9 +30,10 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
     """
     source = read_python_function(path, function)
     outputs = tuple(FunctionOutput(item) for item in source.results)
-    remarks: tuple[Finding, ...] = ()
+    write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]]
     try:
-        write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]] = translate(source).write
+        translated, remarks = translate(source)
+        write = translated.write
     except UntranslatableError as error:
         with convert_errors(path, "the file cannot be read"):
             files = find_loaded_files(path)

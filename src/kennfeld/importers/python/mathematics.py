@@ -1,12 +1,8 @@
-"""Functions and operators of Python numbers by rules on nodes; NaN where Python raises an exception.
-
-A function that is called gives NaN for a sample at which it raises one, and its translation shall give the same: `math`
-and the operators of floats refuse what C and NumPy answer by infinities.
-"""
+"""The functions of Python, `math` and NumPy that translated code calls, by their names."""
 
 import math
+import operator
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -14,110 +10,37 @@ import numpy as np
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.c.functions import LIBRARY as C_LIBRARY
 from kennfeld.importers.c.functions import MATHEMATICS, TESTS
+from kennfeld.importers.python.number_rules import (
+    divide,
+    exact_remainder,
+    failing_at_zero,
+    floor_divide,
+    integer_modulo,
+    integer_operation,
+    logarithm,
+    modulo,
+    numpy_floor_divide,
+    of_finite,
+    power,
+    to_integer,
+    with_exact_remainder,
+    within,
+    without_overflow,
+)
 from kennfeld.importers.rules import RuleFunction, elementwise, known_integer
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
-from kennfeld.models.imperative.exact_arithmetic import atanh, log1p, log2, remainder, round_to_even, rounded_product
+from kennfeld.models.imperative.exact_arithmetic import (
+    acosh,
+    atanh,
+    log1p,
+    log2,
+    round_to_even,
+    rounded_product,
+)
 from kennfeld.models.imperative.graph_operators import ONE, Rule, expm1
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
-from kennfeld.models.imperative.path_facts import bound_of
 
-_HARMLESS: Final = 4.0  # exponents up to here overflow for bases beyond 1e77 only, and are not tested for it
 MAX_DIGITS: Final = 22  # powers of ten up to here are doubles
-
-
-def _divide(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Divide as Python does: NaN for ZeroDivisionError."""
-    apply = Elementwise(builder)
-    quotient = apply("div", a, b)
-    return quotient if _is_nonzero(builder, b) else apply("select", apply("eq", b, 0.0), math.nan, quotient)
-
-
-def _is_nonzero(builder: GraphBuilder, x: Nodes) -> bool:
-    nodes = [int(node) for node in x.ravel()]
-    return all(bound_of(builder, n, False) > 0 or bound_of(builder, n, True) < 0 for n in nodes)
-
-
-def _modulo(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Compute a % b: the exact remainder, moved to the sign of b; NaN if b is 0."""
-    apply = Elementwise(builder)
-    rest = remainder(builder, a, b)
-    return apply("add", rest, apply("select", _has_other_sign(apply, rest, b), b, 0.0))
-
-
-def _has_other_sign(apply: Elementwise, rest: Nodes, b: Nodes) -> Nodes:
-    return apply("and", apply("ne", rest, 0.0), apply("ne", apply("lt", rest, 0.0), apply("lt", b, 0.0)))
-
-
-def _floor_divide(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Compute a // b as Python does: the quotient less the remainder, which is nearly whole, rounded."""
-    apply = Elementwise(builder)
-    rest = remainder(builder, a, b)
-    quotient = apply("div", apply("sub", a, rest), b)
-    return apply("sub", round_to_even(builder, quotient), _has_other_sign(apply, rest, b))
-
-
-def _divide_by_zero(rule: Rule, builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Apply a rule of NumPy, which divides by 0 as C does."""
-    result: Nodes = rule(builder, a, b)
-    apply = Elementwise(builder)
-    return result if _is_nonzero(builder, b) else apply("select", apply("eq", b, 0.0), apply("div", a, b), result)
-
-
-def _power(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Compute a ** b: NaN for 0 to a negative power, and for a result that is too large."""
-    apply = Elementwise(builder)
-    result = apply("pow", a, b)
-    (low, high) = (min(bound_of(builder, int(n), False) for n in b.ravel()), _highest(builder, b))
-    if low < 0:
-        is_below = apply("and", apply("lt", b, 0.0), apply("gt", b, -math.inf))
-        is_pole = apply("and", apply("eq", a, 0.0), is_below)
-        result = apply("select", is_pole, math.nan, result)
-    if low >= 0 and high <= _HARMLESS:
-        return result
-    is_finite = apply("and", apply("lt", apply("abs", a), math.inf), apply("lt", apply("abs", b), math.inf))
-    return apply("select", apply("and", _is_infinite(apply, result), is_finite), math.nan, result)
-
-
-def _highest(builder: GraphBuilder, x: Nodes) -> float:
-    return max(bound_of(builder, int(n), True) for n in x.ravel())
-
-
-def _is_infinite(apply: Elementwise, x: Nodes) -> Nodes:
-    return apply("eq", apply("abs", x), math.inf)
-
-
-def _without_overflow(rule: Rule, builder: GraphBuilder, x: Nodes) -> Nodes:
-    """Apply a rule; NaN for OverflowError, if a finite number gives an infinite one."""
-    apply = Elementwise(builder)
-    result = rule(builder, x)
-    overflows = apply("and", _is_infinite(apply, result), apply("lt", apply("abs", x), math.inf))
-    return apply("select", overflows, math.nan, result)
-
-
-def _within_domain(rule: Rule, low: float, high: float, builder: GraphBuilder, x: Nodes) -> Nodes:
-    """Apply a rule between two limits; NaN for ValueError at and beyond them."""
-    apply = Elementwise(builder)
-    result: Nodes = rule(builder, x)
-    tests = [apply("gt", x, low)] if any(bound_of(builder, int(n), False) <= low for n in x.ravel()) else []
-    tests += [apply("lt", x, high)] if math.isfinite(high) else []
-    for test in tests:
-        result = apply("select", test, result, math.nan)
-    return result
-
-
-def _to_integer(rule: Rule, builder: GraphBuilder, x: Nodes) -> Nodes:
-    """Apply a rule that rounds to an integer, which infinity has none of."""
-    apply = Elementwise(builder)
-    result: Nodes = rule(builder, x)
-    nodes = [int(node) for node in x.ravel()]
-    if all(math.isfinite(bound_of(builder, n, up)) for n in nodes for up in (False, True)):
-        return result
-    return apply("select", _is_infinite(apply, x), math.nan, result)
-
-
-def _logarithm(builder: GraphBuilder, x: Nodes, base: Nodes) -> Nodes:
-    log = partial(_within_domain, ONE["log"], 0.0, math.inf)
-    return _divide(builder, log(builder, x), log(builder, base))
 
 
 def _round_to_digits(builder: GraphBuilder, x: Nodes, digits: Nodes) -> Nodes:
@@ -169,11 +92,13 @@ def _extreme(op: str, comparison: str) -> Callable[..., Nodes]:
 
 
 def _element(evaluator: SymbolicEvaluator, index: Nodes, *items: Nodes) -> Nodes:
-    """Return an element of a list by its index from 0, or from -1 at the end; NaN for IndexError."""
+    """Return an element of a list by its index from 0, or from -1 at the end; fail with IndexError."""
     apply, builder, count = Elementwise(evaluator.builder), evaluator.builder, len(items)
     known = builder.value(int(index.item()))
-    if known is not None:
-        return items[int(known)] if known == int(known) and -count <= known < count else _constant(builder, math.nan)
+    if known is not None and known in range(-count, count):
+        return items[int(known)]
+    is_within = apply("and", apply("ge", index, float(-count)), apply("lt", index, float(count)))
+    evaluator.fail_where(apply("not", apply("and", is_within, apply("eq", index, apply("floor", index)))))
     result: Nodes = _constant(builder, math.nan)
     for at, item in enumerate(items):
         is_this = apply("or", apply("eq", index, float(at)), apply("eq", index, float(at - count)))
@@ -235,27 +160,45 @@ _OVERFLOWING: Final[dict[str, Rule]] = {
 _ROUNDING: Final[dict[str, Rule]] = {
     "floor": ONE["floor"], "ceil": ONE["ceil"], "trunc": truncate, "round": round_to_even,
 }  # fmt: skip
+# the numbers that functions of `math` take, with and without their ends
+_CLOSED_DOMAINS: Final[dict[str, tuple[Rule, tuple[float, float]]]] = {
+    "sqrt": (ONE["sqrt"], (0.0, math.inf)),
+    "asin": (ONE["asin"], (-1.0, 1.0)),
+    "acos": (ONE["acos"], (-1.0, 1.0)),
+    "acosh": (acosh, (1.0, math.inf)),
+}
+_OPEN_DOMAINS: Final[dict[str, tuple[Rule, tuple[float, float]]]] = {
+    "log": (ONE["log"], (0.0, math.inf)),
+    "log10": (ONE["log10"], (0.0, math.inf)),
+    "log2": (log2, (0.0, math.inf)),
+    "log1p": (log1p, (-1.0, math.inf)),
+    "atanh": (atanh, (-1.0, 1.0)),
+}
 _FUNCTIONS: Final = (
-    RuleFunction("divide", 2, elementwise(_divide)),
-    RuleFunction("modulo", 2, elementwise(_modulo)),
-    RuleFunction("floor_divide", 2, elementwise(_floor_divide)),
-    RuleFunction("numpy_floor_divide", 2, elementwise(partial(_divide_by_zero, _floor_divide))),
-    RuleFunction("pow", 2, elementwise(_power)),
-    *(RuleFunction(name, 1, elementwise(partial(_without_overflow, rule))) for name, rule in _OVERFLOWING.items()),
-    *(RuleFunction(name, 1, elementwise(partial(_to_integer, rule))) for name, rule in _ROUNDING.items()),
-    *(
-        RuleFunction(name, 1, elementwise(partial(_within_domain, ONE[name], 0.0, math.inf)))
-        for name in ("log", "log10")
-    ),
-    RuleFunction("log2", 1, elementwise(partial(_within_domain, log2, 0.0, math.inf))),
-    RuleFunction("log1p", 1, elementwise(partial(_within_domain, log1p, -1.0, math.inf))),
-    RuleFunction("atanh", 1, elementwise(partial(_within_domain, atanh, -1.0, 1.0))),
-    RuleFunction("logarithm", 2, elementwise(_logarithm)),
+    RuleFunction("divide", 2, divide),
+    RuleFunction("modulo", 2, failing_at_zero(modulo)),
+    RuleFunction("floor_divide", 2, failing_at_zero(floor_divide)),
+    RuleFunction("numpy_modulo", 2, with_exact_remainder(modulo)),
+    RuleFunction("numpy_floor_divide", 2, with_exact_remainder(numpy_floor_divide)),
+    RuleFunction("pow", 2, power),
+    RuleFunction("fmod", 2, exact_remainder),
+    *(RuleFunction(name, 1, without_overflow(rule)) for name, rule in _OVERFLOWING.items()),
+    *(RuleFunction(name, 1, to_integer(rule)) for name, rule in _ROUNDING.items()),
+    *(RuleFunction(name, 1, of_finite(ONE[name])) for name in ("sin", "cos", "tan")),
+    *(RuleFunction(name, 1, within(rule, *limits)) for name, (rule, limits) in _CLOSED_DOMAINS.items()),
+    *(RuleFunction(name, 1, within(rule, *limits, ends=False)) for name, (rule, limits) in _OPEN_DOMAINS.items()),
+    RuleFunction("logarithm", 2, logarithm),
     RuleFunction("min", 2, elementwise(_extreme("min", "lt"))),
     RuleFunction("max", 2, elementwise(_extreme("max", "gt"))),
     RuleFunction("minimum", 2, elementwise(_plain("min"))),
     RuleFunction("maximum", 2, elementwise(_plain("max"))),
     RuleFunction("element", 2, _element),
+    RuleFunction("integer_add", 3, integer_operation("add", operator.add)),
+    RuleFunction("integer_sub", 3, integer_operation("sub", operator.sub)),
+    RuleFunction("integer_mul", 3, integer_operation("mul", operator.mul)),
+    RuleFunction("integer_pow", 3, integer_operation("pow", operator.pow)),
+    RuleFunction("integer_modulo", 2, integer_modulo),
+    RuleFunction("first", 1, lambda evaluator, first, *others: first),
     RuleFunction("interp", 5, _interpolate),
     RuleFunction("degrees", 1, elementwise(_scaled(180.0 / math.pi))),
     RuleFunction("radians", 1, elementwise(_scaled(math.pi / 180.0))),
@@ -270,16 +213,16 @@ LIBRARY: Final[dict[str, LibraryFunction]] = {
 _MATH: Final = {
     name: f"py:{name}"
     for name in (
-        "exp", "exp2", "expm1", "sinh", "cosh", "floor", "ceil", "trunc", "log", "log10", "log2", "log1p", "atanh",
-        "pow", "degrees", "radians",
+        *_OVERFLOWING, "floor", "ceil", "trunc", "sin", "cos", "tan", *_CLOSED_DOMAINS, *_OPEN_DOMAINS, "pow", "fmod",
+        "degrees", "radians",
     )
 }  # fmt: skip
 _NUMPY: Final = {
     "arcsin": "c:asin", "arccos": "c:acos", "arctan": "c:atan", "arctan2": "c:atan2", "arcsinh": "c:asinh",
     "arccosh": "c:acosh", "arctanh": "c:atanh", "abs": "c:fabs", "absolute": "c:fabs", "power": "c:pow",
     "fix": "c:trunc", "minimum": "py:minimum", "maximum": "py:maximum", "degrees": "py:degrees",
-    "rad2deg": "py:degrees", "radians": "py:radians", "deg2rad": "py:radians", "mod": "py:modulo",
-    "remainder": "py:modulo", "floor_divide": "py:numpy_floor_divide", "round": "c:rint", "around": "c:rint",
+    "rad2deg": "py:degrees", "radians": "py:radians", "deg2rad": "py:radians", "mod": "py:numpy_modulo",
+    "remainder": "py:numpy_modulo", "floor_divide": "py:numpy_floor_divide", "round": "c:rint", "around": "c:rint",
 }  # fmt: skip
 _BUILT_IN: Final = {
     "abs": "c:fabs", "min": "py:min", "max": "py:max", "int": "py:trunc", "pow": "py:pow", "round": "py:round",

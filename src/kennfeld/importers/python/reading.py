@@ -96,17 +96,28 @@ def _parsed(content: bytes, path: Path) -> ast.Module:
 
 
 def number_of(tree: ast.expr | None, constants: dict[str, float]) -> float | None:
-    """Return the number that an expression writes; None if it is something else."""
+    """Return the number that an expression writes, an `int` for integers.
+
+    None if it is something else, or an integer that a double does not represent.
+    """
     match tree:
         case ast.Constant(value=bool() | int() | float() as value):
-            # an int may be too large for a double
-            return float(value) if abs(value) < 1e300 or isinstance(value, float) else None
+            return value if isinstance(value, float) or is_exact(value) else None
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             number = number_of(operand, constants)
             return None if number is None else -number
         case ast.Name(id=name):
             return constants.get(name)
     return None
+
+
+def is_exact(number: int) -> bool:
+    """Return True if a double represents an integer.
+
+    >>> is_exact(2**53), is_exact(2**53 + 1), is_exact(2**60), is_exact(10**400)
+    (True, False, True, False)
+    """
+    return abs(number) < 2**1023 and int(float(number)) == number
 
 
 def _assigned_once(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
@@ -149,7 +160,7 @@ def _lists(
                 items = value
         if isinstance(items, ast.List | ast.Tuple) and name not in changed:
             numbers = [number_of(item, constants) for item in items.elts]
-            known = tuple(number for number in numbers if number is not None)
+            known = tuple(float(number) for number in numbers if number is not None)
             if len(known) == len(numbers):
                 yield name, known
 
@@ -221,9 +232,11 @@ def _inputs(
     for argument, default in zip(plain, [*defaults, *arguments.defaults], strict=True):
         number = number_of(default, constants)
         if default is not None and (number is None or not math.isfinite(number)):
-            message = f"the default of {argument.arg} must be a number, got {ast.unparse(default)[:40]}"
-            findings.error(Location(path.name, default.lineno), message, "Write a number.")
-        yield FunctionInput(argument.arg, default=number)
+            is_large = isinstance(default, ast.Constant) and isinstance(default.value, int)
+            kind, remedy = (" that a double represents", "Write a float.") if is_large else ("", "Write a number.")
+            message = f"the default of {argument.arg} must be a number{kind}, got {ast.unparse(default)[:40]}"
+            findings.error(Location(path.name, default.lineno), message, remedy)
+        yield FunctionInput(argument.arg, default=None if number is None else float(number))
 
 
 def returns_of(function: ast.FunctionDef) -> list[ast.Return]:

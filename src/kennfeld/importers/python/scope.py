@@ -3,9 +3,13 @@
 import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import field
+from typing import Literal
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.program import tree as m
+
+# numbers of NumPy divide by 0 without an exception, integers have any number of digits
+NumberKind = Literal["float", "integer", "numpy"]
 
 
 class UntranslatableError(Exception):
@@ -23,17 +27,6 @@ def untranslated(tree: ast.AST) -> UntranslatableError:
 
 
 @dataclass(eq=False)
-class InnerFunction:
-    """A function that a function defines; it reads the names around it at each call, as they are then.
-
-    Attributes:
-        tree: the function; a lambda as one of a single return.
-    """
-
-    tree: ast.FunctionDef
-
-
-@dataclass(eq=False)
 class FunctionScope:
     """The names of a function.
 
@@ -42,16 +35,17 @@ class FunctionScope:
         lists: lengths of those names that are lists; these consist of one variable for each element.
         numbers: those that are certainly not lists.
         fixed: names that stand for an expression, such as those of comprehensions.
-        numpy: names that hold numbers of NumPy, which divide by 0 without an exception.
-        inner: the functions that it defines.
+        kinds: which kinds of numbers names hold, as they are translated.
+        inner: the functions that it defines, lambdas as functions of a single return; they read the names around them
+            at each call, as they are then.
     """
 
     names: set[str] = field(default_factory=set)
     lists: dict[str, int] = field(default_factory=dict)
     numbers: set[str] = field(default_factory=set)
     fixed: dict[str, m.Expression] = field(default_factory=dict)
-    numpy: set[str] = field(default_factory=set)
-    inner: dict[str, InnerFunction] = field(default_factory=dict)
+    kinds: dict[str, NumberKind] = field(default_factory=dict)
+    inner: dict[str, ast.FunctionDef] = field(default_factory=dict)
 
     def is_local(self, name: str) -> bool:
         """Return True if a name is not one of the file."""

@@ -57,7 +57,11 @@ class SequenceTranslation(NumberTranslation):
         known = all((end is None) == (number is None) for end, number in zip(_ends(part), ends, strict=True))
         if items is None or not known or ends[2] == 0:
             return None
-        return items[slice(*(None if number is None else int(number) for number in ends))]
+        chosen = range(len(items))[slice(*(None if number is None else int(number) for number in ends))]
+        skipped = [item for at, item in enumerate(items) if at not in chosen]
+        if not chosen and any(map(_may_fail, skipped)):
+            return None
+        return [_after(skipped if at == 0 else (), items[place]) for at, place in enumerate(chosen)]
 
     def _comprehension(self, item: ast.expr, each: ast.comprehension) -> list[m.Expression] | None:
         rows = None if each.ifs or each.is_async else self.rows(each.iter)
@@ -66,7 +70,7 @@ class SequenceTranslation(NumberTranslation):
         result = []
         for row in rows:
             with self._bound(each.target, row):
-                result.append(self.value(item))
+                result.append(_after(row, self.value(item)))
         return result
 
     @contextmanager
@@ -88,7 +92,9 @@ class SequenceTranslation(NumberTranslation):
                 case "range", _ if ends := self._constant_ends(tree.args):
                     return [(m.Number(float(at)),) for at in range(*ends)]
                 case "zip", [_, *_] if len(lists) == len(parts):
-                    return list(zip(*lists, strict=False))
+                    rows = list(zip(*lists, strict=False))
+                    is_cut = any(_may_fail(item) for items in lists for item in items[len(rows) :])
+                    return None if is_cut else rows
                 case "enumerate", [items] if len(parts) == 1:
                     return [(m.Number(float(at)), item) for at, item in enumerate(items)]
                 case "reversed", [items]:
@@ -106,7 +112,7 @@ class SequenceTranslation(NumberTranslation):
     def _integer(self, tree: ast.expr) -> int | None:
         if isinstance(tree, ast.Call) and self._library_name(tree.func)[1] == "len" and len(tree.args) == 1:
             items = self.elements(tree.args[0])
-            return None if items is None else len(items)
+            return None if items is None or any(map(_may_fail, items)) else len(items)
         match tree:
             case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
                 a, b = self._integer(left), self._integer(right)
@@ -134,7 +140,7 @@ class SequenceTranslation(NumberTranslation):
             return m.Call(m.Name("py:element"), (self.value(tree.slice), *items))
         if not -len(items) <= at < len(items):
             raise UntranslatableError(f"the index {at} is out of range", tree.lineno)
-        return items[at]
+        return _after([item for item in items if item is not items[at]], items[at])
 
     def sequence_call(self, tree: ast.Call) -> m.Expression | None:
         """Translate a call of a function that takes lists; None for others."""
@@ -151,7 +157,7 @@ class SequenceTranslation(NumberTranslation):
         if items is None or len(tree.args) > 1:
             return None
         if (module, name) == ("builtins", "len"):
-            return m.Number(float(len(items)))
+            return _after(items, m.Number(float(len(items))))
         if (module, name) in _SUMS:
             return reduce(lambda a, b: m.Binary("+", a, b), items) if items else m.Number(0.0)
         if (module, name) in _EXTREMES and items:
@@ -172,6 +178,17 @@ class SequenceTranslation(NumberTranslation):
         left, right = map(self.value, arguments[3:]) if len(arguments) == 5 else (values[0], values[-1])
         count = m.Number(float(len(points)))
         return m.Call(m.Name("py:interp"), (self.value(arguments[0]), left, right, count, *breakpoints, *values))
+
+
+def _may_fail(tree: m.Expression) -> bool:
+    """Return True if an expression may be one at which Python raises an exception."""
+    return not isinstance(tree, m.Number | m.Name)
+
+
+def _after(skipped: Sequence[m.Expression], tree: m.Expression) -> m.Expression:
+    """Return an expression that evaluates others first, as they may fail, though their values are not used."""
+    others = tuple(filter(_may_fail, skipped))
+    return m.Call(m.Name("py:first"), (tree, *others)) if others else tree
 
 
 def _ends(part: ast.Slice) -> tuple[ast.expr | None, ...]:

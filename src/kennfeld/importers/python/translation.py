@@ -2,18 +2,19 @@
 
 import ast
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial, reduce
 from itertools import count
 
 import numpy as np
 
+from kennfeld.base.errors import Finding, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphBuilder, GraphTooLargeError
 from kennfeld.importers.python.mathematics import LIBRARY
 from kennfeld.importers.python.reading import PythonFunction, number_of, returns_of
 from kennfeld.importers.python.scope import (
     FunctionScope,
-    InnerFunction,
     UntranslatableError,
     as_function,
     element_name,
@@ -26,6 +27,7 @@ from kennfeld.importers.python.sequences import SequenceTranslation, target_name
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
+from kennfeld.models.imperative.path_facts import logical_or
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.program import tree as m
 
@@ -38,23 +40,21 @@ class PythonTranslation(SequenceTranslation):
         self.functions: dict[str, m.FunctionDefinition] = {}
         self._numbers = count()
 
-    def function(self, tree: ast.FunctionDef, scope: FunctionScope, shapes: Sequence[int | None] = ()) -> str:
+    def function(self, tree: ast.FunctionDef, scope: FunctionScope) -> str:
         """Translate a function; return its name in the tree.
 
         Args:
             tree: the function.
-            scope: what it knows from around it; an inner function gets the names that it reads as arguments.
-            shapes: lengths of the arguments that are lists; None for numbers.
+            scope: what it knows at its start: the lengths of its arguments that are lists, the kinds of the others, and
+                the names around it that an inner function reads, which it gets as arguments.
         """
-        own = parameters_of(tree)
-        lengths = dict(zip(own, shapes, strict=False)) | scope.lists
+        own, lengths = parameters_of(tree), scope.lists
         outer_names = [name for name in scope.names if name not in own]
         # a function is translated for each kind of arguments
-        kinds = [f"{name}:{lengths.get(name)}:{name in scope.numpy}" for name in (*own, *outer_names)]
+        kinds = [f"{name}:{lengths.get(name)}:{scope.kinds.get(name)}" for name in (*own, *outer_names)]
         name = f"{tree.name}@{tree.lineno}({','.join(kinds)})"
         if name in self.functions:
             return name
-        scope.lists = {each: size for each in (*own, *outer_names) if (size := lengths.get(each)) is not None}
         parameters = tuple(variable for each in (*own, *outer_names) for variable in _variables(each, scope))
         results = tuple(f"%return{at}" for at in range(self._result_count(tree)))
         # a call of itself ends there
@@ -120,7 +120,7 @@ class PythonTranslation(SequenceTranslation):
     def _define(self, tree: ast.FunctionDef) -> list[m.Statement]:
         if tree.name in self.scope.inner or any(isinstance(node, ast.Nonlocal | ast.Global) for node in ast.walk(tree)):
             raise untranslated(tree)
-        self.scope.inner[tree.name] = InnerFunction(tree)
+        self.scope.inner[tree.name] = tree
         return []
 
     # assignments
@@ -160,25 +160,20 @@ class PythonTranslation(SequenceTranslation):
         return self._assign_all([element_name(name, at) for at in range(len(items))], items, place)
 
     def _note_numbers(self, names: Sequence[str], value: ast.expr) -> None:
-        """Note which names are numbers, and if they are those of NumPy."""
+        """Note which names are numbers, and of which kind."""
         if lists := [name for name in names if name in self.scope.lists]:
             raise UntranslatableError(f"{lists[0]} is a number and a list", value.lineno)
         self.scope.numbers.update(names)
-        (self.scope.numpy.update if self.is_numpy(value) else self.scope.numpy.difference_update)(names)
+        self.scope.kinds.update(dict.fromkeys(names, self.kind(value)))
 
     def _assign_all(
         self, names: Sequence[str], values: Sequence[m.Expression], place: m.TextPosition
     ) -> list[m.Statement]:
         """Assign values that are all computed before the first assignment, as in `a, b = b, a`."""
-        if all(isinstance(value, m.Number) for value in values) or len(values) == 1:
-            return [m.Assign((m.Name(n),), value, place=place) for n, value in zip(names, values, strict=True)]
-        kept, statements = self._kept(values, place)
-        return [*statements, *self._assign_all_kept(names, kept, place)]
-
-    def _assign_all_kept(
-        self, names: Sequence[str], values: Sequence[m.Expression], place: m.TextPosition
-    ) -> list[m.Statement]:
-        return [m.Assign((m.Name(n),), value, place=place) for n, value in zip(names, values, strict=True)]
+        # a single value, like numbers, reads nothing that is assigned before it
+        kept, statements = self._kept(values, place) if len(values) > 1 else (values, [])
+        assigned = zip(names, kept, strict=True)
+        return [*statements, *(m.Assign((m.Name(name),), value, place=place) for name, value in assigned)]
 
     def _kept(
         self, values: Sequence[m.Expression], place: m.TextPosition
@@ -202,6 +197,7 @@ class PythonTranslation(SequenceTranslation):
             case ast.Name(id=name), ast.Call(func=ast.Name(id="range"), args=args) if not self.scope.is_local("range"):
                 span = self._range([self.value(item) for item in args], args, tree)
                 self._note_numbers([name], tree.iter)
+                self.scope.kinds[name] = "integer"
                 return [m.For(m.Name(name), span, self._block(tree.body, results), place=place)]
         rows = self.rows(tree.iter)
         if rows is None:
@@ -224,7 +220,7 @@ class PythonTranslation(SequenceTranslation):
             raise UntranslatableError("the step of range is not a number", tree.lineno)
         # range ends before its limit, the range of the tree at it
         last = m.Binary("-", values[min(len(values) - 1, 1)], m.Number(math.copysign(1.0, step)))
-        return m.Range(first, m.Number(step), last)
+        return m.Range(first, m.Number(float(step)), last)
 
     # calls
 
@@ -238,7 +234,7 @@ class PythonTranslation(SequenceTranslation):
             return None
         name = tree.func.id
         if name in self.scope.inner:
-            return self.scope.inner[name].tree
+            return self.scope.inner[name]
         if self.scope.is_local(name):
             return None
         return self.source.functions.get(name) or self.source.closures.get(name)
@@ -253,7 +249,6 @@ class PythonTranslation(SequenceTranslation):
         arguments = [ast.copy_location(ast.Name(name, ast.Load()), tree) for name in around]
         scope = FunctionScope(names=set(around), inner=dict(self.scope.inner) if is_inner else {})
         passed: list[m.Expression] = []
-        shapes: list[int | None] = []
         own = parameters_of(called)
         names = [*own, *(name for name in scope.names if name not in own)]
         by_name = dict(zip(around, arguments, strict=True)) | dict(
@@ -262,13 +257,11 @@ class PythonTranslation(SequenceTranslation):
         for name in names:
             items = self.elements(by_name[name])
             passed += [self.value(by_name[name])] if items is None else items
-            shapes.append(None if items is None else len(items))
             if items is not None:
+                scope.lists[name] = len(items)
                 _check_kept(called, name)
-            if self.is_numpy(by_name[name]):
-                scope.numpy.add(name)
-        scope.lists = {name: size for name, size in zip(names, shapes, strict=True) if size is not None}
-        return m.Call(m.Name(self.function(called, scope, shapes[: len(own)])), tuple(passed))
+            scope.kinds[name] = self.kind(by_name[name])
+        return m.Call(m.Name(self.function(called, scope)), tuple(passed))
 
     def _names_around(self, tree: ast.FunctionDef) -> Iterator[str]:
         """Yield the names of this function that an inner one reads, also through others that it calls."""
@@ -279,7 +272,7 @@ class PythonTranslation(SequenceTranslation):
                 if name in self.scope.inner:
                     if name not in seen:
                         seen.add(name)
-                        waiting.append(self.scope.inner[name].tree)
+                        waiting.append(self.scope.inner[name])
                 elif self.scope.is_local(name):
                     names[name] = None
         yield from names
@@ -323,18 +316,25 @@ class TranslatedPython:
     name: str
     functions: dict[str, m.FunctionDefinition]
 
-    def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> list[int]:
-        """Add the nodes of a call to a graph; return those of the results."""
-        context = EvaluationContext(builder, functions=dict(self.functions), library=LIBRARY)
+    def write(
+        self,
+        builder: GraphBuilder,
+        arguments: Sequence[int],
+        remark: Callable[[str, int], None] = lambda text, line: None,
+    ) -> list[int]:
+        """Add the nodes of a call to a graph; return those of the results. `remark` gets remarks with their lines."""
+        context = EvaluationContext(builder, functions=dict(self.functions), library=LIBRARY, remark=remark)
         interpreter = StatementInterpreter(context)
         definition = self.functions[self.name]
         values = [np.array([[node]], dtype=np.int64) for node in arguments]
         results = interpreter.call(definition, values, len(definition.results))
-        return [int(s.as_array(value, "its result").item()) for value in results]
+        fails = reduce(partial(logical_or, builder), interpreter.state.failures, builder.const(0.0))
+        nodes = [int(s.as_array(value, "its result").item()) for value in results]
+        return [builder.call("select", fails, builder.const(math.nan), node) for node in nodes]
 
 
-def translate(source: PythonFunction) -> TranslatedPython:
-    """Translate a function to a graph.
+def translate(source: PythonFunction) -> tuple[TranslatedPython, tuple[Finding, ...]]:
+    """Translate a function to a graph; return it with remarks.
 
     Raises:
         UntranslatableError: a graph cannot express it.
@@ -344,9 +344,12 @@ def translate(source: PythonFunction) -> TranslatedPython:
         name = translation.function(source.tree, FunctionScope())
         translated = TranslatedPython(name, translation.functions)
         builder = BoundedGraphBuilder()
-        translated.write(builder, [builder.input(item.name) for item in source.inputs])
+        arguments = [builder.input(item.name) for item in source.inputs]
+        lines: dict[str, int] = {}  # of each remark the first one
+        translated.write(builder, arguments, lambda text, line: lines.update({text: lines.get(text, line)}))
     except ProgramError as error:
         raise UntranslatableError(error.message, error.line or source.tree.lineno) from None
     except (AbortedPathError, GraphTooLargeError, RecursionError):
         raise UntranslatableError("it is too large or nested too deeply", source.tree.lineno) from None
-    return translated
+    remarks = tuple(Finding(Location(source.path.name, lines[text]), text, severity="remark") for text in lines)
+    return translated, remarks

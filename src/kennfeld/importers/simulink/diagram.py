@@ -9,6 +9,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.import_report import SimulinkReport
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.model_import import ModelImport
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, System
 from kennfeld.importers.simulink.variables.model_variables import ParameterSource
 from kennfeld.models.model import Model
@@ -109,6 +110,7 @@ def read_diagram(
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    float32: bool = False,
 ) -> Diagram:
     """Read a file and import it as far as possible; the arguments are those of `simulink`.
 
@@ -120,7 +122,7 @@ def read_diagram(
     report, model, findings = None, None, tuple[Finding, ...]()
     try:
         cuts = loaded.cuts(bind or {}, prefix)
-        result = ModelImport(loaded, system, scope, cuts, frozenset(promote), step).inspect()
+        result = ModelImport(loaded, system, scope, cuts, frozenset(promote), step, float32).inspect()
         report, model = result.report, result.model
     except InputError as error:
         findings = error.findings
@@ -176,6 +178,6 @@ def _detail(block: ModelBlock) -> tuple[str, str]:
     """Return the field that says most about a block, and its text; both empty if the file does not give it."""
     field = _DETAILS.get(block.type, "")
     text = " ".join((block.value(field) or "").split())
-    if not text or (block.type in ("Inport", "Outport") and text == "inherit"):
+    if not text or (block.type in ("Inport", "Outport") and match_word(text, ["inherit"]) is not None):
         return "", ""
     return field, text if len(text) <= MAX_DETAIL else f"{text[: MAX_DETAIL - 3]}..."

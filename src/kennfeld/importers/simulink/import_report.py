@@ -9,11 +9,13 @@ from typing import Any, Literal
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import count_noun, join_names, number_text
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import file_name
 from kennfeld.files.file_info import Table
 from kennfeld.models.import_report import ImportReport
 from kennfeld.models.quantities import CalibratableParameter, Quantity, UndefinedParameter
 
 TYPES_IGNORED = "data types are ignored, except for limits that saturate: all values are physical, in double precision"
+TYPES_ROUNDED = "integer types are ignored, except for limits that saturate: all values are physical"
 
 _MAX_PATHS = 3  # of blocks in a cell
 _MAX_NAMED = 3  # variables in a sentence
@@ -222,9 +224,13 @@ class SimulinkReport(ImportReport):
         return "\n".join([*absent, *(parameter.project_section for parameter in definitions)])
 
     @property
+    def _supplied(self) -> set[str]:
+        return {name for proposal in self.proposals for name in proposal.names}
+
+    @property
     def unsupplied(self) -> tuple[UndefinedParameter, ...]:
         """The undefined variables that no file of the project is known to define."""
-        supplied = {name for proposal in self.proposals for name in proposal.names}
+        supplied = self._supplied
         return tuple(parameter for parameter in self.definitions if parameter.name not in supplied)
 
     @property
@@ -236,7 +242,7 @@ class SimulinkReport(ImportReport):
     @property
     def notes(self) -> tuple[Finding, ...]:
         """Remarks for a user who calibrates the model."""
-        substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
+        substitutions = (text for text in self.substitutions if text not in (TYPES_IGNORED, TYPES_ROUNDED))
         sentences = (Finding(Location(), text, severity="remark") for text in (*substitutions, *self.fixed))
         return (*sentences, *(replace(f, severity="remark") for f in self.remarks if f.severity != "remark"))
 
@@ -272,12 +278,12 @@ class SimulinkReport(ImportReport):
     def missing(self) -> tuple[Finding, ...]:
         """Files that were not found anywhere in the project, if variables are undefined."""
         located = {proposal.path.name for proposal in self.proposals if proposal.needed_by}
-        absent = {name: source for name, source in self.missing_files.items() if _base_name(name) not in located}
+        absent = {name: source for name, source in self.missing_files.items() if file_name(name) not in located}
         return tuple(_missing_finding(*names) for names in absent.items()) if self.undefined else ()
 
     @property
     def _undefined_findings(self) -> tuple[Finding, ...]:
-        supplied = {name for proposal in self.proposals for name in proposal.names}
+        supplied = self._supplied
         names = {name: paths for name, paths in self.undefined.items() if name not in supplied}
         first = tuple(names.items())[:_MAX_UNDEFINED]
         rest = tuple(names)[_MAX_UNDEFINED:]
@@ -309,10 +315,6 @@ def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:
     if len(blocks) == 1:
         return first
     return replace(first, location=Location(path=f"{first.location} and {len(blocks) - 1} more"))
-
-
-def _base_name(written: str) -> str:
-    return written.replace("\\", "/").rpartition("/")[2]
 
 
 def _missing_text(name: str) -> str:

@@ -7,7 +7,7 @@ IMPORTER = Importer(
     "a Simulink model",
     (SIMULINK, PROTECTED),
     imports="kennfeld.importers.simulink.importing:import_requested",
-    keys=("subsystem", "parameters", "bind", "folders"),
+    keys=("subsystem", "parameters", "bind", "folders", "float32"),
     describes=(
         (SIMULINK, "kennfeld.importers.simulink.file_info:describe_simulink"),
         (PROTECTED, "kennfeld.importers.simulink.file_info:describe_simulink"),

@@ -28,6 +28,7 @@ def simulink(
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    float32: bool = False,
 ) -> Model:
     """Import a Simulink model or one of its subsystems.
 
@@ -41,6 +42,7 @@ def simulink(
             `parameters` replaces the literal.
         folders: folders to search for libraries, dictionaries and classes in addition to the model's own.
         step: time step in s that replaces the one of the model.
+        float32: round signals of type single to single precision, as generated code does.
 
     Returns:
         The model.
@@ -52,7 +54,7 @@ def simulink(
     >>> model.graph.inputs, model.graph.outputs, model.values["Slope"].value
     (('n',), ('y',), 2.0)
     """
-    return import_simulink(path, subsystem, parameters, bind, promote, folders, step).require_model()
+    return import_simulink(path, subsystem, parameters, bind, promote, folders, step, float32).require_model()
 
 
 def import_simulink(
@@ -63,6 +65,7 @@ def import_simulink(
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
+    float32: bool = False,
 ) -> SimulinkImport:
     """Import a Simulink model and report on every block; the model is None if an output is not supported.
 
@@ -80,7 +83,8 @@ def import_simulink(
     """
     loaded = LoadedModel.of(path, parameters, folders)
     system, scope, prefix = loaded.system(subsystem)
-    model_import = ModelImport(loaded, system, scope, loaded.cuts(bind or {}, prefix), frozenset(promote), step)
+    cuts = loaded.cuts(bind or {}, prefix)
+    model_import = ModelImport(loaded, system, scope, cuts, frozenset(promote), step, float32)
     blocks = _blocks(system, model_import.flat, prefix) if promote else {}
     if misnamed := list(_find_misnamed(loaded.path, promote, blocks)):
         raise InputError(misnamed)
@@ -88,7 +92,7 @@ def import_simulink(
 
 
 Arguments = tuple[
-    Path, str | None, list[ParameterSource], dict[str, str], list[str], tuple[Path, ...], float | None
+    Path, str | None, list[ParameterSource], dict[str, str], list[str], tuple[Path, ...], float | None, bool
 ]  # of `simulink`
 
 
@@ -107,7 +111,7 @@ def arguments_of(request: ImportRequest) -> Arguments:
     sources: list[ParameterSource] = [*options.parameters, *initial, own]
     promoted = [name for name, _ in request.values if ":" in name]
     part, bound = options.subsystem or None, dict(options.bind)
-    return request.path, part, sources, bound, promoted, options.folders, options.step
+    return request.path, part, sources, bound, promoted, options.folders, options.step, options.float32
 
 
 def _find_misnamed(path: Path, names: Collection[str], blocks: Mapping[str, ModelBlock]) -> Iterator[Finding]:

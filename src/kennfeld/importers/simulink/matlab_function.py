@@ -15,6 +15,7 @@ from kennfeld.importers.simulink.lowering.block_context import BlockContext
 from kennfeld.importers.simulink.lowering.diagnostics import BUS_REMEDY, UnsupportedError
 from kennfeld.importers.simulink.lowering.integer_signals import integer_type_of
 from kennfeld.importers.simulink.lowering.parameter_fields import variable_field
+from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.signals import CONSTANT, Bus, ExternalBus, Signal, SignalOrBus, as_vector, period_of
 from kennfeld.importers.simulink.variables.mask_scope import names_assigned_by_functions
 from kennfeld.matlab.parser import parse_script
@@ -98,7 +99,7 @@ def _evaluation_context(block: BlockContext, functions: Mapping[str, m.FunctionD
         functions=dict(functions),
         find=block.compiler.files.find,
         frozen=frozen,
-        remark=lambda sentence: block.warn(f"calls a bit function: {sentence}"),
+        remark=lambda sentence, line: block.warn(f"calls a bit function: {sentence}"),
         tables=partial(_look_up, block),
     )
 
@@ -148,7 +149,7 @@ def _input_value(block: BlockContext, at: int, name: str) -> SymbolicValue:
     """Return an input as a variable with the integer type that the block or its signal specifies."""
     wired, chart = block.input_or_bus(at), block.flat.block.chart
     stated = next((data.type for data in chart.data if data.name == name), "") if chart is not None else ""
-    if isinstance(wired, ExternalBus) and not wired.members and stated.startswith("Bus:"):
+    if isinstance(wired, ExternalBus) and not wired.members and begins_with_word(stated, "Bus:"):
         why = f"the elements of its input {name} are unknown: {wired.why}"
         return InvalidValue(why, BUS_REMEDY)
     value = _to_symbolic(wired)

@@ -7,6 +7,7 @@ from kennfeld.graph import CLOCK
 from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, FlatBlock, FlatModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler
 from kennfeld.importers.simulink.reader.block_ports import port_label
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import Bus, leaf_signals
 
 RESULTS = ("Outport", "ToWorkspace", *SINK_TYPES)
@@ -95,7 +96,7 @@ class NodeNames:
     def _describe(self, name: str, flat: FlatBlock) -> None:
         self.locations[name] = Location(path=flat.path)
         unit = (flat.block.value("Unit") or "").strip()
-        if unit and unit != "inherit" and not any(sign in unit for sign in "]\n\r"):
+        if unit and match_word(unit, ["inherit"]) is None and not any(sign in unit for sign in "]\n\r"):
             self.units[name] = unit
 
 

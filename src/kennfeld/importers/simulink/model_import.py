@@ -15,8 +15,10 @@ from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
 from kennfeld.graph.integration import apply_solver, is_continuous, without_idle_holds
 from kennfeld.importers.simulink.constant_outputs import find_constant_outputs
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, FlatModel
+from kennfeld.importers.simulink.float_types import FloatType
 from kennfeld.importers.simulink.import_report import (
     TYPES_IGNORED,
+    TYPES_ROUNDED,
     SimulinkReport,
     UnsupportedBlock,
 )
@@ -32,16 +34,19 @@ from kennfeld.importers.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, Outputs
 from kennfeld.importers.simulink.lowering.scheduling import ModelClock
+from kennfeld.importers.simulink.lowering.single_precision import single_blocks
 from kennfeld.importers.simulink.lowering.type_effects import ignored_effects
 from kennfeld.importers.simulink.model_assembly import NodeNames
 from kennfeld.importers.simulink.physical_networks import with_network_binds
-from kennfeld.importers.simulink.reader.model_tree import System
+from kennfeld.importers.simulink.reader.dialog_words import match_word
+from kennfeld.importers.simulink.reader.model_tree import StoredSolver, System
 from kennfeld.importers.simulink.signals import InputWidth, Signal, SignalOrBus, width_note
 from kennfeld.importers.simulink.solver_selection import SolverSelection
 from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
 from kennfeld.importers.simulink.value_proposals import missing_links, propose_files
 from kennfeld.importers.simulink.variables.mask_scope import Scope, signal_unit
 from kennfeld.importers.simulink.variables.model_variables import solver_settings
+from kennfeld.matlab.errors import failed_assignment
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.importer import ImportResult
@@ -89,12 +94,14 @@ class ModelImport:
         cuts: Mapping[str, str] = MappingProxyType({}),
         promote: frozenset[str] = frozenset(),
         step: float | None = None,
+        float32: bool = False,
     ) -> None:
         self.path, self.document, self.variables = loaded.path, loaded.document, loaded.variables
         self.cuts, self.promote, self.files = cuts, promote, loaded.files
         self.most_asked: int | None = None  # limit on operations, below that of the builder
         self._asked_before = 0
         self._loaded, self._system, self._scope = loaded, system, scope
+        self._inherited: FloatType | None = None
         self.flat = self._flatten({})
         self.remarks = list(loaded.remarks)
         self.substitutions: list[str] = []
@@ -104,12 +111,21 @@ class ModelImport:
             place = Location(self.path.name, path="bind")
             raise InputError(Finding(place, f"unknown block {key}", nearest(key, paths)) for key in unknown)
         self._last = BlockCompiler(self.flat, ModelClock(None), (), self._bound_signals, InferredAttributes())
-        self.stepping = self._select_solver(step)
+        settings, lost = solver_settings(self.document, self.variables)
+        self.stepping = self._select_solver(step, settings, lost)
+        if float32:
+            self._inherited = self._inherited_type(settings)
         self.solver, self.clock = self.stepping.solver, self.stepping.clock
 
-    def _select_solver(self, asked: float | None) -> SolverSelection:
+    def _inherited_type(self, settings: StoredSolver) -> FloatType:
+        """Return the type of ports that specify none: what surrounds a subsystem is not imported with it."""
+        if self._system is not self.document.root:
+            return FloatType.UNKNOWN
+        is_single = match_word(settings.default_type, ["single"]) is not None
+        return FloatType.SINGLE if is_single else FloatType.DOUBLE
+
+    def _select_solver(self, asked: float | None, settings: StoredSolver, lost: str) -> SolverSelection:
         """Select the solver and the clock, with the requested step or that of the model."""
-        settings, lost = solver_settings(self.document, self.variables)
         stepping = SolverSelection(settings, self.flat.blocks, self._last.expressions, Scope(self.variables))
         self.remarks += stepping.warnings
         sentences = stepping.substitutions
@@ -140,11 +156,11 @@ class ModelImport:
 
     def _with_definitions(self, report: SimulinkReport, compiler: BlockCompiler) -> SimulinkReport:
         """Return a report with the undefined variables as parameters to define."""
-        failed, reasons = tuple(compiler.failures), self.variables.undefined
-        definitions = undefined_parameters(failed, compiler.expressions, report.undefined, reasons)
+        failed, places = tuple(compiler.failures), self.variables.undefined
+        definitions = undefined_parameters(failed, compiler.expressions, report.undefined, report.reasons)
         missing = dict(self.variables.missing_files) if report.undefined else {}
         needed = missing | missing_links(failed)
-        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), reasons, needed)
+        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), places, needed)
         return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
 
     @property
@@ -221,7 +237,9 @@ class ModelImport:
     def _make_compiler(self, guesses: InferredAttributes) -> BlockCompiler:
         # the limit on operations counts all passes, of which each begins a graph of its own
         self._asked_before = self.asked
-        compiler = self._last = BlockCompiler(self.flat, self.clock, self.promote, self._bound_signals, guesses)
+        compiler = self._last = BlockCompiler(
+            self.flat, self.clock, self.promote, self._bound_signals, guesses, self._inherited
+        )
         compiler.files = self.files
         compiler.declared.whole = self.variables
         if self.most_asked is not None:
@@ -271,14 +289,16 @@ class ModelImport:
             for first, later in compiler.stores.undecided_writers
         )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
-        sentences = (*compiler.warnings, *ignored_effects(self.flat.blocks, compiler.readers))
+        effects = ignored_effects(self.flat.blocks, compiler.readers)
+        sentences = (*compiler.warnings, *effects, *self._precision(compiler))
         constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
         warnings = (
             *constant,
             *_unknown_widths(compiler),
             *(Finding(Location(), sentence, severity="warning") for sentence in sentences),
         )
-        note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
+        ignored = TYPES_IGNORED if self._inherited is None else TYPES_ROUNDED
+        note = [ignored] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return SimulinkReport(
             len(blocks), len(blocks) - len(unsupported) - len(unreached),
@@ -287,9 +307,18 @@ class ModelImport:
             tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
-            reasons=dict(self.variables.undefined), unreached=unreached,
+            reasons={name: failed_assignment(place) for name, place in self.variables.undefined.items()},
+            unreached=unreached,
             results=tuple(flat.path for flat in self.flat.results), has_outports=bool(self.flat.outports),
         )  # fmt: skip
+
+    def _precision(self, compiler: BlockCompiler) -> Iterator[str]:
+        """Yield remarks on signals of type single."""
+        if self._inherited is None:
+            if names := single_blocks(self.flat.blocks, compiler.readers):
+                yield f"single precision is ignored in {names}: generated code rounds there, as float32 = true does"
+        elif unknown := join_names(list(compiler.floats.unknown), _MAX_LISTED):
+            yield f"the results of {unknown} are not rounded to single precision: their data types are not known"
 
     def _model(self, compiler: BlockCompiler, report: SimulinkReport) -> Model:
         names = NodeNames(compiler, self.flat)

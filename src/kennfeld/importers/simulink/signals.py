@@ -9,7 +9,8 @@ import numpy as np
 
 from kennfeld.base.formatting import count_noun, join_names, size_text
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.builder import CONDITIONS, GraphBuilder
+from kennfeld.importers.simulink.float_types import FloatType
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 
@@ -67,9 +68,9 @@ class Signal:
     """Graph nodes in the shape of the signal: (n,) for a vector, (rows, columns) for a matrix, (1,) for a scalar.
 
     `period` is the sample time in s: 0 if it may change at any time, infinite if it is constant. `sound` is False for
-    placeholders of unsupported signals. `width` is the origin of its width, if it is that of an input. Operators act
-    element by element, with numbers as constants, and add nodes to the graph of `builder`; comparisons give 1 or 0,
-    and `&`, `|` and `~` are logical.
+    placeholders of unsupported signals. `width` is the origin of its width, if it is that of an input. `type` is None
+    for what has no type of its own, such as parameters of blocks. Operators act element by element, with numbers as
+    constants, and add nodes to the graph of `builder`; comparisons give 1 or 0, and `&`, `|` and `~` are logical.
     """
 
     nodes: Nodes
@@ -77,6 +78,7 @@ class Signal:
     sound: bool = True
     builder: GraphBuilder | None = None
     width: InputWidth | None = None
+    type: FloatType | None = None
 
     __array_ufunc__ = None  # a numpy number on the left leaves the operation to the signal
 
@@ -141,7 +143,16 @@ def apply(op: str, *args: Signal | float) -> Signal:
     nodes = elementwise(builder, op, *(signal.nodes for signal in spread))
     # the result of an operation by elements has the width of an operand, except for scalars that were broadcast
     widths = (arg.width for arg in args if isinstance(arg, Signal) and arg.shape == nodes.shape)
-    return Signal(nodes, period_of(spread), builder=builder, width=next(filter(None, widths), None))
+    width = next(filter(None, widths), None)
+    return Signal(nodes, period_of(spread), builder=builder, width=width, type=_type_of_result(op, args))
+
+
+def _type_of_result(op: str, args: Sequence[Signal | float]) -> FloatType | None:
+    if op in CONDITIONS:
+        return FloatType.OTHER
+    # a condition that selects has no part in it
+    own = args[1:] if op == "select" else args
+    return max((arg.type for arg in own if isinstance(arg, Signal) and arg.type is not None), default=None)
 
 
 def broadcast(*signals: Signal) -> list[Signal]:

@@ -43,32 +43,30 @@ class SolverSelection:
         self.step_substitutions: list[str] = []
         continuous = any(map(_is_continuous, flat_blocks))
         periods = _periods(flat_blocks, expressions)
-        name = settings.name
-        fixed = name.casefold() in {text.casefold() for text in _FIXED}
-        is_auto = name.casefold() == "fixedstepauto"
+        name = match_word(settings.name, (*SOLVERS, *_FIXED)) or settings.name
+        fixed, is_auto = name in _FIXED, name == "FixedStepAuto"
         # the choice of FixedStepAuto for models with continuous states is ode3
         self.solver = name if name in SOLVERS else "ode3" if is_auto else "ode4"
         # without continuous states, no solver is used
         self.replaced = continuous and name not in SOLVERS and not is_auto
         if self.replaced:
-            self._replace_solver(fixed)
+            self._replace_solver(name, fixed)
         step = self._fixed_step(periods, continuous) if fixed else self._common_step(periods)
         if step is not None and not fixed:
             self._substitute(f"variable step -> {step:g} s, the longest step that hits all sample times")
         tasks = _TASKS.get(match_word(settings.tasks, _TASKS) or "") if fixed else False
         self.clock = ModelClock(step, continuous, tasks)
 
-    def _replace_solver(self, fixed: bool) -> None:
-        name = self.settings.name
+    def _replace_solver(self, name: str, fixed: bool) -> None:
         data = " with a fixed step: the step of the data unless sample times require another"
         self.substitutions.append(f"{name or 'an unknown solver'} -> {self.solver}{'' if fixed else data}")
-        if name in _STIFF:
+        if match_word(name, _STIFF) is not None:
             watch = "check that the step is short enough for ode4 (kennfeld check compares with half the step)"
             self.substitutions.append(f"{name} is a solver for stiff models: {watch}")
 
     def _fixed_step(self, periods: list[float], continuous: bool) -> float | None:
         text = self.settings.fixed_step.strip()
-        stated = self._number(text) if text not in ("", "auto") else None
+        stated = self._number(text) if text and match_word(text, ["auto"]) is None else None
         if stated is not None and stated > 0:
             return stated
         common = self._common_step(periods)

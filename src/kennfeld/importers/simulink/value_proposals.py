@@ -4,13 +4,14 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from kennfeld.base.errors import Location
 from kennfeld.base.formatting import join_names
+from kennfeld.base.output_paths import file_name
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.import_report import VariableFile
 from kennfeld.importers.simulink.reader.model_tree import split_path
 from kennfeld.importers.simulink.reader.project_files import ProjectFiles
 from kennfeld.importers.simulink.variables.assigned_names import DATA_ENDINGS, AssignedNames, defines
-from kennfeld.importers.simulink.variables.data_dictionary import file_name
 from kennfeld.importers.simulink.variables.file_search import FileSearch
 
 _MAX_PROPOSALS = 10  # files with values
@@ -21,7 +22,7 @@ def propose_files(
     model: Path,
     search: FileSearch,
     undefined: Collection[str],
-    reasons: Mapping[str, str],
+    failures: Mapping[str, Location],
     missing_files: Mapping[str, str],
 ) -> tuple[VariableFile, ...]:
     """Return the files that define variables or are missing, those that define most variables first.
@@ -32,7 +33,7 @@ def propose_files(
         model: the model's file.
         search: where the import has searched.
         undefined: the variables without a value; fields of structs as `a.b`.
-        reasons: by variable, why scripts could not assign it a value.
+        failures: by variable, where scripts could not assign it a value.
         missing_files: files that were not found, with what needs them; libraries and models without extension.
     """
     if not undefined and not missing_files:
@@ -40,16 +41,16 @@ def propose_files(
     files = ProjectFiles.around(model, search.folders)
     names = AssignedNames(undefined, search, model.parent)
     needed = [
-        replace(proposal, names=_supplied(proposal.path, names, undefined, reasons))
+        replace(proposal, names=_supplied(proposal.path, names, undefined, failures))
         for proposal in _locate(files, missing_files)
     ]
     given = {path.absolute() for path in search.given if path.suffix.casefold() in DATA_ENDINGS}
     # other files do not replace what those in use fail to compute
-    settled = {name for path in given for name in _supplied(path, names, undefined, reasons)}
+    settled = {name for path in given for name in _supplied(path, names, undefined, failures)}
     settled |= {name for proposal in needed for name in proposal.names}
     open_names = tuple(name for name in undefined if name not in settled)
     candidates = [path for path in files.ending(*DATA_ENDINGS) if path not in given] if open_names else []
-    supplied = {path: _supplied(path, names, open_names, reasons) for path in candidates}
+    supplied = {path: _supplied(path, names, open_names, failures) for path in candidates}
     chosen = _in_folders(_smallest_choice(supplied), names.classes)
     return tuple(sorted((*needed, *chosen), key=lambda proposal: -len(proposal.names)))
 
@@ -75,11 +76,11 @@ def _locate(files: ProjectFiles, missing_files: Mapping[str, str]) -> Iterator[V
 
 
 def _supplied(
-    path: Path, names: AssignedNames, undefined: Collection[str], reasons: Mapping[str, str]
+    path: Path, names: AssignedNames, undefined: Collection[str], failures: Mapping[str, Location]
 ) -> tuple[str, ...]:
     """Return the variables that a file would define; not those that it has been run for in vain."""
     assigned = names.of(path)
-    failed = {name for name, why in reasons.items() if f" in {path.name} line " in why}
+    failed = {name for name, place in failures.items() if place.file == path.name}
     return tuple(name for name in undefined if name not in failed and defines(assigned, name))
 
 

@@ -52,7 +52,7 @@ class EvaluationContext:
         unknown: called for any other function with the evaluation of arguments, the name and the trees of its
             arguments; returns the result, or None.
         tables: builds a lookup of a parameter by name, over named breakpoints, at coordinates.
-        remark: called with remarks on the code for the user.
+        remark: called with remarks on the code for the user, and their lines, 0 if they are not known.
         open_passes: number of passes of a loop without a known end, beyond which all that it assigns is NaN; with 0
             such a loop is an error.
         open_loop: called with the line of such a loop.
@@ -70,7 +70,7 @@ class EvaluationContext:
     unknown: Hook = lambda evaluate, name, arguments: None
     tables: Tables = lambda name, axes, places, beyond: None
     frozen: Callable[[str], None] = lambda name: None
-    remark: Callable[[str], None] = lambda sentence: None
+    remark: Callable[[str, int], None] = lambda sentence, line: None
     open_passes: int = 0
     open_loop: Callable[[int], None] = lambda line: None
     running: list[m.FunctionDefinition] = field(default_factory=list)
@@ -162,6 +162,9 @@ class SymbolicEvaluator(Protocol):
     def number(self, tree: m.Expression, message: str = ...) -> float: ...
     def index_values(self, array: Nodes, trees: Sequence[m.Expression]) -> list[SymbolicValue]:
         """Evaluate the indices into an array, within which `end` is defined; ":" stands for all."""
+
+    def fail_where(self, condition: Nodes) -> None:
+        """Note that the code fails where a condition holds."""
 
     def operation(self, operator: str, left: Nodes, right: Nodes) -> Nodes: ...
     def call_named(self, name: str, values: Sequence[SymbolicValue], wanted: int) -> tuple[SymbolicValue, ...]: ...

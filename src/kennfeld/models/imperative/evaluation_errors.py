@@ -25,5 +25,13 @@ class EvaluationError(ProgramError):
         return self.message
 
 
+class UndecidedSizeError(ProgramError):
+    """The size of an array depends on a condition; the statement can be followed for each of the two cases."""
+
+    def __init__(self, message: str, remedy: str, condition: int) -> None:
+        super().__init__(message, remedy)
+        self.condition = condition
+
+
 class AbortedPathError(Exception):
     """A path on which the code calls `error`; no step of a model takes it."""

@@ -51,11 +51,26 @@ def remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
         rest = apply("sub", apply("sub", apply("abs", a), product), error)
         rest = apply("add", rest, apply("select", apply("lt", rest, 0.0), size, 0.0))
         rest = apply("select", apply("le", quotient, _MOST_WHOLE), rest, math.nan)
-    signed = apply("select", apply("lt", a, 0.0), apply("neg", rest), rest)
-    if all(math.isfinite(builder.value(int(node)) or math.inf) for node in b.ravel()):
-        return signed
-    beyond = apply("and", apply("eq", size, math.inf), apply("lt", apply("abs", a), math.inf))
-    return apply("select", beyond, a, signed)
+    return with_infinite(builder, apply("select", apply("lt", a, 0.0), apply("neg", rest), rest), a, b)
+
+
+def with_infinite(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Nodes:
+    """Return a remainder of a / b with the sign of a, replaced by a if b is infinite and a is not."""
+    if is_finite(builder, b):
+        return rest
+    apply = Elementwise(builder)
+    return apply("select", within_infinity(apply, a, b), a, rest)
+
+
+def is_finite(builder: GraphBuilder, array: Nodes) -> bool:
+    """Return True if all elements are known to be finite."""
+    values = [builder.value(int(node)) for node in array.ravel()]
+    return all(value is not None and math.isfinite(value) for value in values)
+
+
+def within_infinity(apply: Elementwise, a: Nodes, b: Nodes) -> Nodes:
+    """Return the condition that a is finite and b is not."""
+    return apply("and", apply("eq", apply("abs", b), math.inf), apply("lt", apply("abs", a), math.inf))
 
 
 def _is_power_of_two(value: float | None) -> bool:

@@ -102,6 +102,11 @@ class ExpressionEvaluator:
             raise ProgramError(f"{message} is not a constant scalar")
         return float(numbers.item())
 
+    def fail_where(self, condition: Nodes) -> None:
+        """See `SymbolicEvaluator`."""
+        for node in condition.ravel():
+            self.body.fail_where(int(node))
+
     # names
 
     def _first_result(self, name: str, arguments: Sequence[m.Expression]) -> s.SymbolicValue:
@@ -117,7 +122,8 @@ class ExpressionEvaluator:
                 parameter = self.context.workspace(path)
                 if parameter is not None:
                     return parameter
-        return s.field_of(self.value(tree.of), field_name(self, tree), _short(tree.of))
+        value = s.field_of(self.value(tree.of), field_name(self, tree), _short(tree.of))
+        return self.body.of_one_size(value) if isinstance(value, s.VaryingArray) else value
 
     def _end(self) -> Nodes:
         if not self.ends:

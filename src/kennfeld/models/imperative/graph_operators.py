@@ -5,7 +5,15 @@ from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.exact_arithmetic import acosh, asinh, atanh, remainder
+from kennfeld.models.imperative.exact_arithmetic import (
+    acosh,
+    asinh,
+    atanh,
+    is_finite,
+    remainder,
+    with_infinite,
+    within_infinity,
+)
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 
 Rule: TypeAlias = Callable[..., Nodes]  # of the builder and the arguments
@@ -38,7 +46,7 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
 
 def _remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """Compute a - b trunc(a / b); NaN if b is 0."""
-    return _with_infinite(builder, without_rest(builder, _plain_remainder(builder, a, b), a, b), a, b)
+    return with_infinite(builder, without_rest(builder, _plain_remainder(builder, a, b), a, b), a, b)
 
 
 def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
@@ -46,33 +54,14 @@ def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     return apply("sub", a, apply("mul", truncate(builder, apply("div", a, b)), b))
 
 
-def _with_infinite(builder: GraphBuilder, remainder: Nodes, a: Nodes, b: Nodes) -> Nodes:
-    """Return a remainder, replaced by a if b is infinite."""
-    if _is_finite(builder, b):
-        return remainder
-    apply = Elementwise(builder)
-    return apply("select", _within_infinity(apply, a, b), a, remainder)
-
-
 def _modulus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """Compute a - b floor(a / b); a if b is 0, or if b is infinite with the sign of a."""
     apply = Elementwise(builder)
     result = without_rest(builder, apply("mod", a, b), a, b)
-    if _is_finite(builder, b):
+    if is_finite(builder, b):
         return result
     other_side = apply("lt", apply("mul", apply("sign", a), apply("sign", b)), 0.0)
-    return apply("select", _within_infinity(apply, a, b), apply("select", other_side, b, a), result)
-
-
-def _is_finite(builder: GraphBuilder, array: Nodes) -> bool:
-    """Return True if all elements are known to be finite."""
-    values = [builder.value(int(node)) for node in array.ravel()]
-    return all(value is not None and math.isfinite(value) for value in values)
-
-
-def _within_infinity(apply: Elementwise, a: Nodes, b: Nodes) -> Nodes:
-    """Return the condition that a is finite and b is not."""
-    return apply("and", apply("eq", apply("abs", b), math.inf), apply("lt", apply("abs", a), math.inf))
+    return apply("select", within_infinity(apply, a, b), apply("select", other_side, b, a), result)
 
 
 def _hypotenuse(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:

@@ -11,6 +11,8 @@ _MAX_DEPTH = 40
 _MAX_CONDITIONS = 200  # conditions that are looked at for one
 
 _MAX_BOUND_DEPTH = 30
+_ROUNDING = ("floor", "ceil", "round", "sign")
+_KEEP_WHOLE = ("add", "sub", "mul", "pow", "mod", "min", "max", "abs", "neg", "select")
 
 
 def truth_of(builder: GraphBuilder, node: int) -> int:
@@ -111,6 +113,31 @@ def _known(
     return seen[node]
 
 
+def is_whole(builder: GraphBuilder, node: int) -> bool:
+    """Return False if a node is not an integer by its operations; True for NaN, and for what is too deep to tell."""
+    waiting, seen = [node], {node}
+    while waiting and len(seen) <= _MAX_CONDITIONS:
+        op, args, payload = builder.nodes[waiting.pop()]
+        if op == "const" and not (math.isnan(payload) or payload.is_integer()):
+            return False
+        if op == "const" or op in CONDITIONS or op in _ROUNDING:
+            continue
+        if op not in _KEEP_WHOLE:
+            return False
+        own = args[1:] if op == "select" else args
+        if op == "select" and _is_below_whole(builder, args[0]):
+            own = own[:1]
+        waiting += [arg for arg in own if arg not in seen]
+        seen.update(own)
+    return True
+
+
+def _is_below_whole(builder: GraphBuilder, condition: int) -> bool:
+    """Return True if a condition fails for numbers that are integers by their size only."""
+    op, args, _ = builder.nodes[condition]
+    return op == "lt" and (builder.value(args[1]) or 0.0) >= 2.0**52
+
+
 class Interval(NamedTuple):
     """The bounds of a node."""
 
@@ -195,6 +222,17 @@ def _mul(a: Interval, b: Interval) -> Interval:
     return Interval() if any(math.isnan(end) for end in ends) else Interval(min(ends), max(ends))
 
 
+def _pow(a: Interval, b: Interval) -> Interval:
+    if b.low < 0 or (a.low < 0 and not (b.low == b.high and b.low.is_integer())):
+        return Interval()
+    try:
+        ends = [base**exponent for base in a for exponent in b]
+    except OverflowError:
+        return Interval()
+    # an even power is least at 0
+    return Interval(0.0 if a.low < 0 < a.high and b.low % 2 == 0 else min(ends), max(ends))
+
+
 _RULES: dict[str, Callable[..., tuple[float, float]]] = {
     "min": lambda a, b: (min(a.low, b.low), min(a.high, b.high)),
     "max": lambda a, b: (max(a.low, b.low), max(a.high, b.high)),
@@ -207,4 +245,5 @@ _RULES: dict[str, Callable[..., tuple[float, float]]] = {
     "abs": _abs,
     "mod": _mod,
     "mul": _mul,
+    "pow": _pow,
 }

@@ -15,7 +15,7 @@ from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.control_flow import LoopUnroller
 from kennfeld.models.imperative.element_access import assign_part
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
-from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
+from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError, UndecidedSizeError
 from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator, assign_masked, is_masked_assignment
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 from kennfeld.models.imperative.path_facts import known_truth, logical_not, logical_or
@@ -28,6 +28,9 @@ _SILENT = frozenset(
     {"disp", "fprintf", "warning", "assert", "printf", "display", "tic", "toc", "figure", "plot", "drawnow", "pause"}
     | {"narginchk", "nargoutchk", "validateattributes", "keyboard", "beep", "clc", "close", "clear", "format", "hold"}
 )
+
+
+_MAX_SPLITS = 1000  # of statements, by the sizes of their arrays
 
 
 class StatementInterpreter:
@@ -46,6 +49,7 @@ class StatementInterpreter:
         # called with each `if`, the state before it, and the number of isempty queries in its condition
         self.watch: Callable[[m.If, PathState, int], None] | None = None
         self.questions = 0  # isempty queries of persistent variables that have no value yet
+        self.splits = 0  # statements followed for several sizes of an array
 
     @property
     def names(self) -> dict[str, s.SymbolicValue]:
@@ -59,13 +63,39 @@ class StatementInterpreter:
         for at, statement in enumerate(statements, 1):
             self.context.step()
             try:
-                self._statement(statement)
+                self._for_each_size(statement)
+            except UndecidedSizeError as error:
+                error.line = error.line or statement.place.line
+                raise
             except ProgramError as error:
                 raise error if error.line else ProgramError(error.message, error.remedy, statement.place.line) from None
             going = self.going()
             if going is not None:
                 self.decide(going, partial(self._go_on, statements[at:]))
                 return
+
+    def _for_each_size(self, statement: m.Statement) -> None:
+        """Follow a statement, for each case if the size of an array that it reads depends on a condition."""
+        if not self.state.varies:
+            self._statement(statement)
+            return
+        before, frame, depth, ends = (
+            self.state.copy(),
+            self.frame,
+            len(self.context.running),
+            len(self.expressions.ends),
+        )
+        try:
+            self._statement(statement)
+        except UndecidedSizeError as error:
+            self.splits += 1
+            if self.splits > _MAX_SPLITS:
+                raise
+            # what the statement did before it met the array does not count
+            self.state, self.frame = before, frame
+            del self.context.running[depth:], self.expressions.ends[ends:]
+            again = partial(self._for_each_size, statement)
+            self.decide(error.condition, again, again)
 
     def going(self) -> int | None:
         """Return the condition that no jump was executed; None if certainly none was."""
@@ -149,7 +179,10 @@ class StatementInterpreter:
         if isinstance(value, s.ConditionalValue):
             if not known_truth(self.builder, self.state.facts, value.defined):
                 raise ProgramError(f"{name} is not assigned in every case", f"Assign {name} before the decision.")
-            return value.value
+            value = value.value
+            return self.of_one_size(value) if isinstance(value, s.VaryingArray) else value
+        if isinstance(value, s.VaryingArray):
+            value = self.of_one_size(value)
         if isinstance(value, s.InvalidValue):
             raise ProgramError(value.why, value.remedy)
         return self._simpler(value) if isinstance(value, np.ndarray) else value
@@ -170,17 +203,37 @@ class StatementInterpreter:
             result[place] = node
         return result
 
+    def of_one_size(self, value: s.VaryingArray) -> Nodes:
+        """Return the array of the size that holds on this path; raises `UndecidedSizeError` if several may."""
+        open_options = []
+        for condition, nodes in value.options:
+            truth = known_truth(self.builder, self.state.facts, condition)
+            if truth:
+                return nodes
+            if truth is None:
+                open_options.append((condition, nodes))
+        if not open_options:
+            raise AbortedPathError
+        if len(open_options) > 1:
+            raise UndecidedSizeError(value.why, value.remedy, open_options[0][0])
+        return open_options[0][1]
+
     def truth(self, value: s.SymbolicValue) -> int:
         """Return the condition of a value: all elements are non-zero, and there are any."""
         return reduce_nodes(self.builder, "and", s.as_array(s.force(value), "a condition").ravel())
+
+    def fail_where(self, condition: int) -> None:
+        """Note that the code fails where a condition holds; its further values do not count there."""
+        if known_truth(self.builder, self.state.facts, condition) is not False:
+            self.state.failures[condition] = None
 
     def within(self, names: Mapping[str, s.SymbolicValue], make: Callable[[], s.SymbolicValue]) -> s.SymbolicValue:
         """Call `make` with other variables."""
         self._keep_shared()
         outer, around = self.state, self.frame
-        self.state, self.frame = PathState(dict(names), outer.kept, {}, outer.facts), replace(around, shared=[])
+        self.state, self.frame = outer.within(dict(names)), replace(around, shared=[])
         result = make()
-        self.state, self.frame = replace(outer, kept=self.state.kept), around
+        self.state, self.frame = outer.after(self.state), around
         return result
 
     # assignments
@@ -297,9 +350,9 @@ class StatementInterpreter:
         self._keep_shared()
         outer, around = self.state, self.frame
         self.frame = CallFrame(name, len(arguments), wanted, [], self.context.functions_near(function))
-        self.state = PathState(_bind_arguments(function, arguments), outer.kept, {}, outer.facts)
+        self.state = outer.within(_bind_arguments(function, arguments))
         results = self._followed(function, wanted)
-        self.state, self.frame = replace(outer, kept=self.state.kept), around
+        self.state, self.frame = outer.after(self.state), around
         for name in self.frame.shared:
             self.names[name] = self.state.kept[GLOBAL, name]
         return results

@@ -54,6 +54,16 @@ class InvalidValue:
 
 
 @dataclass(frozen=True, eq=False)
+class VaryingArray(InvalidValue):
+    """An array whose size depends on conditions, of which exactly one holds; each comes with the array of a size.
+
+    What reads it is evaluated for each size. Where that is not possible, it cannot be used.
+    """
+
+    options: tuple[tuple[int, Nodes], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class DeferredValue:
     """A value computed on first use; `name` is that of the parameter if it is an array parameter.
 

@@ -16,6 +16,7 @@ POOR, MEAN = -1e-6, 1e-9  # R2 that is clearly below 0, and clearly above it, no
 SLOPED = 1e-4  # cosine between residuals and a column of J from which a value should have moved
 HIDDEN = 1e-12  # share of the cost of which four digits are left
 SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
+OUTLIERS = "If the largest errors are outliers, that is what a robust loss leaves of them. Otherwise:"
 HELD = "Bounds, pins and limits hold all values where they are: check them."
 LIMITED = "Limits of outputs are reached there: check them."
 FREE_ALL = "End the sequence with a step that frees all of them on their whole grids."
@@ -24,7 +25,11 @@ OTHER_START = "Start closer to plausible values, set bounds around them, or sear
 
 
 def find_poor_fits(
-    quality: Sequence[Quality], scored: Collection[str], limited: Callable[[], str], faded: Callable[[], bool]
+    quality: Sequence[Quality],
+    scored: Collection[str],
+    robust: Collection[str],
+    limited: Callable[[], str],
+    faded: Callable[[], bool],
 ) -> Iterator[Finding]:
     """Yield a warning for each criterion that the mean of its target would meet better, in all training datasets.
 
@@ -33,6 +38,7 @@ def find_poor_fits(
     Args:
         quality: of all criteria on all datasets.
         scored: the criteria with a weight.
+        robust: those whose loss counts large errors less: a few outliers may make R2 negative.
         limited: returns a remedy if limits keep the values from better ones, else nothing.
         faded: returns True if parameters have lost their effect on the way.
     """
@@ -41,7 +47,8 @@ def find_poor_fits(
         best = max(row.r2_after for row in rows)  # NaN of a constant target is kept
         if best < POOR:
             message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
-            yield Finding(Location(), message, limited() or OTHER_START, severity="warning")
+            remedy = limited() or (f"{OUTLIERS} {OTHER_START}" if criterion in robust else OTHER_START)
+            yield Finding(Location(), message, remedy, severity="warning")
         elif best < MEAN and faded():
             message = (
                 f"{criterion} is reproduced no better than by the mean of its target: values have lost their effect"

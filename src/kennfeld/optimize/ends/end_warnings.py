@@ -7,6 +7,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import Finding
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.ends.doubtful_ends import FREE_ALL, HELD, LIMITED, find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.ends.equal_neurons import find_equal_neurons
@@ -42,6 +43,11 @@ def scored_nodes(problem: Problem) -> set[str]:
 def targeted_nodes(problem: Problem) -> set[str]:
     """Return those of them that are to meet their target, not only to stay below it."""
     return scored_nodes(problem) - {criterion.node for criterion in problem.criteria if criterion.loss == "excess"}
+
+
+def robust_nodes(problem: Problem) -> set[str]:
+    """Return the nodes of criteria whose loss counts large errors less."""
+    return {criterion.node for criterion in problem.criteria if criterion.loss in ROBUST_LOSSES}
 
 
 @dataclass(frozen=True)
@@ -87,7 +93,9 @@ class EndWarnings:
             *(
                 ()
                 if outweighed
-                else find_poor_fits(quality, targeted_nodes(problem), self._what_limits, self._have_faded)
+                else find_poor_fits(
+                    quality, targeted_nodes(problem), robust_nodes(problem), self._what_limits, self._have_faded
+                )
             ),
             *(() if worse and partial_end and outweighed else slopes),
             *(() if misleading is None else self._slopes(misleading)),

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.optimize.ends.doubtful_ends import describe_offsets, describe_outlier
-from kennfeld.optimize.ends.end_warnings import scored_nodes, targeted_nodes
+from kennfeld.optimize.ends.end_warnings import robust_nodes, scored_nodes, targeted_nodes
 from kennfeld.optimize.fit.descent_strategy import DescentSetup
 from kennfeld.optimize.limits.projection import leaves_room, missed_limits, project
 from kennfeld.optimize.problem.problem import Problem
@@ -65,8 +64,7 @@ def check_outliers(
     problem: Problem, objective: LeastSquaresObjective, end: SolverResult, quality: Sequence[Quality]
 ) -> SolverResult:
     """Mark the end as failed if a robust loss of one sample hides those of the others."""
-    robust = {criterion.node for criterion in problem.criteria if criterion.loss in ROBUST_LOSSES}
-    robust &= scored_nodes(problem)
+    robust = robust_nodes(problem) & scored_nodes(problem)
     if end.status != "converged" or not robust or problem.partitions is not None:
         return end
     message = describe_outlier(np.square(objective.residual(end.values)), quality, robust)

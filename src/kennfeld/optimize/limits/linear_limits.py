@@ -10,6 +10,7 @@ from kennfeld.domain.constraints import Equality, Pin, Shape, Term
 from kennfeld.domain.free_axes import AxisKey, FreeAxis
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.table_parts import grid_points_within
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.problem.problem import Place, Problem, moving_axis
@@ -132,25 +133,26 @@ def _equality(problem: Problem, values: ValueLayout, equality: Equality, name: s
 
 def _shape(problem: Problem, values: ValueLayout, shape: Shape) -> LinearRows:
     parameter = problem.parameters[shape.parameter]
-    points, coefficients = _differences(parameter, shape)
-    columns = points.reshape(-1, points.shape[-1]) + values.offsets[shape.parameter]
+    points, coefficients, steps = _differences(parameter, shape)
+    columns = points + values.offsets[shape.parameter]
     names = tuple(_row_names(parameter, shape, points))
     key = moving_axis(problem, shape)
     if key is None:
         lower, upper = (np.full(len(columns), side) for side in (shape.lower, shape.upper))
-        return LinearRows(columns, np.repeat(coefficients, points.shape[1], axis=0), lower, upper, names)
+        return LinearRows(columns, coefficients, lower, upper, names)
     # lower (x2 - x1) <= z2 - z1 <= upper (x2 - x1) is linear in values z and moving breakpoints x together
-    steps = np.repeat(np.arange(len(points)), points.shape[1]) + values.moving[key]
-    columns, parts = np.column_stack([columns, steps, steps + 1]), []
+    moving = steps + values.moving[key]
+    columns, parts = np.column_stack([columns, moving, moving + 1]), []
     for side, (low, high) in ((shape.lower, (0.0, np.inf)), (shape.upper, (-np.inf, 0.0))):
         if np.isfinite(side):
             parts.append(_even_rows(columns, [-1.0, 1.0, side, -side], low, high, names))
     return LinearRows.together(parts)
 
 
-def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float]:
-    """Return grid points Int[steps, lines, points] of differences along an axis, and coefficients [steps, points].
+def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float, Int]:
+    """Return grid points Int[rows, points] of differences along an axis, coefficients [rows, points], and steps.
 
+    A step, Int[rows], is the number of the first breakpoint of a row along the axis.
     A slope is (z2 - z1) / (x2 - x1), a curvature the change of the slope over the mean of the two distances.
     """
     x = parameter.index_axes[shape.axis].breakpoints
@@ -166,13 +168,16 @@ def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float]:
     steps, width = coefficients.shape
     points = np.arange(parameter.size).reshape(parameter.values.shape)
     lines = np.moveaxis(points, shape.axis, 0).reshape(x.size, -1)
-    return np.stack([lines[i : steps + i] for i in range(width)], axis=-1), coefficients
+    rows = np.stack([lines[i : steps + i] for i in range(width)], axis=-1).reshape(-1, width)
+    kept = grid_points_within(parameter, shape.where).ravel()[rows].all(axis=1)
+    of_rows = np.repeat(np.arange(steps), lines.shape[1])[kept]
+    return rows[kept], coefficients[of_rows], of_rows
 
 
 def _row_names(parameter: Parameter, shape: Shape, points: Int) -> Iterator[str]:
     """Yield the label of each row: `slope of MapX along x between 1000 and 1500 at y = 20`."""
     axes = parameter.index_axes
-    for first, *_, last in points.reshape(-1, points.shape[-1]):
+    for first, *_, last in points:
         begin, end = (np.unravel_index(at, parameter.values.shape)[shape.axis] for at in (first, last))
         x = axes[shape.axis].breakpoints
         others = [

@@ -8,8 +8,10 @@ from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import nearest
 from kennfeld.domain.constraints import Shape, Term
 from kennfeld.domain.dataset import Dataset
-from kennfeld.domain.free_axes import AxisKey, FreeAxis
+from kennfeld.domain.free_axes import AxisKey, FreeAxis, key_of
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.domain.table_parts import missing_directions
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.traversal import dependents
@@ -163,9 +165,17 @@ def _check_shape(problem: Problem, name: str, shape: Shape) -> Iterator[Finding]
     if shape.kind == "curvature" and moving_axis(problem, shape) is not None:  # it is not linear in the breakpoints
         message = "the breakpoints along this axis are free"
         yield Finding(Location(name), message, "Fix them, or remove the limit.")
-    axes = len(problem.parameters[shape.parameter].index_axes)
+    table = problem.parameters[shape.parameter]
+    axes = len(table.index_axes)
     if not 0 <= shape.axis < axes:
         yield Finding(Location(name), f"axis {shape.axis} does not exist, the parameter has {axes} axes")
+    for direction in missing_directions(table, shape.where):
+        yield Finding(Location(name), f"axis {direction} of its where does not exist, the parameter has {axes} axes")
+    for direction in shape.where:
+        which = AXIS_LETTERS.index(direction)
+        if which < len(table.axes) and key_of(table, which) in problem.free_axes:
+            message = f"the breakpoints along {direction}, on which its where depends, are free"
+            yield Finding(Location(name), message, "Fix them, or limit the whole table.")
 
 
 def _check_term(problem: Problem, name: str, term: Term) -> Iterator[Finding]:

@@ -14,6 +14,7 @@ from kennfeld.importers.simulink.lowering import (
     block,
     no_feedthrough,
 )
+from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import (
     Signal,
     SignalOrBus,
@@ -149,7 +150,7 @@ def external_reset(block: BlockContext, sampled: bool = False, port: int = 1) ->
 
 def has_external_reset(block: BlockContext) -> bool:
     """Return True if a block has a reset port."""
-    return block.field_text("ExternalReset").casefold() != "none"
+    return not block.is_set_to("ExternalReset", "none")
 
 
 def output_limits(block: BlockContext) -> tuple[Signal, Signal] | None:
@@ -196,12 +197,12 @@ def with_saturation(block: BlockContext, y: Signal) -> Outputs:
 
 def reset_signal(block: BlockContext, u: Signal, kind: str, sampled: bool = False) -> Signal:
     """Return 1 if an external reset occurs; a `sampled` one only compares the sign of the signal."""
-    u, kind = block.hold_in_minor_steps(u), kind.casefold()
-    if kind in ("rising", "falling", "either"):
-        return block.level_crossing(u, kind) if sampled else block.zero_crossing(u, kind)
-    if kind in ("level hold", "sampled level"):
+    u = block.hold_in_minor_steps(u)
+    if (edge := match_word(kind, ("rising", "falling", "either"))) is not None:
+        return block.level_crossing(u, edge) if sampled else block.zero_crossing(u, edge)
+    if match_word(kind, ("level hold", "sampled level")) is not None:
         return apply("ne", u, 0.0)
-    if kind == "level":
+    if match_word(kind, ("level",)) is not None:
         # a level resets while it is not 0, and once more in the step in which it returns to 0
         before = block.discrete_state(block.constant(0.0), lambda _: u)
         return apply("ne", u, 0.0) | apply("ne", before, 0.0)

@@ -167,7 +167,7 @@ def initial_condition(block: BlockContext) -> SignalOrBus:
 def _method(block: BlockContext) -> tuple[str, bool]:
     """Return the method of a discrete integrator, and True if it accumulates without the sample time."""
     # "ForwardEuler" in older files, "Integration: Forward Euler" or "Accumulation: ..." in newer ones
-    written = block.field_text("IntegratorMethod").replace(" ", "")
+    written = block.field_text("IntegratorMethod")
     kind, _, method = written.rpartition(":")
     name, form = match_word(method, _METHODS), match_word(kind or "Integration", ("Integration", "Accumulation"))
     if name is None or form is None:

@@ -8,6 +8,7 @@ import numpy as np
 from kennfeld.base.formatting import size_text
 from kennfeld.importers.simulink.blocks.matrix_operations import inverse_of
 from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, Outputs, UnsupportedError, block, evaluating
+from kennfeld.importers.simulink.reader.dialog_words import contains_word
 from kennfeld.importers.simulink.signals import (
     Signal,
     SignalOrBus,
@@ -38,14 +39,14 @@ def gain(block: BlockContext) -> SignalOrBus:
     u = block.input()
     if block.begins_with("Multiplication", "Element-wise"):
         return block.parameter("Gain") * u
-    kind = block.field_text("Multiplication").casefold()
+    from_left = contains_word(block.field_text("Multiplication"), "u*K")
     k = block.matrix("Gain")
     # a scalar of unknown width takes that of the matrix in the next pass
-    if u.size == 1 < k.shape[1] and "u*k" not in kind:
+    if u.size == 1 < k.shape[1] and not from_left:
         block.suggest_dimensions((k.shape[1],))
     column = u.matrix
-    left, right = (column, k) if "u*k" in kind else (k, column)
-    if "u*k" in kind and u.nodes.ndim == 1:
+    left, right = (column, k) if from_left else (k, column)
+    if from_left and u.nodes.ndim == 1:
         # a vector from the left is a row if the matrix has as many rows, else a column
         left = u.nodes.reshape(1, -1) if k.shape[0] == u.size else column
     nodes = _product(block, left, right, width_notes(u))

@@ -64,7 +64,7 @@ def inport(block: BlockContext) -> SignalOrBus:
         return inputs.bus(block.flat, kind)
     if isinstance(kind, UndefinedType) and kind.is_bus:
         return inputs.open_bus(block.flat, undefined_reason(kind))
-    shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
+    shape = _stated_shape(block, "PortDimensions")
     if not shape and isinstance(kind, BusElement):
         shape = kind.dimensions or ()
     if not shape:
@@ -100,6 +100,11 @@ def signal_specification(block: BlockContext) -> SignalOrBus:
     return _as_specified(block, block.input_or_bus(0), "Dimensions")
 
 
+def _stated_shape(block: BlockContext, field: str) -> tuple[int, ...]:
+    """Return the dimensions that a field specifies, () for -1, with which they are inherited."""
+    return tuple(int(n) for n in block.numeric_array(field, "-1").ravel() if n > 0)
+
+
 def _limit_size(shape: Sequence[int]) -> None:
     """Raise an error for a shape of more elements than there is memory for."""
     if math.prod(shape) > MAX_ELEMENTS:
@@ -110,7 +115,7 @@ def _as_specified(block: BlockContext, wired: SignalOrBus, field: str) -> Signal
     """Return a signal in the dimensions of a field, or a bus as its object specifies."""
     if isinstance(block.output_type, BusType) and isinstance(wired, Bus):
         return fit_to_bus(block, block.output_type, wired)
-    shape = tuple(int(n) for n in block.numeric_array(field, "-1").ravel() if n > 0)
+    shape = _stated_shape(block, field)
     # what has dimensions is not a bus
     wired = as_signal(wired) if shape else wired
     if not shape or not isinstance(wired, Signal):

@@ -23,8 +23,8 @@ from kennfeld.importers.simulink.variables.recordings import (
     scenario_recording,
     structure_recording,
 )
+from kennfeld.importers.simulink.variables.stored_variables import StoredVariables
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
-from kennfeld.models.imperative.node_arrays import Numbers
 
 _BIND = "Bind it to a measured channel."
 _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
@@ -35,7 +35,7 @@ _BUILDER_VARIABLE = "tuvar"
 def repeating_sequence(block: BlockContext) -> SignalOrBus:
     """Interpolate a periodic sequence of points linearly."""
     times, values = block.numeric_array("rep_seq_t").ravel(), block.numeric_array("rep_seq_y").ravel()
-    _check_points(times, values[:, None])
+    _check_points(RecordedSeries(times, values))
     if not times[-1] > times[0]:
         raise UnsupportedError("its points all have the same time")
     # the last point is the first one of the next period
@@ -57,13 +57,7 @@ def from_workspace(block: BlockContext) -> SignalOrBus:
         series = _active_group(block, own) if recording is not None else _of_variable(block)
     except EvaluationError as error:
         return _measured(block, own, f"its signal is recorded and not part of the model: {error}")
-    for times, values in series:
-        _check_points(times, values[:, None])
-        if times[0] > 0:
-            raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
-    last = block.option("OutputAfterFinalValue", "Extrapolation", "Holding final value", "Setting to zero")
-    columns = [_column(block, f"column {at}", points, last) for at, points in enumerate(series, 2)]
-    return _joined(block, columns)
+    return _joined(block, [_column(block, f"column {at}", points) for at, points in enumerate(series, 2)])
 
 
 def _active_group(block: BlockContext, builder: str) -> Sequence[RecordedSeries]:
@@ -97,21 +91,33 @@ def _of_variable(block: BlockContext) -> Sequence[RecordedSeries]:
        SampleTime="0")  # fmt: skip
 def from_file(block: BlockContext) -> SignalOrBus:
     """Interpolate or hold the rows of a matrix in a MAT-file over its first row, the time."""
-    name = block.field_text("FileName").strip("'\"")
-    content = block.compiler.files.data(name)
-    if content is None:
-        return _measured(block, block.flat.block.name, f"its file {name[:60]} was not found next to the model")
     try:
-        series = file_recording(content)
+        series = file_recording(_file_content(block))
     except EvaluationError as error:
-        return _measured(block, block.flat.block.name, f"its file {name[:60]} cannot be used: {error}")
-    for times, values in series:
-        _check_points(times, values[:, None])
+        return _measured(block, block.flat.block.name, _reason(block, error))
     return _joined(block, [_file_row(block, f"row {at}", points) for at, points in enumerate(series, 2)])
+
+
+def _file_content(block: BlockContext) -> StoredVariables:
+    """Return the variables of the file of a block; raise `EvaluationError` if it is not there."""
+    content = block.compiler.files.data(_file_of(block))
+    if content is None:
+        raise EvaluationError("it was not found next to the model")
+    return content
+
+
+def _file_of(block: BlockContext) -> str:
+    return block.field_text("FileName").strip("'\"")
+
+
+def _reason(block: BlockContext, why: object) -> str:
+    """Return why the recording of a block is not used."""
+    return f"its file {_file_of(block)[:60]} cannot be used: {why}"
 
 
 def _file_row(block: BlockContext, label: str, points: RecordedSeries) -> Signal:
     """Return one signal of a file, with each of its three time ranges as the dialog says."""
+    _check_points(points)
     within = block.option("InterpolationWithinTimeRange", "Linear interpolation", "Zero order hold")
     before = block.option(
         "ExtrapolationBeforeFirstDataPoint", "Linear extrapolation", "Hold first value", "Ground value"
@@ -143,22 +149,17 @@ def _beyond(block: BlockContext, points: RecordedSeries, how: str, at: int) -> S
 @block("FromSpreadsheet", FileName="untitled.xlsx")
 def from_spreadsheet(block: BlockContext) -> SignalOrBus:
     """Make an input of a signal in a spreadsheet, which is not read."""
-    name = block.field_text("FileName").strip("'\"")
-    return _measured(block, block.flat.block.name, f"its file {name[:60]} is a spreadsheet, which is not read")
+    return _measured(block, block.flat.block.name, _reason(block, "it is a spreadsheet, which is not read"))
 
 
 @block("Signal Editor", "SignalEditor", FileName="untitled.mat", ActiveScenario="Scenario", ActiveSignal="",
        Interpolate="on", OutputAfterFinalValue="Setting to zero", SampleTime="0")  # fmt: skip
 def signal_editor(block: BlockContext) -> Outputs:
     """Return the signals of the active scenario in a MAT-file, one a port, or inputs in their place."""
-    name, scenario = block.field_text("FileName").strip("'\""), block.field_text("ActiveScenario")
-    content = block.compiler.files.data(name)
-    if content is None:
-        return _measured_ports(block, f"its file {name[:60]} was not found next to the model")
     try:
-        signals = scenario_recording(content, scenario)
+        signals = scenario_recording(_file_content(block), block.field_text("ActiveScenario"))
     except EvaluationError as error:
-        return _measured_ports(block, f"its file {name[:60]} cannot be used: {error}")
+        return _measured_ports(block, _reason(block, error))
     if len(signals) > 1:
         shown = block.field_text("ActiveSignal") or "the one that is shown"
         block.warn(f"interpolates and ends all its signals as the file specifies it for {shown}")
@@ -169,14 +170,10 @@ def _editor_signal(block: BlockContext, label: str, signal: Recorded) -> SignalO
     if isinstance(signal, dict):
         return Bus({name: _editor_signal(block, f"{label} {name}", part) for name, part in signal.items()})
     times, values = signal
-    _check_points(times, values)
-    if times[0] > 0:
-        raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
-    last = block.option("OutputAfterFinalValue", "Extrapolation", "Holding final value", "Setting to zero")
     columns = values.T
     names = [label] if len(columns) == 1 else [f"{label}[{at}]" for at in range(1, len(columns) + 1)]
     series = (RecordedSeries(times, column) for column in columns)
-    return _joined(block, [_column(block, *pair, last) for pair in zip(names, series, strict=True)])
+    return _joined(block, [_column(block, *pair) for pair in zip(names, series, strict=True)])
 
 
 def _measured_ports(block: BlockContext, why: str) -> Outputs:
@@ -200,7 +197,8 @@ def _joined(block: BlockContext, columns: Sequence[Signal]) -> Signal:
     return block.signal([signal.flat[0] for signal in columns], CONTINUOUS)
 
 
-def _check_points(times: Numbers, values: Numbers) -> None:
+def _check_points(points: RecordedSeries) -> None:
+    times, values = points
     if len(times) != len(values) or len(times) < 2:
         raise UnsupportedError(f"it has {len(values)} values for {len(times)} times")
     if not (np.all(np.diff(times) >= 0) and np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
@@ -212,7 +210,12 @@ def _current_time(block: BlockContext) -> Signal:
     return block.time + block.time_tolerance(1e-9)
 
 
-def _column(block: BlockContext, label: str, points: RecordedSeries, last: str) -> Signal:
+def _column(block: BlockContext, label: str, points: RecordedSeries) -> Signal:
+    """Return one signal of a recording that begins at 0 s, after its end as the dialog says."""
+    _check_points(points)
+    if points.times[0] > 0:
+        raise UnsupportedError(f"its points must begin at 0 s, got {points.times[0]:g} s", _BIND)
+    last = block.option("OutputAfterFinalValue", "Extrapolation", "Holding final value", "Setting to zero")
     now = _current_time(block)
     if block.is_on("Interpolate"):
         y = _line(block, label, block.time, points, "linear" if last == "Extrapolation" else "clip")

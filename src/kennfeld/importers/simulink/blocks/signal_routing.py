@@ -43,7 +43,7 @@ from kennfeld.importers.simulink.signals import (
     select_by_index,
     width_notes,
 )
-from kennfeld.importers.simulink.variables.data_types import BusType, PlainType
+from kennfeld.importers.simulink.variables.data_types import BusType, PlainType, stated_type
 from kennfeld.models.imperative.node_arrays import Nodes
 
 _MAX_SELECTED = 10_000
@@ -55,7 +55,7 @@ _MAX_COMPARISONS = 100_000
 def conversion(block: BlockContext) -> SignalOrBus:
     """Pass on the input, as values are physical; converted to boolean, 1 unless it is 0."""
     if block.begins_with("ConvertRealWorld", "Stored"):
-        return _by_bits(block, _wanted_type(block))
+        return _by_bits(block, stated_type(block.flat.block))
     if isinstance(block.output_type, PlainType) and block.output_type.name in ("boolean", "logical", "bool"):
         return apply("ne", block.input(), 0.0)
     return block.input_or_bus(0)
@@ -70,15 +70,6 @@ def _by_bits(block: BlockContext, wanted: str) -> SignalOrBus:
         raise UnsupportedError(message, "Use a Gain block with the scaling instead, or bind it.")
     word = specified_integer_type(block.flat)
     return stored_integer(block, 0) if word is None else fit_to_type(block, stored_integer(block, 0), word)
-
-
-def _wanted_type(block: BlockContext) -> str:
-    """Return the output type of a conversion, "" if inherited; older files use other field names."""
-    for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"):
-        written = (block.flat.block.value(key) or "").strip()
-        if written and written != "auto" and not written.startswith(("Inherit", "Specify")):
-            return written
-    return ""
 
 
 @block("Mux", Inputs="4")

@@ -47,7 +47,7 @@ def enumerated_constant(block: BlockContext) -> SignalOrBus:
 
 
 @block("Clock", output=ARITHMETIC, SampleTime="-1")
-@block("DigitalClock", "Digital Clock", SampleTime="1")
+@block("DigitalClock", "Digital Clock", output=ARITHMETIC, SampleTime="1")
 def clock(block: BlockContext) -> SignalOrBus:
     """Return the time since the start in s, for a digital clock at the hits of its sample time."""
     return block.time
@@ -60,7 +60,7 @@ def step(block: BlockContext) -> SignalOrBus:
     return select(reached, block.parameter("After"), block.parameter("Before"))
 
 
-@block("Ramp", library_mask=True, slope="1", start="0", InitialOutput="0")
+@block("Ramp", output=ARITHMETIC, library_mask=True, slope="1", start="0", InitialOutput="0")
 def ramp(block: BlockContext) -> SignalOrBus:
     """Rise along a line from a time in s on."""
     start = block.parameter("start")
@@ -91,7 +91,7 @@ def _angle_of_hit(block: BlockContext) -> Signal:
     return 2 * np.pi * ((hit + block.parameter("Offset")) / block.parameter("Samples"))
 
 
-@block("chirp", "Chirp Signal", linked=True, f1="0.1", T="100", f2="1")
+@block("chirp", "Chirp Signal", output=ARITHMETIC, linked=True, f1="0.1", T="100", f2="1")
 def chirp(block: BlockContext) -> SignalOrBus:
     """Lower a sine whose frequency rises linearly from f1 in Hz at 0 s to f2 at T in s and beyond."""
     f1, f2, t = block.parameter("f1"), block.parameter("f2"), block.time
@@ -100,7 +100,7 @@ def chirp(block: BlockContext) -> SignalOrBus:
     return apply("sin", 2 * np.pi * (t * (f1 + rate * t)))
 
 
-@block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
+@block("SignalGenerator", output=ARITHMETIC, WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
        TimeSource="Use simulation time")  # fmt: skip
 def generator(block: BlockContext) -> SignalOrBus:
     """Lower a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
@@ -117,8 +117,8 @@ def generator(block: BlockContext) -> SignalOrBus:
     return select(turns - apply("floor", turns) >= 0.5, amplitude, -amplitude)
 
 
-@block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",
-       PulseWidth="1", PhaseDelay="0")  # fmt: skip
+@block("DiscretePulseGenerator", output=ARITHMETIC, PulseType="Sample based", TimeSource="Use simulation time",
+       Amplitude="1", Period="2", PulseWidth="1", PhaseDelay="0")  # fmt: skip
 def pulses(block: BlockContext) -> SignalOrBus:
     """Lower pulses with `Period`, `PulseWidth` (percent of the period) and `PhaseDelay`, in s or in samples."""
     block.option("TimeSource", "Use simulation time")

@@ -17,7 +17,7 @@ from kennfeld.importers.simulink.flattening.hierarchy import (
 )
 from kennfeld.importers.simulink.reader.block_ports import element_of, elements, port_number
 from kennfeld.importers.simulink.reader.model_tree import Endpoint, ModelBlock, Ports, join_path
-from kennfeld.importers.simulink.variables.data_types import BusType, output_type
+from kennfeld.importers.simulink.variables.data_types import BusType
 from kennfeld.importers.simulink.variables.mask_scope import (
     Scope,
     Variable,
@@ -120,7 +120,7 @@ class SignalTracer:
         """Return the names of the elements by the bus object of a creator, [] without an object."""
         # each selected signal asks again, and a bus may have hundreds of elements
         if flat not in self._element_names:
-            bus = output_type(flat.block, flat.scope)
+            bus = flat.output_type
             self._element_names[flat] = [element.name for element in bus.elements] if isinstance(bus, BusType) else []
         return self._element_names[flat]
 

@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeAlias
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock
+from kennfeld.importers.simulink.variables.data_types import DataType, output_type
 from kennfeld.importers.simulink.variables.mask_scope import Scope
 
 STATE_PORT = -1  # the number of a state port among the outputs of its block
@@ -74,6 +75,11 @@ class FlatBlock:
     hidden: bool = False
     commented: dict[int, str] = field(default_factory=dict)
     bus_paths: tuple[str, ...] = ()
+
+    @cached_property
+    def output_type(self) -> DataType | None:
+        """The data type that the block specifies for its output, None if it is inherited."""
+        return output_type(self.block, self.scope)
 
     @property
     def repeats(self) -> bool:

@@ -157,9 +157,9 @@ class _Flattener:
     def _refusal(self, block: ModelBlock) -> str:
         """Return why a subsystem is not opened, "" if it is."""
         assert block.system is not None
-        chart = block.value("SFBlockType") or "NONE"
-        if chart != "NONE" or block.chart is not None:
-            return f"a {chart if chart != 'NONE' else 'Chart'}"
+        is_code = not block.is_set_to("SFBlockType", "NONE", default="NONE")
+        if is_code or block.chart is not None:
+            return f"a {block.value('SFBlockType') if is_code else 'Chart'}"
         if block.mask is not None and block.mask.type in self.opaque:
             return block.mask.type
         return ""

@@ -27,7 +27,7 @@ from kennfeld.importers.simulink.signals import (
     constant,
     select,
 )
-from kennfeld.importers.simulink.variables.data_types import DataType, UndefinedType, output_type
+from kennfeld.importers.simulink.variables.data_types import DataType, UndefinedType
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
 
@@ -84,10 +84,10 @@ class BlockContext:
         """Return the first of several names of one field that the file contains, else the last name."""
         return next((name for name in names if self.flat.block.value(name) is not None), names[-1])
 
-    @functools.cached_property
+    @property
     def output_type(self) -> DataType | None:
         """The data type that the block specifies for its output, None if it is inherited."""
-        return output_type(self.flat.block, self.flat.scope)
+        return self.flat.output_type
 
     @functools.cached_property
     def type_limits(self) -> tuple[float, float] | None:
@@ -110,6 +110,10 @@ class BlockContext:
         return self._array(name, self.field_text(name))
 
     def _array(self, name: str, text: str) -> Nodes:
+        """Return a field as an array of nodes, rounded if the block computes in single precision."""
+        return self.compiler.floats.rounded_nodes(self._unrounded_array(name, text))
+
+    def _unrounded_array(self, name: str, text: str) -> Nodes:
         field = f"{self.flat.path}:{name}"
         variable = self.flat.scope.variables.get(field)
         expressions = self.compiler.expressions
@@ -188,7 +192,7 @@ class BlockContext:
                 remedy = "Select one signal of the bus with a Bus Selector."
                 raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
             signal = members[0]
-        return replace(signal, builder=self.builder)
+        return self.compiler.floats.operand(replace(signal, builder=self.builder))
 
     def _check_frame(self, signal: Signal) -> None:
         """Raise `UnsupportedError` if the rows of an input are successive samples."""
@@ -202,7 +206,7 @@ class BlockContext:
         arriving = self.input_or_bus(0)
         if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
             return arriving
-        kind = output_type(source.flat.block, source.flat.scope)
+        kind = source.flat.output_type
         why = undefined_reason(kind) if isinstance(kind, UndefinedType) else "its port does not name a bus object"
         return self.compiler.inputs.open_bus(source.flat, why)
 

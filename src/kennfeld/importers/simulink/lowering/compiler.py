@@ -22,7 +22,7 @@ from kennfeld.importers.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, BlockType, Outputs
 from kennfeld.importers.simulink.reader.model_tree import join_path, split_path
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, limit
-from kennfeld.importers.simulink.variables.data_types import BusType, output_type
+from kennfeld.importers.simulink.variables.data_types import BusType
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
 _MAX_PASSES = 500
@@ -47,7 +47,7 @@ class BlockCompiler(LoweringPass):
                 continue
             # what nothing else needs is not lowered for that, and a bus without an object is not checked
             known = [source is not None and source.flat in self.visits.values for source in flat.inputs]
-            if any(known) and isinstance(output_type(flat.block, flat.scope), BusType):
+            if any(known) and isinstance(flat.output_type, BusType):
                 self._call_handler_for_check(flat)
 
     def _call_handler_for_check(self, flat: FlatBlock) -> None:
@@ -83,7 +83,7 @@ class BlockCompiler(LoweringPass):
             self._find_undefined(flat, kind)
         if kind is None or outputs is None:
             return placeholder_outputs(self.builder, flat)
-        outputs = outputs if isinstance(outputs, tuple) else (outputs,)
+        outputs = self.floats.outputs(flat, kind, outputs if isinstance(outputs, tuple) else (outputs,))
         if (limits := self.block_context(flat).type_limits) is not None:
             outputs = tuple(_limited(wired, limits) for wired in outputs)
         if not kind.held:
@@ -141,7 +141,8 @@ class BlockCompiler(LoweringPass):
         """Call the handler of a block; if it fails, its states are not completed."""
         begun = len(self.visits.agenda)
         try:
-            return kind.rule(self.block_context(flat))
+            with self.floats.rounding(flat):
+                return kind.rule(self.block_context(flat))
         except (UnsupportedError, *PARAMETER_ERRORS):
             self.visits.agenda.drop((flat, flat.last), since=begun)
             raise

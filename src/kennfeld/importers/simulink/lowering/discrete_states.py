@@ -14,6 +14,7 @@ from kennfeld.importers.simulink.flattening.flat_model import DataStoreOrder, Fl
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.importers.simulink.lowering.pass_state import Key, Shape
 from kennfeld.importers.simulink.lowering.scheduling import ExecutionConditions
+from kennfeld.importers.simulink.lowering.single_precision import FloatTypes
 from kennfeld.importers.simulink.lowering.state_ports import StatePorts
 from kennfeld.importers.simulink.signals import (
     CONSTANT,
@@ -32,9 +33,14 @@ class DiscreteStates:
     """Discrete states of blocks; `arriving` returns the known signals at the inputs of a block."""
 
     def __init__(
-        self, gates: ExecutionConditions, ports: StatePorts, arriving: Callable[[FlatBlock], Sequence[SignalOrBus]]
+        self,
+        gates: ExecutionConditions,
+        ports: StatePorts,
+        floats: FloatTypes,
+        arriving: Callable[[FlatBlock], Sequence[SignalOrBus]],
     ) -> None:
         self.builder = gates.builder
+        self.floats = floats
         self.gates = gates
         self.timing = gates.timing
         self.failures = ports.failures
@@ -52,12 +58,14 @@ class DiscreteStates:
         """Return a state that is read now and written at the end of the step, if `sampled` at the block's hits only."""
         # all iterations of a block share the shape of their state
         key = (flat.first, number)
+        init = self.floats.begun(flat, key, init)
         shape = self.shapes.state_shape(key, init)
         try:
             first = fit_to_shape(init.nodes, shape)
         except EvaluationError:
             first = init.nodes
-        read = Signal(self._read((flat, number), first, latency), self.timing.period(flat), builder=self.builder)
+        nodes, kind = self._read((flat, number), first, latency), init.type
+        read = self.floats.read(Signal(nodes, self.timing.period(flat), builder=self.builder, type=kind))
         seen = self.reset_with_subsystem(flat, read, first)
         # called at the end of the step, or when the next iteration reads it
         self._writes[flat, number] = lambda: self._next_value(flat, key, seen, then, sampled)
@@ -119,7 +127,9 @@ class DiscreteStates:
         new = seen
         with self.failures.note_errors(flat):
             if self.is_sound(flat):
-                new = self.timing.hold_in_minor_steps(then(seen))
+                with self.floats.rounding(flat):
+                    new = then(seen)
+                new = self.timing.hold_in_minor_steps(self.floats.written(flat, key, new, seen))
         # the sample time that the block inherits is known only now, for the next pass
         inherited = period_of(self._arriving(flat))
         self.guesses.period(flat, CONTINUOUS if inherited == CONSTANT else inherited)
@@ -167,11 +177,13 @@ class DataStores:
         if memory.passes:
             raise UnsupportedError("it has states in an iterated subsystem, which is not supported")
         if memory not in self._begun:
+            init = self.memories.floats.begun(memory, (memory, 1), init)
             shape = self.guesses.shapes.get((memory, 1), init.shape)
             # a scalar start fills a store that an earlier pass found to be wider
             first = fit_to_shape(init.nodes, shape) if init.size == 1 else init.nodes
             states = [self.builder.state() for _ in range(first.size)]
-            self._begun[memory] = Signal(np.array(states, dtype=np.int64).reshape(first.shape))
+            content = Signal(np.array(states, dtype=np.int64).reshape(first.shape), type=init.type)
+            self._begun[memory] = self.memories.floats.read(content)
             self.memories.agenda.add(memory, lambda: self._close(memory, states, first))
         return self._begun[memory]
 
@@ -179,6 +191,7 @@ class DataStores:
         """Close a data store with the content after its last writer."""
         begun = self._begun[memory]
         end = self.content_after(begun, self.stores.writers.get(memory, ()))
+        end = self.memories.floats.written(memory, (memory, 1), end, begun)
         # this pass keeps the old size, and the next one has the new one
         if end.size != begun.size:
             self.guesses.shape((memory, 1), end.shape)
@@ -196,5 +209,5 @@ class DataStores:
                 continue
             old = fit_to_shape(content.nodes, signal.shape) if content.size == 1 else content.nodes
             nodes = elementwise(self.builder, "select", np.array([runs], dtype=np.int64), signal.nodes, old)
-            content = Signal(nodes, CONTINUOUS)
+            content = Signal(nodes, CONTINUOUS, type=signal.type)
         return content

@@ -7,16 +7,15 @@ from typing import Final, TypeVar
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.registry import output_type_of
 from kennfeld.importers.simulink.reader.dialog_words import match_word
-from kennfeld.importers.simulink.variables.data_types import FixedPointType, PlainType, output_type
+from kennfeld.importers.simulink.variables.data_types import FixedPointType, PlainType, has_type_of_input, stated_type
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 
 T = TypeVar("T")
 
-_CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
+INTEGER_CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
 _MAX_TRACED_BLOCKS = 200
 _LITERAL = re.compile(r"[-+.\deE\[\]\s,;]*")  # numbers that no variable gives a type
 _FLOATING: Final = ("double", "single", "half")
-_SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
 _ROUNDINGS: Final = ("Ceiling", "Convergent", "Floor", "Nearest", "Round", "Simplest", "Zero")
 
 
@@ -69,23 +68,16 @@ def is_floating(source: SignalSource | None) -> bool:
         if flat in seen:
             continue
         seen.add(flat)
-        kind = output_type(flat.block, flat.scope)
+        kind = flat.output_type
         if isinstance(kind, PlainType) and kind.name in _FLOATING:
             continue
-        if _specified_type(flat) or not output_type_of(flat).floating:
+        if kind is not None or stated_type(flat.block) or not output_type_of(flat).floating:
             return False
         # a variable of the workspace may be an integer, which the model file does not say
         if flat.type == "Constant" and not _LITERAL.fullmatch(flat.block.value("Value") or "1"):
             return False
         waiting += flat.inputs
     return True
-
-
-def _specified_type(flat: FlatBlock) -> str:
-    """Return the output type that a block specifies, "" if it is inherited."""
-    # the key of newer files first; the mode of older ones names the type unless it refers to an expression
-    words = ((flat.block.value(key) or "").strip() for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"))
-    return next((word for word in words if word and word != "auto" and not word.startswith("Inherit")), "")
 
 
 def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
@@ -100,23 +92,23 @@ def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
 
 def _type_inputs(flat: FlatBlock) -> tuple[int, ...]:
     """Return the inputs whose type the output has."""
-    if (flat.block.value("OutDataTypeStr") or "").strip() in _SAME:
+    if has_type_of_input(flat.block):
         return (0,)
     return output_type_of(flat).inputs
 
 
 def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
     """Return the integer type that a block specifies for its output."""
-    kind = output_type(flat.block, flat.scope)
+    kind = flat.output_type
     if isinstance(kind, FixedPointType):
         return IntegerType(kind.bits, kind.signed, _rounding(flat), is_saturating(flat)) if kind.is_integer else None
     # `int16(3)` as the value of a constant gives its type without any field
-    cast = _CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
+    cast = INTEGER_CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
     return integer_type_named(cast[1]) if cast is not None and kind is None else None
 
 
 def _stated_fixed_point(flat: FlatBlock) -> FixedPointType | None:
-    kind = output_type(flat.block, flat.scope)
+    kind = flat.output_type
     return kind if isinstance(kind, FixedPointType) else None
 
 

@@ -13,6 +13,7 @@ from kennfeld.importers.simulink.flattening.flat_model import (
     FlatModel,
     SignalSource,
 )
+from kennfeld.importers.simulink.float_types import FloatType
 from kennfeld.importers.simulink.lowering.block_order import BlockDependencies, BuildOrder
 from kennfeld.importers.simulink.lowering.continuous_states import ContinuousStates
 from kennfeld.importers.simulink.lowering.diagnostics import BlockFailures, UnsupportedError, placeholder_signal
@@ -25,6 +26,7 @@ from kennfeld.importers.simulink.lowering.pass_state import (
 )
 from kennfeld.importers.simulink.lowering.registry import Outputs
 from kennfeld.importers.simulink.lowering.scheduling import ExecutionConditions, ModelClock, SampleTimes
+from kennfeld.importers.simulink.lowering.single_precision import FloatTypes, SinglePrecisionBuilder
 from kennfeld.importers.simulink.lowering.state_ports import StatePorts, is_known_at_step_start
 from kennfeld.importers.simulink.signals import Bus, ExternalBus, Signal, SignalOrBus
 from kennfeld.importers.simulink.variables.m_files import FunctionFiles
@@ -35,7 +37,8 @@ class LoweringPass(ABC):
 
     `bound` returns the signals that replace bound blocks; `clock` holds the steps of the model. `timing` holds sample
     times, `gates` execution conditions, `memories`, `continuous` and `contents` the states, `visits` the build order,
-    `failures` the unsupported blocks and `warnings` sentences for the report.
+    `failures` the unsupported blocks and `warnings` sentences for the report. Signals of type single are rounded if the
+    type of ports that inherit theirs, `inherited`, is given.
     """
 
     def __init__(
@@ -45,9 +48,10 @@ class LoweringPass(ABC):
         promoted: Iterable[str],
         bound: Callable[["LoweringPass", FlatBlock], Outputs],
         guesses: InferredAttributes,
+        inherited: FloatType | None = None,
     ) -> None:
         self.flat, self.clock, self.bound = flat, clock, bound
-        self.builder = BoundedGraphBuilder()
+        self.builder = BoundedGraphBuilder() if inherited is None else SinglePrecisionBuilder()
         self.declared = DeclaredParameters(frozenset(promoted))
         self.expressions = ParameterExpressions(self.builder, self.declared)
         self.failures = BlockFailures()
@@ -59,7 +63,8 @@ class LoweringPass(ABC):
         self.gates = ExecutionConditions(self.timing, self.value)
         agenda = PendingCompletions()
         self.ports = StatePorts(self.timing, self.shapes, agenda)
-        self.memories = DiscreteStates(self.gates, self.ports, self.known_inputs)
+        self.floats = FloatTypes(self.builder, guesses, self.known_inputs, self.readers, inherited or FloatType.UNKNOWN)
+        self.memories = DiscreteStates(self.gates, self.ports, self.floats, self.known_inputs)
         self.continuous = ContinuousStates(self.memories)
         self.contents = DataStores(self.memories, self.stores, self.signal)
         self.needs = BlockDependencies(self.feedthrough, self.remembers, self.stores, self.failures)

@@ -13,6 +13,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import CLOCK
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
+from kennfeld.importers.simulink.float_types import FloatType, float_type_of
 from kennfeld.importers.simulink.lowering.bus_structure import BusStructure
 from kennfeld.importers.simulink.reader.block_ports import port_label
 from kennfeld.importers.simulink.signals import CONTINUOUS, Bus, ExternalBus, InputWidth, Signal, SignalOrBus
@@ -42,7 +43,7 @@ class InferredAttributes:
     """Attributes found in an earlier pass: shapes of states and sample times of their blocks.
 
     `wished` are shapes that no input determined but a block downstream requires, `buses` the signals of the buses that
-    states hold.
+    states hold, `types` the floating-point types of states.
     """
 
     shapes: dict[Key, Shape] = field(default_factory=dict)
@@ -50,6 +51,7 @@ class InferredAttributes:
     taken: frozenset[str] = frozenset()
     wished: dict[Key, RequiredShape] = field(default_factory=dict)
     buses: dict[FlatBlock, BusNames] = field(default_factory=dict)
+    types: dict[Key, FloatType] = field(default_factory=dict)
     changed: bool = False
 
     def bus(self, flat: FlatBlock, names: BusNames) -> None:
@@ -62,6 +64,12 @@ class InferredAttributes:
         """Record the shape of a state for the next pass."""
         if self.shapes.get(key) != shape:
             self.shapes[key] = shape
+            self.changed = True
+
+    def type(self, key: Key, kind: FloatType) -> None:
+        """Record the type of a state for the next pass; types only grow, so that passes come to an end."""
+        if kind > self.types.get(key, -1):
+            self.types[key] = kind
             self.changed = True
 
     def period(self, flat: FlatBlock, value: float) -> None:
@@ -171,6 +179,7 @@ class ModelInputs(dict[str, FlatBlock | None]):
                 return self._member(flat, f"{bus} leaves it open", path)
             size = math.prod(element.dimensions)
             signal = self.signal(path, element.dimensions, InputWidth(path, size, str(bus)))
+            signal = replace(signal, type=float_type_of(kind, flat.scope))
             if not isinstance(kind, UndefinedType):
                 return signal
             # without its object, a type may be that of numbers or a bus

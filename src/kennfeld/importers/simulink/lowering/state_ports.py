@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.lowering.diagnostics import placeholder_signal
 from kennfeld.importers.simulink.lowering.pass_state import DimensionInference, Key, PendingCompletions
 from kennfeld.importers.simulink.lowering.registry import field_text
 from kennfeld.importers.simulink.lowering.scheduling import SampleTimes
+from kennfeld.importers.simulink.reader.dialog_words import contains_word
 from kennfeld.importers.simulink.signals import CONSTANT, CONTINUOUS, Signal
 from kennfeld.models.imperative.node_arrays import Nodes
 
@@ -71,7 +72,7 @@ def is_known_at_step_start(source: SignalSource) -> bool:
     if source.port != STATE_PORT or source.flat.type not in ("Integrator", "DiscreteIntegrator"):
         return False
     method = field_text(source.flat, "IntegratorMethod") or ""
-    return source.flat.type == "Integrator" or "forward" in method.casefold()
+    return source.flat.type == "Integrator" or contains_word(method, "forward")
 
 
 class StatePorts:

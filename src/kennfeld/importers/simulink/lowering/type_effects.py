@@ -4,21 +4,22 @@ Values stay physical and are not rounded: a rounded model has derivatives of 0 a
 can be calibrated.
 """
 
-import re
 from collections.abc import Callable, Iterable
 from typing import Final
 
 from kennfeld.base.formatting import join_names
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
-from kennfeld.importers.simulink.lowering.integer_signals import fixed_point_type_of, is_saturating
+from kennfeld.importers.simulink.lowering.integer_signals import INTEGER_CAST, fixed_point_type_of, is_saturating
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, output_type_of
-from kennfeld.importers.simulink.variables.data_types import FixedPointType, UndefinedType, output_type
+from kennfeld.importers.simulink.variables.data_types import (
+    FixedPointType,
+    UndefinedType,
+    has_type_of_input,
+    has_type_of_readers,
+)
 from kennfeld.models.imperative.integer_types import integer_type_named
 
-_CAST = re.compile(r"\bu?int(?:8|16|32|64)\s*\(")
-_SAME: Final = re.compile(r"(?:Inherit: )?Same as (?:first )?input\Z")
 _ASSIGNED: Final = ("LOCAL_DATA", "OUTPUT_DATA")
-_BACK: Final = re.compile(r"(?:Inherit: )?Inherit via back propagation\Z")
 _STATES_TYPE: Final = ("Outport", "SignalSpecification")
 _MAX_NAMED: Final = 3
 
@@ -27,13 +28,12 @@ Readers = Callable[[FlatBlock], Iterable[FlatBlock]]
 
 def converted_type(flat: FlatBlock, readers: Readers) -> FixedPointType | UndefinedType | None:
     """Return the type to which a block converts its result, None if that is a floating-point or unknown type."""
-    kind = output_type(flat.block, flat.scope)
+    kind = flat.output_type
     if isinstance(kind, FixedPointType | UndefinedType):
         return kind
-    written = (flat.block.value("OutDataTypeStr") or flat.block.value("OutDataTypeMode") or "").strip()
-    if _SAME.match(written) and flat.inputs:
+    if has_type_of_input(flat.block) and flat.inputs:
         return fixed_point_type_of(flat.inputs[0])
-    if flat.type == "DataTypeConversion" and (not written or _BACK.match(written)):
+    if flat.type == "DataTypeConversion" and has_type_of_readers(flat.block):
         return _type_of_readers(flat, readers)
     return None
 
@@ -45,7 +45,7 @@ def _type_of_readers(flat: FlatBlock, readers: Readers) -> FixedPointType | None
         # what only displays a signal accepts any type
         if reader.type in BLOCK_TYPES and BLOCK_TYPES[reader.type].sink and reader.type != "Outport":
             continue
-        kinds.add(output_type(reader.block, reader.scope) if reader.type in _STATES_TYPE else None)
+        kinds.add(reader.output_type if reader.type in _STATES_TYPE else None)
     kind = kinds.pop() if len(kinds) == 1 else None
     return kind if isinstance(kind, FixedPointType) else None
 
@@ -91,7 +91,7 @@ def _ignored_effect(flat: FlatBlock, readers: Readers) -> tuple[str, str] | None
 
 def _casts_in_code(flat: FlatBlock) -> bool:
     """Return True if a block converts to integers by a cast in its code or in a chart variable."""
-    if _CAST.search(flat.block.script):
+    if INTEGER_CAST.search(flat.block.script):
         return True
     chart = flat.block.chart if flat.type == "Chart" else None
     return chart is not None and any(integer_type_named(data.type) for data in chart.data if data.scope in _ASSIGNED)

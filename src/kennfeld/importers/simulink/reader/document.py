@@ -39,6 +39,7 @@ _CALLBACKS = (
     "PostSaveFcn", "CloseFcn", "SetupFcn", "CleanupFcn",
 )  # fmt: skip
 _SOLVER = "Simulink.SolverCC"
+_DEFAULT_TYPE = "DefaultUnderspecifiedDataType"
 _ELSEWHERE = "Simulink.ConfigSetRef"
 
 # parts with the model workspace, and their kinds
@@ -102,7 +103,10 @@ def read_solver(configuration: SectionNode | None, model: SectionNode) -> Stored
     if elsewhere is not None:
         return StoredSolver(reference=elsewhere.get("SourceName") or elsewhere.get("WSVarName"))
     section = next(configuration.classed(_SOLVER), None)
-    return _solver((section if section is not None else model).get)
+    # the default type is among the settings for optimization
+    stated = (part.get(_DEFAULT_TYPE) for part in configuration.every())
+    kind = next(filter(None, stated), "") or model.get(_DEFAULT_TYPE)
+    return replace(_solver((section if section is not None else model).get), default_type=kind)
 
 
 def solver_from(entry: SectionNode) -> StoredSolver:
@@ -110,7 +114,8 @@ def solver_from(entry: SectionNode) -> StoredSolver:
     section = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
     properties = {part.keys.get("Name", ""): part.text for part in section.all("P")}
     reference = properties.get("SourceName") or properties.get("WSVarName", "")
-    return replace(_solver(lambda key: properties.get(key, "")), reference=reference)
+    stated = (part.text for part in entry.every() if part.kind == "P" and part.keys.get("Name") == _DEFAULT_TYPE)
+    return replace(_solver(lambda key: properties.get(key, "")), reference=reference, default_type=next(stated, ""))
 
 
 def _solver(get: Callable[[str], str]) -> StoredSolver:

@@ -378,7 +378,7 @@ class StoredSolver:
 
     `reference` names a configuration stored elsewhere (a base workspace variable or data dictionary entry); the other
     fields are then those of the file, if any. `tasks` is the tasking setting in the word of the release: on, off, Auto,
-    SingleTasking, MultiTasking.
+    SingleTasking, MultiTasking. `default_type` is that of signals whose type nothing specifies.
     """
 
     name: str = ""
@@ -388,6 +388,7 @@ class StoredSolver:
     max_step: str = ""
     reference: str = ""
     tasks: str = ""
+    default_type: str = ""
 
 
 @dataclass(frozen=True, slots=True)

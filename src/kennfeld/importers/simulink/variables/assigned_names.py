@@ -41,6 +41,7 @@ class AssignedNames:
     classes: set[Path] = field(default_factory=set)
     _texts: dict[Path, str] = field(default_factory=dict, repr=False)
     _own: dict[Path, frozenset[str]] = field(default_factory=dict, repr=False)
+    _run: dict[Path, tuple[Path, ...]] = field(default_factory=dict, repr=False)
     _room: int = _MAX_READ
 
     def of(self, path: Path) -> frozenset[str]:
@@ -85,8 +86,13 @@ class AssignedNames:
         script, _ = parse_leniently(text, path.name)
         return frozenset(_assigned(script))
 
-    def _run_by(self, path: Path) -> Iterator[Path]:
-        """Yield the files that a script runs and loads."""
+    def _run_by(self, path: Path) -> tuple[Path, ...]:
+        """Return the files that a script runs and loads; several candidates may run the same script."""
+        if path not in self._run:
+            self._run[path] = tuple(self._find_run(path))
+        return self._run[path]
+
+    def _find_run(self, path: Path) -> Iterator[Path]:
         text = self._texts.get(path, "")
         names = [f"{name.strip().removesuffix('.m')}.m" for name in (*_RUN.findall(text), *_BARE.findall(text))]
         names += [f"{name.removesuffix('.mat')}.mat" for name in _LOAD.findall(text)]

@@ -19,6 +19,7 @@ from kennfeld.base.arrays import readonly
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import file_name
 from kennfeld.importers.simulink.reader.document import solver_from
 from kennfeld.importers.simulink.reader.model_package import is_zip, zip_package
 from kennfeld.importers.simulink.reader.model_tree import StoredSolver
@@ -232,15 +233,6 @@ def read_dictionary(
         read = read.merged_with(further)
         waiting += [(folder, reference) for reference in further.references]
     return read
-
-
-def file_name(written: str) -> str:
-    r"""Strip a name of a file of its folders, however they are separated.
-
-    >>> file_name("data\\engine.sldd")
-    'engine.sldd'
-    """
-    return written.replace("\\", "/").rpartition("/")[2]
 
 
 def find_beside(name: str, folders: Iterable[Path]) -> Path | None:

@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.base.errors import InputError
 from kennfeld.base.formatting import number_text
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.simulink.reader.dialog_words import after_word, begins_with_word, contains_word, match_word
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.variables.m_files import evaluate_numerically
 from kennfeld.importers.simulink.variables.mask_scope import (
@@ -25,8 +26,10 @@ from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 
 _BUILT_IN: Final = frozenset({"double", "single", "half", "boolean", "logical", "bool", "string", "fcn_call", "action"})
-_NO_TYPE = re.compile(r"\Z|auto\Z|Inherit\b|Enum:|Image:|Connection:|Specify\b|<|[?]|Logical \(")
-_PREFIX = re.compile(r"(?:Bus|ValueType)\s*:\s*")
+# what begins a setting that names no type of numbers, or none at all
+_NO_TYPE: Final = ("Inherit", "Enum:", "Image:", "Connection:", "Specify", "<", "?", "Logical (")
+_SAME: Final = ("Same as first input", "Same as input")
+_BACK: Final = "Inherit via back propagation"
 _EXPRESSION = re.compile(r"[A-Za-z][\w.]*(?:\(|\Z)")
 _NAME = re.compile(r"[A-Za-z]\w*\Z")
 _CONSTRUCTOR = re.compile(r"([su])(fix|int|frac)\(\s*(\d{1,3})\s*\)\Z")  # sfix(16) of older files
@@ -34,7 +37,6 @@ _FLOAT = re.compile(r"float\(\s*'(\w+)'\s*\)\Z")
 # sfix16_En4, ufix8_S0p5_B2: a slope 2^-4, and a slope 0.5 with the bias 2
 _ENCODED = re.compile(r"([su])fix(\d{1,3})((?:_[EFSB]n?\d+(?:p\d+)?(?:en?\d+)?)*)\Z")
 _PART = re.compile(r"_([EFSB])([^_]+)")
-_MOST_BITS: Final = 128
 _MAX_DEPTH: Final = 20  # aliases of aliases, masks within masks
 
 
@@ -110,8 +112,12 @@ DataType: TypeAlias = PlainType | FixedPointType | BusType | BusElement | Undefi
 def data_type(written: str, scope: Scope, depth: int = 0) -> DataType | None:
     """Return the type that a field specifies, through aliases and masks; None if it is inherited or enumerated."""
     written = written.strip()
-    name = _PREFIX.sub("", written)
-    if _NO_TYPE.match(written) or depth > _MAX_DEPTH:
+    of_bus = after_word(written, "Bus:")
+    name = after_word(written, "ValueType:") if of_bus is None else of_bus
+    name = written if name is None else name
+    if not written or depth > _MAX_DEPTH or match_word(written, ["auto"]) is not None:
+        return None
+    if any(begins_with_word(written, word) for word in _NO_TYPE):
         return None
     if written.casefold() in _BUILT_IN:
         return PlainType(written.casefold())
@@ -128,24 +134,52 @@ def data_type(written: str, scope: Scope, depth: int = 0) -> DataType | None:
         return data_type(meaning.text, meaning.outside, depth + 1)
     if isinstance(meaning, Variable):
         return _type_of_object(name, meaning, scope, depth)
-    return UndefinedType(name, written.startswith("Bus:"))
+    return UndefinedType(name, of_bus is not None)
 
 
 def output_type(block: ModelBlock, scope: Scope) -> DataType | None:
     """Return the type that a block specifies for its output, None if it is inherited."""
     written = (block.value("OutDataTypeStr") or "").strip()
-    if written == "Inherit: Same as accumulator":
+    if match_word(written, ["Inherit: Same as accumulator"]) is not None:
         written = (block.value("AccumDataTypeStr") or "").strip()
     return data_type(written, scope) if written else _type_of_older_fields(block, scope)
 
 
+def stated_type(block: ModelBlock) -> str:
+    """Return the text by which a block specifies the type of its output, "" if it is inherited."""
+    # the key of newer files first; the mode of older ones names the type unless it refers to an expression
+    words = ((block.value(key) or "").strip() for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"))
+    return next((word for word in words if word and not _is_inherited(word)), "")
+
+
+def _is_inherited(word: str) -> bool:
+    inherited = any(begins_with_word(word, text) for text in ("Inherit", "Same as", "Specify"))
+    return inherited or match_word(word, ["auto"]) is not None
+
+
+def has_type_of_input(block: ModelBlock) -> bool:
+    """Return True if a block takes the type of its output from its first input."""
+    written = _inheritance(block)
+    return match_word(after_word(written, "Inherit:") or written, _SAME) is not None
+
+
+def has_type_of_readers(block: ModelBlock) -> bool:
+    """Return True if a block takes the type of its output from those that read it, as conversions do by default."""
+    written = _inheritance(block) or (_BACK if block.type == "DataTypeConversion" else "")
+    return match_word(after_word(written, "Inherit:") or written, [_BACK]) is not None
+
+
+def _inheritance(block: ModelBlock) -> str:
+    return block.value("OutDataTypeStr") or block.value("OutDataTypeMode") or ""
+
+
 def _type_of_older_fields(block: ModelBlock, scope: Scope) -> DataType | None:
     """Return the type that a file before R2009b specifies, in several fields."""
-    if block.value("UseBusObject") == "on":
+    if block.is_set_to("UseBusObject", "on"):
         return data_type(f"Bus: {block.value('BusObject') or ''}", scope)
     for field in ("OutDataTypeMode", "DataType"):
         mode = (block.value(field) or "").strip()
-        kind = _type_of_dialog(block, scope) if mode.startswith("Specify") else data_type(mode, scope)
+        kind = _type_of_dialog(block, scope) if begins_with_word(mode, "Specify") else data_type(mode, scope)
         if kind is not None:
             return kind
     return None
@@ -218,18 +252,19 @@ def _element(properties: _Properties, scope: Scope) -> BusElement:
 
 
 def _numeric_type(properties: _Properties, scope: Scope, depth: int) -> DataType | None:
-    mode = properties.text("DataTypeMode", "Double").casefold()
-    if not mode.startswith("fixed-point"):
-        return data_type(mode, scope, depth + 1)
+    mode = properties.text("DataTypeMode", "Double")
+    if not begins_with_word(mode, "Fixed-point"):
+        return data_type(mode.casefold(), scope, depth + 1)
     # properties that a file does not store have the defaults of a new object
     bits = properties.number("WordLength", scope, 16)
-    if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
+    if not (bits.is_integer() and 1 <= bits <= types.MOST_BITS):
         return None
-    signed = properties.number("Signed", scope, 1) != 0 and properties.text("Signedness", "Signed") != "Unsigned"
+    is_unsigned = match_word(properties.text("Signedness", "Signed"), ["Unsigned"]) is not None
+    signed = properties.number("Signed", scope, 1) != 0 and not is_unsigned
     slope, bias = 1.0, 0.0
-    if "binary point" in mode:
+    if contains_word(mode, "binary point"):
         slope = float(np.exp2(-properties.number("FractionLength", scope, 0)))
-    elif "slope" in mode:
+    elif contains_word(mode, "slope"):
         factor = properties.number("SlopeAdjustmentFactor", scope, 1)
         total = factor * float(np.exp2(properties.number("FixedExponent", scope, 0)))
         slope, bias = properties.number("Slope", scope, total), properties.number("Bias", scope, 0)
@@ -242,9 +277,9 @@ def _encoded_type(written: str) -> FixedPointType | None:
         signed, bits = match[1] == "s", int(match[3])
         # a fraction has its binary point behind the sign
         slope = float(np.exp2(int(signed) - bits)) if match[2] == "frac" else 1.0
-        return FixedPointType(bits, signed, slope) if 1 <= bits <= _MOST_BITS else None
+        return FixedPointType(bits, signed, slope) if 1 <= bits <= types.MOST_BITS else None
     match = _ENCODED.match(written)
-    if match is None or not 1 <= int(match[2]) <= _MOST_BITS:
+    if match is None or not 1 <= int(match[2]) <= types.MOST_BITS:
         return None
     parts = {key: _decoded_number(text) for key, text in _PART.findall(match[3])}
     # slope = F 2^E, or S

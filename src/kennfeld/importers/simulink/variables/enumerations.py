@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.base.file_state import note_opened
 from kennfeld.base.formatting import join_names
+from kennfeld.importers.simulink.reader.dialog_words import after_word
 from kennfeld.importers.simulink.reader.section_tree import SectionNode
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.importers.simulink.variables.stored_variables import ENUMERATED
@@ -58,7 +59,8 @@ def members_of(variable: Variable | None) -> Mapping[str, float]:
 
 def enumerated_type(written: str) -> str:
     """Return the class in a data type, "Enum: Mode" or "Mode"."""
-    return written.removeprefix(ENUMERATED).strip()
+    name = after_word(written, ENUMERATED)
+    return written.strip() if name is None else name
 
 
 def unqualified_member(variables: Mapping[str, Variable], name: str, types: Iterable[str] = ()) -> float | None:

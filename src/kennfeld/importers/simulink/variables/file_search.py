@@ -8,7 +8,8 @@ from pathlib import Path
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.file_state import note_opened
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.simulink.variables.data_dictionary import Dictionary, file_name, read_dictionary
+from kennfeld.base.output_paths import file_name
+from kennfeld.importers.simulink.variables.data_dictionary import Dictionary, read_dictionary
 from kennfeld.importers.simulink.variables.enumerations import enumeration_files
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location, Severity
 from kennfeld.base.file_state import note_opened
-from kennfeld.importers.simulink.variables.data_dictionary import file_name
+from kennfeld.base.output_paths import file_name
 from kennfeld.importers.simulink.variables.enumerations import class_variable
 from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
 from kennfeld.importers.simulink.variables.mask_scope import (
@@ -158,12 +158,27 @@ def to_variable(value: Any, source: str) -> Variable | None:
         numbers: ParameterValue = (
             _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
         )
-        variable = Variable(numbers, unit=meant.unit, description=meant.description, source=source)
+        unit, description = meant.unit, meant.description
+        variable = Variable(numbers, unit=unit, description=description, source=source, single=_is_single(value))
         return variable.limited(meant.min, meant.max)
     plain = _plain(value)
     kind = value.kind if isinstance(value, MatlabStruct) else ""
     type_class = kind if kind in TYPE_CLASSES else ""
-    return Variable(plain, source=source, fixed=kind == ENUMERATION, kind=type_class) if plain is not None else None
+    if plain is None:
+        return None
+    return Variable(plain, source=source, fixed=kind == ENUMERATION, kind=type_class, single=_is_single(value))
+
+
+def _is_single(value: Any) -> bool:
+    """Return True for numbers of single precision, and for objects that specify it."""
+    if not isinstance(value, MatlabStruct):
+        return isinstance(value, np.ndarray) and value.dtype == np.float32
+    if value.elements.size != 1 or not value.kind:
+        return False
+    stated = value.fields.get("DataType")
+    is_text = isinstance(stated, np.ndarray) and stated.dtype.kind == "U"
+    written = "".join(stated.ravel()) if is_text and isinstance(stated, np.ndarray) else ""
+    return written == "single" or _is_single(value.fields.get("Value"))
 
 
 def _table(meant: LookupTable) -> dict[str, ParameterValue]:
@@ -231,8 +246,8 @@ def run_text(variables: VariableTable, text: str, name: str, load: Load) -> None
         if before is None or before.kind != result.kind or not equal_values(before.value, result.value):
             comment = result.description or outcome.comments.get(key, "")
             variables[key] = replace(result, description=comment)
-    for key, why in outcome.undefined.items():
-        variables.undefined[key] = why
+    for key, place in outcome.undefined.items():
+        variables.undefined[key] = place
         # an old value must not stand for one that the script fails to compute
         if key in variables and variables[key].source != USER_SOURCE:
             del variables[key]

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias, Union
 
 import numpy as np
 
-from kennfeld.base.errors import Finding
+from kennfeld.base.errors import Finding, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis
@@ -30,7 +30,7 @@ class Variable:
     `lower` and `upper` are one number, or one for each number of the value. `axes` are those that a calibration file
     gives a table. A `fixed` variable, such as an enumeration member, is not a parameter. A `local` one is of a model
     workspace, which other models do not see. `kind` is the class of an object that defines a data type, such as
-    Simulink.Bus; its value then are its properties.
+    Simulink.Bus; its value then are its properties. `single` is True for numbers of single precision.
     """
 
     value: ParameterValue
@@ -43,6 +43,7 @@ class Variable:
     fixed: bool = False
     local: bool = False
     kind: str = ""
+    single: bool = False
 
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
         """Add limits to the variable, None for none; limits that its own value violates are ignored."""
@@ -252,7 +253,7 @@ def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
 class VariableTable(dict[str, Variable]):
     """Variables by name, with findings of their sources.
 
-    `undefined` gives reasons why scripts could not assign a variable, `missing_files` are absent data files with the
+    `undefined` says where scripts could not assign a variable, `missing_files` are absent data files with the
     scripts or models that need them, `solvers` are configurations by name, `strangers` parameters of calibration files
     unknown to the model.
     """
@@ -260,7 +261,7 @@ class VariableTable(dict[str, Variable]):
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
-        self.undefined: dict[str, str] = {}
+        self.undefined: dict[str, Location] = {}
         self.missing_files: dict[str, str] = {}
         self.solvers: dict[str, StoredSolver] = {}
         self.strangers = ParameterSet()

@@ -8,10 +8,12 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.output_paths import file_name
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
+from kennfeld.importers.simulink.reader.dialog_words import begins_with_word
 from kennfeld.importers.simulink.reader.model_tree import ModelDocument, StoredSolver
-from kennfeld.importers.simulink.variables.data_dictionary import file_name, find_beside
+from kennfeld.importers.simulink.variables.data_dictionary import find_beside
 from kennfeld.importers.simulink.variables.datasets import is_timeseries, timeseries_points
 from kennfeld.importers.simulink.variables.enumerations import enumerated_type, enumeration_variable, members_of
 from kennfeld.importers.simulink.variables.file_search import FileSearch, read_file
@@ -225,7 +227,10 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     if value is None:
         return None
     fixed = _is_enumerated(entry) or _is_enumerated(entry.value)
-    variable = Variable(value, unit=entry.unit, description=entry.description, source=source, fixed=fixed)
+    single = "single" in (entry.kind, entry.type)
+    variable = Variable(
+        value, unit=entry.unit, description=entry.description, source=source, fixed=fixed, single=single
+    )
     return variable.limited(entry.minimum, entry.maximum)
 
 
@@ -237,7 +242,7 @@ def _timeseries(entry: StoredVariable) -> tuple[Numbers, Numbers]:
 
 
 def _is_enumerated(stored: Stored) -> bool:
-    return isinstance(stored, StoredVariable) and stored.type.startswith(ENUMERATED)
+    return isinstance(stored, StoredVariable) and begins_with_word(stored.type, ENUMERATED)
 
 
 def _member_numbers(entry: StoredVariable, known: Mapping[str, Variable]) -> ParameterValue | None:
@@ -291,7 +296,8 @@ def _with_parameter(known: Variable | None, parameter: Parameter) -> Variable:
     upper: float | Numbers = known.upper if known is not None else np.inf
     if parameter.limited:
         lower, upper = (np.reshape(bound, value.shape) for bound in (parameter.lower, parameter.upper))
-    return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
+    single = known is not None and known.single
+    return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes, single=single)
 
 
 def _sizes(values: Numbers) -> list[int]:

@@ -118,7 +118,7 @@ def shift_bits(args: SymbolicArguments) -> s.SymbolicValue:
     may_grow = fixed is None or np.any(fixed > 0)
     if may_grow and args.context.numbers(args.array(0), f"an argument of {args.name}") is None:
         message = "keeps the bits that an integer type would drop, because the type of its argument is unknown"
-        args.context.remark(f"{args.name} {message}. {_TYPED}")
+        args.context.remark(f"{args.name} {message}. {_TYPED}", 0)
     return s.integers(shifted, word)
 
 
