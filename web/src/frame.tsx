@@ -34,7 +34,7 @@ export function Header() {
           <span class="word">Kennfeld</span>
           <span class="pj" aria-hidden="true">
             <b title={project?.name}>{shortened(project?.name ?? "No project", 18)}</b>
-            <small class={unsaved.length ? "dirty" : ""}>
+            <small class={unsaved.length ? "edits" : ""}>
               {unsaved.length ? `${unsaved.length} unsaved` : project ? "saved" : "drop a file"}
             </small>
           </span>
