@@ -18,6 +18,7 @@ TOPICS = {
     "states": "benchmarks.states",
     "large": "benchmarks.large",
     "factors": "benchmarks.factors",
+    "small": "benchmarks.small_fits",
     "compile": "benchmarks.compiling",
     "python": "benchmarks.python_functions",
     "startup": "benchmarks.startup",

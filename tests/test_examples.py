@@ -60,6 +60,7 @@ LONG = {  # documents whose fits take several seconds
         "how-to/delay.md",
         "how-to/monotonic-maps.md",
         "how-to/review.md",
+        "how-to/rounding.md",
         "how-to/smoothness.md",
         "how-to/trust.md",
     ),

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import field, fields, replace
 from functools import cached_property, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -29,6 +30,12 @@ if TYPE_CHECKING:
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
     from kennfeld.project.simulation import Simulation
+
+_DESIGN = "kennfeld.design"  # lies above this package, and is loaded by its name when it is first used
+
+
+def _ignore(line: str) -> None:
+    """Take a line about progress that nobody reads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +65,7 @@ class Project:
     formats: tuple[str, ...]
     file: ProjectFile = field(repr=False)
     load: "Loader | None" = field(default=None, repr=False)
-    report: Callable[[str], None] = field(default=lambda line: None, repr=False)
+    report: Callable[[str], None] = field(default=_ignore, repr=False)
     watch: "ReadingWatch | None" = field(default=None, repr=False)  # of the reading of recordings
 
     @classmethod
@@ -75,6 +82,10 @@ class Project:
         """
         file = read_project(Path(path), unsaved)
         return cls(file.path, file.name, file.calibration.output, file, load)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # files that were read are kept, processes that evaluate partitions are not
+        return {name: value for name, value in self.__dict__.items() if name != "_runner"}
 
     @property
     def options(self) -> "Options":
@@ -200,7 +211,7 @@ class Project:
         self,
         scheduler: str | None = None,
         workers: int | None = None,
-        report: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = _ignore,
     ) -> Self:
         """Return the same project on another cluster than `[cluster]` names.
 
@@ -306,6 +317,21 @@ class Project:
         )
         findings = [*points.findings, *([saves.missed] if saves.missed else [])]
         return replace(result, message=" ".join([result.message, *(f"{finding}." for finding in findings)]))
+
+    def design(self, **words: Any) -> Any:
+        """Calibrate the project and find out what to measure next.
+
+        Args:
+            words: the arguments of `kennfeld.design` after the first one: `n`, `segments` or `reduce`, `candidates`
+                and others, and settings that override `[design]`.
+
+        Returns:
+            The `kennfeld.design.Design`.
+
+        Raises:
+            InputError: the project has errors, or candidates cannot be used.
+        """
+        return import_module(_DESIGN).design(self, **words)
 
     def saves(self, folder: str | Path | None = None) -> "Saves":
         """Return the checkpoints in a results folder, by default `results` next to the project file."""

@@ -20,10 +20,12 @@ from kennfeld.domain.criteria import ROBUST_LOSSES, RobustLoss
 from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.search_settings import SearchSettings
+from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.models.function_files import split_reference
 from kennfeld.models.importer import ImportOptions, ImportRequest
 from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.project.design_table import DesignEntry
 from kennfeld.project.forms import (
     EitherForm,
     EntriesForm,
@@ -218,6 +220,25 @@ class CalibrationEntry:
         ("*",),
         holds="parameter",
     )
+    rounding: RoundingMethod | None = key(
+        '[rounds the result](how-to/rounding.md) to what a control unit can store: `"joint"` all values together, so '
+        'that they make up for each other; `"nearest"` each on its own. Bounds, locks, pins and shapes hold',
+        None,
+        default_text="not rounded",
+    )
+    storage: str = key(
+        "an A2L file: the steps, offsets and limits of labels and breakpoints, by their conversions and data types",
+        "",
+        holds="file",
+        default_text="that of the image in `initial`",
+    )
+    max_shift: float = key("the largest distance of a rounded value from the fit, in steps", MAX_SHIFT, least=1)
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield settings of the rounding without it."""
+        for name in ("storage", "max_shift"):
+            if name in present and "rounding" not in present:
+                yield name, f"{name} requires rounding", 'Write rounding = "joint".'
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -548,6 +569,7 @@ class ProjectFile(SectionsFile):
     optimizer: OptimizerEntry = key("the search", OptimizerEntry())
     cluster: ClusterEntry = key("[large data and several machines](cluster.md)", ClusterEntry())
     report: ReportEntry = key("the head of the report", ReportEntry())
+    design: DesignEntry = key("[what to measure next](how-to/measure-next.md)", factory=DesignEntry)
 
     @property
     def name(self) -> str:

@@ -237,6 +237,13 @@ class ParameterEntry:
         form=BoundsForm(),
         default_text="none",
     )
+    step: float | None = key(
+        "the step of the values that a control unit can store, whose multiples [rounding](how-to/rounding.md) takes; "
+        "precedes `storage` of `[calibration]`",
+        None,
+        above=0,
+        default_text="by `storage`",
+    )
     smoothness: Factor | Mapping[str, Factor] | None = key(
         'factor on the [roughness](method.md#roughness), for all axes or `{ x = 1, y = 0.3 }`. `"auto"` instead of a '
         "number [chooses it from the data](method.md#automatic-smoothness)",

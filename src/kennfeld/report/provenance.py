@@ -148,6 +148,8 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
     yield from (("label list", file.folder / name) for name in dict.fromkeys(lists))
     starts = (*file.calibration.files, *file.calibration.descriptions.values())
     yield from (("start", file.folder / name) for name in starts)
+    if file.calibration.storage:
+        yield "storage", file.folder / file.calibration.storage
 
 
 def _source(file: tuple[Path, str], folder: Path) -> SourceFile:

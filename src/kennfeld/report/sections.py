@@ -16,6 +16,7 @@ from kennfeld.report.provenance import settings, sources
 from kennfeld.report.recording_section import render_recordings
 from kennfeld.report.report_data import ReportData, Score
 from kennfeld.report.residual_sections import render_fit, render_residuals
+from kennfeld.report.rounding_section import render_rounding
 from kennfeld.report.summary import by_criterion, observations, pool_scores, verdict
 from kennfeld.report.undetermined_section import render_limits, render_undetermined
 from kennfeld.report.validation_section import render_validation
@@ -30,6 +31,8 @@ def sections(report: ReportData, pictures: Pictures) -> Iterator[Section]:
     yield "result", "Result", _render_result(report), ()
     if (recordings := render_recordings(report)) is not None:
         yield "recordings", "Recordings", recordings, ()
+    if report.result is not None and report.result.rounding is not None:
+        yield "rounding", "Rounding to storage", render_rounding(report.result.rounding), ()
     if report.validation is not None:
         yield "validation", "Cross-validation", render_validation(report.validation), ()
     yield "fit", "Measured and calculated", render_fit(report, pictures), ()

@@ -21,6 +21,7 @@ from kennfeld.optimize.fit.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.quality.recording_quality import RecordingQuality, WorstStretch
+from kennfeld.optimize.rounding.outcome import ERRORS, LabelRounding, RoundingResult
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.project.csv_cells import original_cell
@@ -215,7 +216,19 @@ def _result(contents: Any, start: ParameterSet, parameters: ParameterSet, trace:
         ),
         recordings=tuple(_recording(row) for row in contents.get("recordings", ())),
         certificate=_certificate(contents.get("certificate")),
+        rounding=_rounding(contents.get("rounding")),
     )
+
+
+def _rounding(row: Any) -> RoundingResult | None:
+    """Return the rounding of a result; None if it was not rounded."""
+    if row is None:
+        return None
+    errors = {key: {name: _known(error) for name, error in row[key].items()} for key in ERRORS}
+    labels = (
+        LabelRounding(name, **_select(label, *_names(LabelRounding)[1:])) for name, label in row["labels"].items()
+    )
+    return RoundingResult(row["method"], row["max_shift"], **errors, labels=tuple(labels), finer=row["finer"])
 
 
 def _certificate(row: Any) -> Certificate | None:

@@ -246,7 +246,7 @@ def _calibrate(
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:
         return _stop()
-    _print_result(result, findings, extrapolations, by_file)
+    _print_result(result, findings, extrapolations, by_file, project.path)
     print_findings(*write_findings)
     _print_paths(project, result, written)
     if interrupt.pressed:
@@ -262,13 +262,15 @@ def _stop() -> int:
 
 
 def _print_result(
-    result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool
+    result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool, path: Path
 ) -> None:
     """Print a result, without the warnings that the check before it has told already."""
     from kennfeld.optimize.trust.undetermined import undetermined_lines
     from kennfeld.terminal.result_lines import MORE, choice_lines, extrapolation_lines
 
     print_lines(*align(result.table()), "")
+    if result.rounding is not None:
+        print_lines(*align(result.rounding.table()), *result.rounding.advice(), "")
     if by_file:
         print_lines(*align(result.recordings_table()), "")
     if len(result.starts) > 1:
@@ -281,7 +283,8 @@ def _print_result(
     print_findings(*(each for each in result.warnings if each.message not in reported))
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
-    print_lines(*undetermined_lines(result.trust, MORE), *extrapolation_lines(extrapolations))
+    settle = f"kennfeld design {Location.of_file(path)} --direction 1"
+    print_lines(*undetermined_lines(result.trust, MORE, settle), *extrapolation_lines(extrapolations))
 
 
 def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) -> None:

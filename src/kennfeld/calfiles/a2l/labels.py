@@ -170,7 +170,7 @@ class Labels:
         order = first_byte_order(source.byte_order, outer_order, self.a2l.common.byte_order)
         # rescale pairs are never stored as differences
         difference &= component.kind == "AXIS_PTS"
-        return StorageFormat(component.data_type, order, conversion, None, difference, *_hard_limits(source))
+        return StorageFormat(component.data_type, order, conversion, None, difference, *hard_limits(source))
 
     def layout(self, name: str) -> RecordLayout:
         if name not in self.a2l.record_layouts:
@@ -246,7 +246,7 @@ class Labels:
         data_type = places.components["FNC_VALUES"].data_type
         conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
         mask = source.bit_mask or None
-        storage = StorageFormat(data_type, self.order(source), conversion, mask, False, *_hard_limits(source))
+        storage = StorageFormat(data_type, self.order(source), conversion, mask, False, *hard_limits(source))
         part = self.part(source.address, places, "FNC_VALUES", storage)
         if source.type == "ASCII":
             return Label(source, places, part, text=_ascii_text(source, part))
@@ -381,7 +381,7 @@ def _read_once(known: dict[str, Stored | Exception], name: str, read: Callable[[
     return result
 
 
-def _hard_limits(source: Characteristic | AxisPts | AxisDescr) -> tuple[float, float]:
+def hard_limits(source: Characteristic | AxisPts | AxisDescr) -> tuple[float, float]:
     """Return the hard limits, if they say anything."""
     lower, upper = source.extended_limits or (source.lower, source.upper)
     return (lower, upper) if lower < upper else (-inf, inf)

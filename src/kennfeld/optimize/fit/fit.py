@@ -13,6 +13,7 @@ from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.task_runner import RunnerLostError
 from kennfeld.base.threads import blas_threads
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.storage import StorageRounding
 from kennfeld.graph.external_function import changing_results
 from kennfeld.optimize.ends.end_warnings import (
     EndWarnings,
@@ -42,6 +43,8 @@ from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.validation import check_fittable
 from kennfeld.optimize.quality.quality import Quality, Scorer
+from kennfeld.optimize.rounding.outcome import RoundingResult, errors_by_criterion, finer_label
+from kennfeld.optimize.rounding.round_fit import round_fit
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
     Iteration,
@@ -141,9 +144,10 @@ class FitRun:
         """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""
         movable = int(linear_limits(self.problem, self.exact.values).movable.sum())
         elapsed = time.perf_counter() - self.began
+        unrounded = "" if self.problem.rounding is None else " The values are not rounded to storage."
         return Result(
             status="stopped",
-            message=message,
+            message=message + unrounded,
             parameters=self.parameters(values),
             start=self.problem.parameters,
             quality=(),
@@ -165,12 +169,12 @@ class FitRun:
         before = self.objective.cost(self.objective.start)
         limits = linear_limits(self.problem, self.exact.values)
         end, remark = self.minimise(search, begin)
-        parameters = self.parameters(end.values)
+        fitted = self.parameters(end.values)
         informed = self._informed(end)
         axes, free_values = self.problem.free_axes, int(limits.movable.sum())
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
-        scores = scorer.scores(self.problem.parameters, parameters)
+        scores = scorer.scores(self.problem.parameters, fitted)
         end = check_underflow(self.problem, with_offsets(self.exact, end), before, scores.quality)
         end = check_outliers(self.problem, self.objective, end, scores.quality)
         certificate = self._certificate(end, limits)
@@ -178,12 +182,12 @@ class FitRun:
             end.message,
             remark,
             describe_uninformed(informed),
-            describe_close_breakpoints(self.problem, parameters),
+            describe_close_breakpoints(self.problem, fitted),
         )
-        return Result(
+        result = Result(
             status=end.status,
             message=" ".join(filter(None, sentences)),
-            parameters=parameters,
+            parameters=fitted,
             start=self.problem.parameters,
             quality=scores.quality,
             recordings=scores.recordings,
@@ -198,6 +202,38 @@ class FitRun:
             inspection=self._assessment(end, informed),
             warnings=self._warnings(end, limits, scores.quality, certificate),
             certificate=certificate,
+        )
+        rounding = self.problem.rounding
+        if rounding is None or end.status == "infeasible" or not np.isfinite(end.cost):
+            return result
+        return self._rounded(result, rounding, limits, end.values)
+
+    def _rounded(self, result: Result, rounding: StorageRounding, limits: LinearLimits, fit: Float) -> Result:
+        """Return a result with storable values, and their errors."""
+        keeps_outputs = (lambda values: True) if self.outputs is None else self.outputs.is_satisfied
+        rounded = round_fit(self.exact, rounding, limits, fit, keeps_outputs)
+        start, (nearest, joint) = result.start, map(self.parameters, (rounded.nearest, rounded.joint))
+        scores = {"nearest": self.scorer.scores(start, nearest)}
+        same = np.array_equal(rounded.nearest, rounded.joint)
+        scores["joint"] = scores["nearest"] if same else self.scorer.scores(start, joint)
+        applied = scores[rounding.method]
+        outcome = RoundingResult(
+            rounding.method,
+            rounding.max_shift,
+            **{name: errors_by_criterion(each.quality) for name, each in scores.items()},
+            unrounded=errors_by_criterion(result.quality),
+            labels=rounded.labels,
+            finer=finer_label(rounded.labels, result.quality, applied.quality),
+        )
+        return replace(
+            result,
+            parameters=joint if rounding.method == "joint" else nearest,
+            quality=applied.quality,
+            recordings=applied.recordings,
+            cost_after=self.objective.cost(rounded.joint if rounding.method == "joint" else rounded.nearest),
+            seconds=replace(result.seconds, total=self.read + time.perf_counter() - self.began),
+            warnings=(*result.warnings, *rounded.warnings),
+            rounding=outcome,
         )
 
     def minimise(self, search: Search | None = None, begin: Float | None = None) -> tuple[SolverResult, str]:

@@ -80,7 +80,7 @@ def touching_pairs(points: Float, least: float) -> Int:
 
 
 def linear_limits(problem: Problem, values: ValueLayout) -> LinearLimits:
-    """Return bounds, locks, shapes, pins and equalities of the free values.
+    """Return bounds, locks, shapes, pins and equalities of the free values, within the range of storage.
 
     Args:
         problem: with its constraints.
@@ -90,15 +90,16 @@ def linear_limits(problem: Problem, values: ValueLayout) -> LinearLimits:
         InputError: a constraint concerns a parameter that is not free.
     """
     lower, upper = np.full(values.free, -np.inf), np.full(values.free, np.inf)
-    tables = np.zeros(values.free, dtype=np.int64)
+    tables, rounding = np.zeros(values.free, dtype=np.int64), problem.rounding
     for table, name in enumerate(problem.free_names):
         parameter, at = problem.parameters[name], values.offsets[name]
         part = slice(at, at + parameter.size)
         tables[part] = table
         locked = parameter.locked.ravel()
+        low, high = (parameter.lower, parameter.upper) if rounding is None else rounding.bounds(parameter)
         # a lock is a pair of equal bounds
-        lower[part] = np.where(locked, parameter.values.ravel(), parameter.lower.ravel())
-        upper[part] = np.where(locked, parameter.values.ravel(), parameter.upper.ravel())
+        lower[part] = np.where(locked, parameter.values.ravel(), low.ravel())
+        upper[part] = np.where(locked, parameter.values.ravel(), high.ravel())
     for table, (key, axis) in enumerate(problem.free_axes.items(), len(problem.free_names)):
         part = slice(values.moving[key], values.moving[key] + len(axis.axis))
         tables[part] = table

@@ -2,7 +2,7 @@
 
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -16,6 +16,7 @@ from kennfeld.domain.criteria import Criterion, Target
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.storage import StorageRounding
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models import Model
 from kennfeld.optimize.problem.limit_nodes import keeps_pieces
@@ -58,6 +59,7 @@ class Problem:
         unknown_shifts: by dataset, the channels whose shift is to be estimated.
         restraints: of tables whose smoothness was chosen.
         partitions: the data, if they are evaluated in partitions; `datasets` are then excerpts of them.
+        rounding: how the end of the search is rounded to storable values; None if it is not.
 
     >>> from kennfeld import Project
     >>> problem = Project.read("kennfeld.toml").problem()
@@ -78,6 +80,11 @@ class Problem:
     unknown_shifts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     restraints: Mapping[str, Restraint] = field(default_factory=dict)
     partitions: Partitions | None = None
+    rounding: StorageRounding | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        # without what is computed from these when it is needed, compiled code among it
+        return {part.name: getattr(self, part.name) for part in fields(self)}
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:

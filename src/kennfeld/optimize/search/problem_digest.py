@@ -24,12 +24,14 @@ def problem_digest(problem: Problem, options: Options) -> str:
     partitions count by the versions of their files. The digest of the code counts, because another version may prepare
     or evaluate the same data in another way.
     """
+    # of the rounding, the grids alone: they bound the search
+    storage = () if problem.rounding is None else sorted(problem.rounding.grids.items())
     tables = [
         _settings(problem.parameters[name], free=name in problem.free_names)
         for name in sorted(problem.graph.parameters)
         if name in problem.parameters
     ]
-    rules = problem.criteria, problem.pins, problem.constraints, problem.limits, dict(problem.restraints)
+    rules = problem.criteria, problem.pins, problem.constraints, problem.limits, dict(problem.restraints), storage
     data = [_content(each) for each in problem.datasets]
     search = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in _ELSEWHERE}
     texts = problem.free_names, dict(problem.smoothness), dict(problem.channels)

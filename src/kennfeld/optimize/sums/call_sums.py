@@ -164,6 +164,11 @@ class CallSums:
         self._refresh(values, slopes=True)
         return self._sums.rows_at(values, visits)
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """See `Sums`."""
+        self._refresh(values, slopes=True)
+        return self._sums.squares(values, groups, count)
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """See `Sums`."""
         self._refresh(values, slopes=True)

@@ -163,6 +163,10 @@ class PartitionedSums:
         outputs, free = shapes[0][1:]
         return self.rows(values)[1].reshape(-1, outputs, free)[visits]
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """Raise `ArgumentError`: groups of visits must be assigned within each partition."""
+        raise ArgumentError("groups of samples must be assigned within each partition")
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """Count for each free value the scored samples whose step depends on it, Int[free].
 

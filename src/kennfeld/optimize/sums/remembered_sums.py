@@ -80,6 +80,10 @@ class RememberedSums:
         """See `Sums`."""
         return self._sums.rows_at(values, visits)
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """See `Sums`."""
+        return self._sums.squares(values, groups, count)
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """See `Sums`."""
         return self._sums.touched(values, owners)

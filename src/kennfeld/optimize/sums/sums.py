@@ -56,6 +56,12 @@ class Sums(Protocol):
     def rows_at(self, values: Float, visits: Int) -> Float:
         """Return the rows of the Jacobian at increasing visits as in `rows`, Float[visits, outputs, free]."""
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """Sum the squares of the rows of the Jacobian over groups of visits, Float[count, free].
+
+        `groups` assigns each visit to a group from 0 to `count` - 1, or to none by -1.
+        """
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """Count for each free value the scored samples whose step depends on it, Int[free].
 

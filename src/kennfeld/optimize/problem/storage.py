@@ -1,0 +1,128 @@
+"""Preparation of a problem whose end is rounded: its grids, and breakpoints that can be stored."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Union
+
+import numpy as np
+
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import count_noun
+from kennfeld.domain.free_axes import AxisKey, key_of, with_breakpoints
+from kennfeld.domain.storage import RoundingMethod, StorageGrid, StorageRounding, storage_findings
+from kennfeld.optimize.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from kennfeld.calfiles.a2l.objects import A2l
+
+Storage = Union[str, Path, "A2l"]  # an A2L file, or its content
+
+
+def rounding_of(
+    method: RoundingMethod, storage: Storage | None, steps: Mapping[str, float], max_shift: float
+) -> StorageRounding:
+    """Return the rounding to the storage of an A2L file, or to steps, which precede it.
+
+    Args:
+        method: "joint" or "nearest".
+        storage: the file, or its content.
+        steps: by parameter, in its unit.
+        max_shift: the largest distance from the fit, in steps.
+
+    Raises:
+        InputError: the file cannot be read.
+        ArgumentError: an unknown method, or a step or a shift that cannot be used.
+    """
+    rounding = StorageRounding(method, max_shift=max_shift)
+    if storage is not None:
+        from kennfeld.calfiles.a2l.storage_grids import storage_grids
+
+        a2l = _described(storage)
+        grids, name = storage_grids(a2l), a2l.file
+        unrounded = {label: f"it {reason} in {name}" for label, reason in grids.unrounded.items()}
+        rounding = replace(rounding, grids=grids.labels, axes=grids.axes, unrounded=unrounded, source=name)
+    return rounding.with_steps(steps)
+
+
+def _described(storage: Storage) -> "A2l":
+    if not isinstance(storage, str | Path):
+        return storage
+    from kennfeld.calfiles import describe_a2l
+
+    return describe_a2l(storage).a2l
+
+
+def with_rounding(
+    problem: Problem, rounding: StorageRounding, locate: Callable[[str], Location]
+) -> tuple[Problem, list[Finding]]:
+    """Return the problem with its rounding and storable breakpoints.
+
+    Args:
+        problem: the problem.
+        rounding: method and grids.
+        locate: returns the location of a parameter in messages.
+
+    Returns:
+        The problem, and what cannot be rounded or was changed.
+    """
+    names = [name for name in problem.free_names if name in problem.parameters]
+    findings = list(storage_findings(problem.parameters, rounding, names, locate))
+    points, axis_findings = _storable_breakpoints(problem, rounding, names, locate)
+    parameters = with_breakpoints(problem.parameters, points)
+    rounded = replace(problem, parameters=parameters, rounding=rounding)
+    return rounded, [*findings, *axis_findings, *_pins(rounded, rounding, locate)]
+
+
+def _pins(problem: Problem, rounding: StorageRounding, locate: Callable[[str], Location]) -> Iterator[Finding]:
+    """Yield a warning on each pin of a grid point to a value between two steps."""
+    for pin in problem.pins:
+        grid, axes = rounding.grids.get(pin.parameter), problem.parameters[pin.parameter].index_axes
+        # between grid points, several values meet a pin together
+        on_grid = all(x in axis.breakpoints for x, axis in zip(pin.at, axes, strict=False))
+        if grid is not None and on_grid and not grid.holds(np.array(pin.value)):
+            at = f" at {', '.join(f'{x:g}' for x in pin.at)}" if pin.at else ""
+            nearest = float(grid.nearest(np.array(pin.value)))
+            message = f"the pin of {pin.parameter}{at} to {pin.value:g} lies between two steps of {grid.step:g}"
+            remedy = f"Pin a storable value, such as {nearest:.6g}."
+            yield Finding(locate(pin.parameter), message, remedy, severity="warning")
+
+
+def _storable_breakpoints(
+    problem: Problem, rounding: StorageRounding, names: Iterable[str], locate: Callable[[str], Location]
+) -> tuple[dict[AxisKey, Float], list[Finding]]:
+    """Return the breakpoints of free tables that storage changes, rounded before the fit, which then allows for it."""
+    points: dict[AxisKey, Float] = {}
+    findings = []
+    for key, table, breakpoints in _axes(problem, names):
+        grid = rounding.axes.get(key)
+        if grid is None or key in points or grid.holds(breakpoints).all():
+            continue
+        rounded = grid.nearest(breakpoints)
+        if np.any(np.diff(rounded) <= 0):
+            findings.append(_merging(key, grid, breakpoints, rounded, locate(table)))
+            continue
+        points[key] = rounded
+        changed = np.flatnonzero(rounded != breakpoints)
+        example = f"{breakpoints[changed[0]]:.6g} to {rounded[changed[0]]:.6g}"
+        count = count_noun(changed.size, "breakpoint")
+        message = f"{count} of {key} rounded to the step of {grid.step:g} before the fit, such as {example}"
+        findings.append(Finding(locate(table), message, severity="remark"))
+    return points, findings
+
+
+def _axes(problem: Problem, names: Iterable[str]) -> Iterator[tuple[AxisKey, str, Float]]:
+    for name in names:
+        for direction, axis in enumerate(problem.parameters[name].axes):
+            yield key_of(problem.parameters[name], direction), name, axis.breakpoints
+
+
+def _merging(key: AxisKey, grid: StorageGrid, points: Float, rounded: Float, location: Location) -> Finding:
+    """Return an error on neighbours that storage cannot tell apart."""
+    at = int(np.flatnonzero(np.diff(rounded) <= 0)[0])
+    message = (
+        f"breakpoints {points[at]:g} and {points[at + 1]:g} of {key} are stored as one: "
+        f"its step is {grid.step:g}, and {rounded[at]:g} the nearest to both"
+    )
+    return Finding(location, message, "Remove one of them, or move it.")

@@ -1,0 +1,1 @@
+"""Rounding of a calibration to the numbers that a control unit can store, all values together."""
