@@ -519,7 +519,7 @@ export interface ErrorsByFile {
   several: boolean;
 }
 
-/** What can be compared: the present values, runs and cross-validations, the last one first, and the start. */
+/** The sets that can be compared: the present values, runs and cross-validations, the last one first, and the start. */
 export interface SetHistory {
   rows: SetRow[];
 }
@@ -1604,7 +1604,7 @@ export interface AddedProposals {
   choices: Record<string, string>;
 }
 
-/** What the project says after proposals were added. */
+/** The state of the project after proposals were added. */
 export interface AddedReply {
   /** Error of the first criterion on training data; null if the project still lacks something. */
   rmse: number | null;
