@@ -241,7 +241,7 @@ def load_app() -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.environ.update(HOME=folder, USERPROFILE=folder)
         workspace = AppWorkspace(write("torque", Path(folder) / "torque"))
-        workspace.snapshot()
+        workspace.snapshot(workspace.latest)
         for question in QUESTIONS:
             with suppress(KennfeldError, LookupError):  # most need arguments; their modules are loaded
                 workspace.answer(question, {})

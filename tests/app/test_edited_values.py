@@ -137,14 +137,15 @@ def test_breakpoints_that_a_run_moved_are_shown_saved_and_undone(project: Path) 
     assert session.deviation("C") is not None
     session.undo()
     assert session.parameters["C"].axes[0].breakpoints.tolist() == [0, 1, 2.5, 3]
-    ask(session, "accept", title="all", run=1, cells={"C": None})
+    ask(session, "accept", title="all", source={"from": 1}, cells={"C": None})
     assert rmse(session) == pytest.approx(quality.rmse_after, rel=1e-6)
     recovered = Session(project)
     ask(recovered, "recover")
     assert rmse(recovered) == pytest.approx(quality.rmse_after, rel=1e-6)
     recovered.save()
     assert rmse(Session(project)) == pytest.approx(quality.rmse_after, rel=1e-6)
-    ask(session, "accept", title="one", run=1, cells={"C": [0]})
+    session.undo()
+    ask(session, "accept", title="one", source={"from": 1}, cells={"C": [1]})
     assert session.parameters["C"].axes[0].breakpoints.tolist() == [0, 1, 2.5, 3]
 
 
@@ -167,13 +168,14 @@ def test_a_recording_that_appears_or_goes_is_a_change(project: Path) -> None:
     session = Session(project)
     assert not session.changed_on_disk
     record(project.with_name("d2.csv"), 4.0 * X)
-    assert session.changed_files == [project.with_name("d2.csv")]
+    assert [str(change) for change in session.disk_changes] == ["d2.csv is new"]
+    session.reload()
     calibrate(session)
     expected = Project.read(project).calibrate().parameters["C"].values
     np.testing.assert_allclose(session.runs[-1].result.parameters["C"].values, expected, rtol=1e-6, atol=1e-9)
     assert not session.changed_on_disk
     project.with_name("d2.csv").unlink()
-    assert session.changed_on_disk
+    assert [str(change) for change in session.disk_changes] == ["d2.csv was deleted"]
 
 
 def test_a_plot_does_not_mix_a_recording_with_its_successor(project: Path) -> None:

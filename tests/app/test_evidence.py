@@ -103,3 +103,21 @@ def test_data_points_of_a_table_are_lookups_of_samples(exhaust: Path) -> None:
     assert 500 < len(points) <= 2500
     for point in points[::100]:
         assert np.abs(recorded - point).max(axis=1).min() < 1e-2
+
+
+def test_training_and_test_samples_of_a_value_are_told_apart_and_training_is_shown(exhaust: Path) -> None:
+    session = Session(exhaust)
+    view = session.require_view()
+    by_use = {
+        use: sum(
+            part.samples.size > 0
+            for part in view.evidence.informing("MapSettled", 60)
+            if view.model.recordings[part.dataset].use == use
+        )
+        for use in ("training", "test")
+    }
+    assert by_use == {"training": 1, "test": 1}
+    head = QUESTIONS["informing"](session, {"name": "MapSettled", "cell": 60}).head
+    rows = {row["use"]: row for row in head["datasets"]}
+    assert rows["training"]["samples"] == view.samples["MapSettled"].ravel()[60]
+    assert head["most"] == rows["training"]["number"]

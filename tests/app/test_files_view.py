@@ -97,13 +97,16 @@ def test_a_remedy_is_applied_with_one_click_and_undone(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_values_that_are_not_accepted_keep_their_start(torque: Path) -> None:
+def test_a_choice_is_taken_into_the_present_values_with_the_error_that_was_shown(torque: Path) -> None:
     with project_page(torque) as page:
         page.click("#run")
         page.wait_for_selector("#job-state.converged", timeout=60_000)
         page.click("[data-screen=results]")
-        page.click(".pi[data-parameter=MapOptTorque] .tick")
-        page.wait_for_selector("#choice")
-        expected = page.inner_text("#choice b")
-        page.click("#accept")
+        page.wait_for_selector("#take[disabled]")  # now has these values already
+        page.click("#undo")
+        page.click("text=by parameter")
+        page.click("[data-change=MapOptTorque] .tick")
+        page.wait_for_selector("#take:has-text('Take 247 values of run 1 into now')")
+        expected = page.inner_text("#then b >> nth=0")
+        page.click("#take")
         page.wait_for_selector(f"#rmse-training:has-text('{expected}')")

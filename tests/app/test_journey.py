@@ -97,8 +97,8 @@ def test_a_file_that_changes_on_disk_is_noticed(torque: Path) -> None:
             .replace("[optimizer]", "[optimizer]\nstarts = 3"),
             encoding="utf-8",
         )
-        page.wait_for_selector("#changed-on-disk")
-        page.click("text=Show the change")
+        page.wait_for_selector("#changed-on-disk:has-text('kennfeld.toml has another content')")
+        page.click("text=Read again")
         page.wait_for_selector("#changed-on-disk", state="detached")
 
 
@@ -139,7 +139,14 @@ def test_the_palette_finds_a_parameter(torque: Path) -> None:
         page.keyboard.type("eta")
         page.keyboard.press("Enter")
         page.wait_for_selector("[data-parameter=CurveEtaDeltaSpark][aria-pressed=true]")
+        page.click("[data-cell='0,0']")
+        before = page.inner_text("[data-cell='0,0']")
         page.keyboard.press("?")
         page.wait_for_selector("[aria-label=Keys]")
+        for key in ("5", "Delete", "Tab", "Tab", "Tab", "+"):  # reach nothing behind the dialog
+            page.keyboard.press(key)
+            assert page.evaluate("document.activeElement.closest('dialog, body').tagName") == "DIALOG"
+        assert page.inner_text("[data-cell='0,0']") == before
+        assert page.is_disabled("#undo")
         page.keyboard.press("Escape")
         page.wait_for_selector("[aria-label=Keys]", state="detached")

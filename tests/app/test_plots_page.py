@@ -75,7 +75,9 @@ def test_a_removed_signal_does_not_hide_the_others(exhaust: Path) -> None:
         page.wait_for_selector("[data-strip='0']:has-text('not in this dataset')")
         box = page.locator(STRIPS).bounding_box()
         page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.75)
-        page.wait_for_function("() => Number(document.querySelector(`[data-strip='1'] .v b`).innerText) > 500")
+        page.wait_for_function(
+            "() => Number(document.querySelector(`[data-strip='1'] .v .hv`).innerText.slice(2)) > 500"
+        )
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.trust import pinned_deviation
 from kennfeld.app.session.session import Session
-from kennfeld.project.demo import write
 from tests.app.app_processes import FORKS, fork_workers, forking_process
 from tests.app.function_samples import write_product
 
@@ -28,11 +27,6 @@ def forked_worker() -> Iterator[None]:
         if FORKS:
             fork_workers(patch, forking_process())
         yield
-
-
-@pytest.fixture(scope="module")
-def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    return run(Session(write("torque", tmp_path_factory.mktemp("results") / "torque")))
 
 
 def run(session: Session) -> Session:
@@ -65,16 +59,6 @@ def test_an_undetermined_value_has_no_predicted_deviation() -> None:
     start = kf.ParameterSet([kf.Scalar("a", 0.0), kf.Scalar("b", 0.0)])
     trust = kf.calibrate("m = (a + b) * x", {"x": x, "y": x}, start, target="y").trust
     assert pinned_deviation(trust, "a", ()) == {}
-
-
-@pytest.mark.slow
-def test_the_errors_of_a_choice_are_those_after_it_is_accepted(calibrated: Session) -> None:
-    choice = {"run": 1, "cells": {"MapOptTorque": list(range(20))}}
-    expected = ask(calibrated, "choice", **choice).head["scores"]
-    ask(calibrated, "accept", **choice, title="Accepted")
-    scores = [score.rmse for score in calibrated.require_view().now.scores if score.samples]
-    calibrated.undo()
-    assert [row["rmse"] for row in expected] == pytest.approx(scores)
 
 
 def test_directions_have_remedies_that_a_click_applies(tmp_path: Path) -> None:

@@ -206,7 +206,7 @@ def test_a_run_may_report_after_the_server_has_ended() -> None:
 
     server = Server(AppWorkspace())
     server._executor.shutdown()
-    server._pump_from_thread()
+    server._pump_from_thread("")
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.state import SetValues
+from kennfeld.app.session.state import SetKeys, SetValues
+from kennfeld.app.session.value_edits import ValueEdit
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.project import Project
 
@@ -117,21 +119,46 @@ def test_a_project_that_cannot_be_read_shows_the_reason(torque: Path) -> None:
         session.run()
 
 
-@pytest.mark.slow
-@forked
-def test_a_replaced_recording_is_noticed_and_read_before_a_run(exhaust: Path) -> None:
+def test_no_run_begins_on_data_that_have_changed_since_and_what_changed_is_said(exhaust: Path) -> None:
     session = Session(exhaust)
-    assert not session.changed_on_disk
-    drive = exhaust.parent / "drive.csv"
-    stat, text = drive.stat(), drive.read_text(encoding="utf-8")
+    drive, other = exhaust.parent / "drive.csv", exhaust.parent / "another_drive.csv"
+    stat, text, others = drive.stat(), drive.read_text(encoding="utf-8"), other.read_text(encoding="utf-8")
     drive.write_text("\n".join(text.splitlines()[:2001]) + "\n", encoding="utf-8")
     os.utime(drive, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-    assert session.changed_files == [drive]
-    assert session.changed_on_disk
-    session.run()
-    session.close()
-    assert session.require_view().model.problem.datasets[0].samples == 1999  # below two lines of header
+    other.unlink()
+    changes = [str(each) for each in session.disk_changes]
+    assert changes == ["drive.csv has 54.65 kB instead of 185.7 kB", "another_drive.csv was deleted"]
+    with pytest.raises(InputError, match=r"drive\.csv: has .* since it was read") as refused:
+        session.run()
+    assert [finding.location.file for finding in refused.value.findings] == ["drive.csv", "another_drive.csv"]
+    other.write_text(others, encoding="utf-8")
+    session.reload()
     assert not session.changed_on_disk
+    assert session.require_view().model.problem.datasets[0].samples == 1999  # below two lines of header
+    assert not session.findings
+
+
+def test_a_recording_that_a_change_of_a_setting_reads_again_is_told(exhaust: Path) -> None:
+    session = Session(exhaust)
+    drive = exhaust.parent / "another_drive.csv"
+    drive.write_text("\n".join(drive.read_text(encoding="utf-8").splitlines()[:1001]) + "\n", encoding="utf-8")
+    session.do(SetKeys("a title", exhaust.name, [(("report", "title"), "Exhaust")]))
+    [finding] = session.findings
+    assert (finding.severity, finding.location.file) == ("warning", "another_drive.csv")
+    assert "was read again" in finding.message
+    session.reload()
+    assert not session.findings
+
+
+@pytest.mark.slow
+@forked
+def test_a_file_that_is_deleted_during_a_run_is_named_at_its_end(exhaust: Path) -> None:
+    session = Session(exhaust)
+    session.run()
+    (exhaust.parent / "another_drive.csv").unlink()
+    wait_for_end(session)
+    assert session.job.state == "converged"
+    assert "another_drive.csv was deleted" in session.job.message
 
 
 @pytest.mark.slow
@@ -142,3 +169,79 @@ def test_files_saved_by_the_app_do_not_count_as_changed_on_disk(torque: Path) ->
         session.save()
         assert not session.changed_on_disk
         session.refresh()
+
+
+def training(session: Session) -> float:
+    return session.require_view().now.scores[0].rmse
+
+
+def step(session: Session, amount: float, cells: Sequence[int] = (0,), drag: str = "") -> None:
+    session.edit(ValueEdit("MapSettled", cells, f"raised by {amount}", kind="add", amount=amount, drag=drag))
+
+
+def test_a_hundred_steps_add_up(exhaust: Path) -> None:
+    session = Session(exhaust)
+    session.edit(ValueEdit("MapSettled", (3,), "set", values=(100.0,)))
+    for _ in range(100):
+        step(session, 0.02, (3,))
+    assert session.parameters["MapSettled"].values.ravel()[3] == 102.0
+    for _ in range(100):
+        session.undo()
+    assert session.parameters["MapSettled"].values.ravel()[3] == 100.0
+
+
+def test_an_edit_of_values_that_a_table_does_not_have_is_refused(exhaust: Path) -> None:
+    session = Session(exhaust)
+    size = session.parameters["MapSettled"].size
+    for edit in (
+        ValueEdit("MapSettled", (size,), "x", values=(1.0,)),
+        ValueEdit("MapSettled", (-1,), "x", values=(1.0,)),
+        ValueEdit("MapSettled", (0, 1), "x", values=(1.0,)),
+        ValueEdit("Missing", (0,), "x", values=(1.0,)),
+    ):
+        with pytest.raises(ArgumentError, match=r"MapSettled|Missing"):
+            session.edit(edit)
+    assert session.history.undoable == ""
+
+
+@forked
+def test_edits_during_a_run_wait_and_are_applied_to_its_values(exhaust: Path) -> None:
+    session = Session(exhaust)
+    session.run()
+    before = session.parameters["MapSettled"].values.ravel()[:2].tolist()
+    step(session, 1.5)
+    step(session, 2.5)  # joins the first
+    session.edit(ValueEdit("MapSettled", (1,), "typed", values=(321.0,)))
+    session.edit(ValueEdit("CurveTimeConstant", (0,), "taken back", values=(99.0,)))
+    assert session.undo() == "taken back"
+    assert [edit.title for edit in session.waiting] == ["raised by 2.5", "typed"]
+    assert session.parameters["MapSettled"].values.ravel()[:2].tolist() == before
+    wait_for_end(session)
+    fitted = session.runs[-1].result.parameters["MapSettled"].values.ravel()
+    now = session.parameters["MapSettled"].values.ravel()
+    assert now[:2].tolist() == [pytest.approx(fitted[0] + 4.0, rel=1e-11), 321.0]
+    np.testing.assert_array_equal(now[2:], fitted[2:])
+    assert "2 edits that waited were applied" in session.job.message
+    assert [session.undo() for _ in range(3)] == ["typed", "raised by 2.5", "Run 1"]
+
+
+@forked
+def test_an_edit_that_no_table_takes_any_more_after_a_run_is_reported(exhaust: Path) -> None:
+    session = Session(exhaust)
+    session.run()
+    session.waiting.append(ValueEdit("MapSettled", (10_000,), "raised a point", kind="add", amount=1.0))
+    wait_for_end(session)
+    assert "raised a point was not applied: MapSettled has" in session.job.message
+
+
+def test_the_change_of_the_last_edit_is_that_of_one_edit(exhaust: Path) -> None:
+    session = Session(exhaust)
+    start = training(session)
+    step(session, 5.0, range(50))
+    first = training(session)
+    step(session, 5.0, range(50), drag="drag 1")
+    step(session, 5.0, range(50), drag="drag 1")
+    assert session.last[0].rmse == first != start
+    second = training(session)
+    session.do(SetKeys("a title", exhaust.name, [(("report", "title"), "Exhaust")]))
+    assert session.last[0].rmse == second == training(session)

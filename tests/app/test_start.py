@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -78,7 +79,7 @@ def test_the_start_page_lists_recent_projects(torque: Path, exhaust: Path) -> No
     workspace = AppWorkspace(torque)
     workspace.answer("open", {"path": str(exhaust)})
     rows = workspace.answer("projects", {}).head["recent"]
-    assert [(row["name"], row["open"]) for row in rows] == [("exhaust", True), ("torque", False)]
+    assert [(row["name"], row["open"]) for row in rows] == [("exhaust", True), ("torque", True)]
     assert rows[1]["training"] > 0
     workspace.close()
 
@@ -90,15 +91,49 @@ def test_an_open_project_is_not_opened_twice(torque: Path) -> None:
     assert workspace.session is session
 
 
+def test_two_projects_are_open_at_once_and_answers_say_which_they_are_about(torque: Path, exhaust: Path) -> None:
+    workspace = AppWorkspace(torque)
+    first = workspace.latest
+    opened = workspace.answer("open", {"path": str(exhaust)}).head["project"]
+    assert opened == workspace.latest != first
+    edit = {"name": "MapOptTorque", "cells": [0], "values": [1.0], "title": "set"}
+    before = workspace.session_of(first).revision
+    answer = workspace.answer("set-values", edit, first).head
+    assert (answer["project"], answer["revision"] > before) == (first, True)
+    assert workspace.session is not None
+    assert (workspace.session_of(first).undo(), workspace.session.undo()) == ("set", "")
+    workspace.close()
+
+
+def test_a_project_that_no_page_shows_is_closed_unless_it_has_edits(
+    torque: Path, exhaust: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("kennfeld.app.workspace.UNSEEN", -1.0)
+    workspace = AppWorkspace(torque)
+    edited = workspace.latest
+    workspace.answer("set-values", {"name": "MapOptTorque", "cells": [0], "values": [1.0], "title": "set"})
+    hidden = workspace.open(exhaust)
+    shown = workspace.answer("new", {"name": str(tmp_path / "empty")}).head["project"]
+    workspace.watch({shown})
+    assert [workspace.join(project) for project in (edited, shown)] == [edited, shown]
+    with pytest.raises(ArgumentError, match="not open any more"):
+        workspace.answer("undo", {}, hidden)
+    assert workspace.join(hidden) == hidden  # its address opens it again
+    assert workspace.join("unknown") == ""
+    workspace.close()
+
+
 def test_a_change_on_disk_is_noticed_after_one_of_another_project(torque: Path, exhaust: Path) -> None:
-    workspace, news = AppWorkspace(torque), list[bool]()
-    workspace.subscribe(lambda topic, answer: news.append(answer.head["state"]["changedOnDisk"]), lambda: None)
+    workspace, news = AppWorkspace(torque), list[Any]()
+    workspace.subscribe(
+        lambda topic, answer, project: news.append(answer.head["state"]["changedOnDisk"]), lambda project: None
+    )
     for project in (torque, exhaust):
         workspace.answer("open", {"path": str(project)})
         project.write_text(project.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")
-        workspace.watch()
-        workspace.watch()
-    assert news == [False, True, False, True]
+        workspace.watch({workspace.latest})
+        workspace.watch({workspace.latest})
+    assert [bool(changes) for changes in news] == [False, True, False, True]
 
 
 @pytest.mark.parametrize("demo", DEMOS[:2], ids=lambda demo: demo.name)

@@ -136,7 +136,7 @@ def test_an_answer_explains_the_error_of_a_question(torque: Path) -> None:
     with pytest.raises(ArgumentError, match=r"strip.signals\[0\]: kind, name are missing"):
         workspace.answer("strip", {"dataset": 0, "signals": [{}], "begin": 0, "end": 1, "pixels": 10})
     with pytest.raises(ArgumentError, match="there is no run 7"):
-        workspace.answer("compare", {"first": "now", "second": 7})
+        workspace.answer("compare", {"first": {"from": "now"}, "second": {"from": 7}})
     answer = workspace.answer("table", {"name": "MapOptTorque"})
     assert isinstance(answer, Answer)
     workspace.close()

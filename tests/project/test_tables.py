@@ -45,6 +45,30 @@ def test_files_that_define_a_name_differently_are_a_finding(shop, other, expecte
     assert expected in shop.error()
 
 
+def test_a_later_file_has_another_grid_if_the_project_states_the_axes(shop):
+    shop.values("b.json", Curve("Gain", [1000, 2000], [5, 6]))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "b.json"]')
+    shop.add("[parameters.Gain]\nx = { breakpoints = [1000, 1500, 2000, 3000] }")
+    assert gain(shop).values.tolist() == [5.0, 5.5, 6.0, 6.0]
+
+
+def test_fitted_breakpoints_of_a_group_axis_take_the_place_of_those_of_an_earlier_file(shop):
+    def shared(points):
+        return Axis(points, input="Speed", name="AxisSpeed")
+
+    first = shared([1000, 2000, 3000])
+    shop.values("start.json", Curve("Gain", first, [0, 10, 20]), Curve("B", first, [0, 1, 2]), Scalar("offset", 0))
+    shop.values("b.json", Curve("Gain", shared([1000, 2500, 3000]), [0, 30, 40]))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "b.json"]')
+    shop.add("[axes.AxisSpeed]\nfree = true")
+    parameters = problem(shop).parameters
+    assert {name: parameters[name].values.tolist() for name in ("Gain", "B")} == {
+        "Gain": [0.0, 30.0, 40.0],
+        "B": [0.0, 1.5, 2.0],
+    }
+    assert parameters["B"].axes[0] == parameters["Gain"].axes[0]
+
+
 CENTRES = ([0.0], [2.0, 1.0], [[3.0], [5.0]], [[0.5], [0.5]])
 
 

@@ -1,6 +1,6 @@
 // Calibration files of the folder, and two sets of values that are compared, merged or converted.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "./connection";
 import type {
   AskedContents,
@@ -13,24 +13,25 @@ import type {
   SourceName,
   WrittenCalibration,
 } from "./replies";
+import { scoped } from "./scope";
 import { message, request, screen, settled } from "./store";
 import { upload } from "./uploads";
 
-export const folder = signal<CalibrationFiles>({ files: [], descriptions: [], endings: [], initial: [] });
-export const sides = { first: signal("now"), second: signal("start") };
-export const descriptions = signal<Record<string, string>>({}); // the A2L file of an image, by its name
-export const tolerance = signal({ absolute: 0, relative: 0 });
-export const comparison = signal<SetDifferences | null>(null);
-export const chosen = signal("");
-export const pair = signal<LabelPair | null>(null);
-export const ticked = signal(new Set<string>());
-export const written = signal<WrittenCalibration | null>(null);
-export const existing = signal(""); // name of a file that would be replaced
-export const opened = signal<SetContents | null>(null);
-export const shown = signal<"differences" | "contents">("differences");
-export const search = signal("");
+export const folder = scoped<CalibrationFiles>({ files: [], descriptions: [], endings: [], initial: [] });
+export const sides = { first: scoped("now"), second: scoped("start") };
+export const descriptions = scoped<Record<string, string>>({}); // the A2L file of an image, by its name
+export const tolerance = scoped({ absolute: 0, relative: 0 });
+export const comparison = scoped<SetDifferences | null>(null);
+export const chosen = scoped("");
+export const pair = scoped<LabelPair | null>(null);
+export const ticked = scoped(new Set<string>());
+export const written = scoped<WrittenCalibration | null>(null);
+export const existing = scoped(""); // name of a file that would be replaced
+export const opened = scoped<SetContents | null>(null);
+export const shown = scoped<"differences" | "contents">("differences");
+export const search = scoped("");
 
-const changed = signal(0); // counts writes and uploads
+const changed = scoped(0); // counts writes and uploads
 
 /** A source as the server names it: "now", "start", the number of a run, or "file:NAME". */
 export function source(value: string): SourceName {
@@ -66,7 +67,7 @@ const active = computed(() => screen.value === "files" && settled.value.project 
 const key = computed(() => `${settled.value.revision} ${settled.value.runs.length} ${changed.value}`);
 
 effect(() => {
-  if (active.value) loadFolder(key.value);
+  if (active.value || (screen.value === "results" && settled.value.project !== null)) loadFolder(key.value);
 });
 effect(() => {
   if (!active.value || !key.value) return;
@@ -79,14 +80,15 @@ effect(() => {
     loadPair({ first: source(sides.first.value), second: source(sides.second.value), name: chosen.value });
 });
 
-/** Store dropped files, and compare the first with the present values. */
-export async function addFiles(files: File[]): Promise<void> {
+/** Store dropped files, and compare the first with the present values; returns those that hold values. */
+export async function addFiles(files: File[]): Promise<string[]> {
   const names = await upload(files);
   changed.value++;
-  const values = names.find((name) => !name.toLowerCase().endsWith(".a2l"));
-  if (values === undefined) return;
-  sides.second.value = `file:${values}`;
-  message.value = `Opened ${values}`;
+  const values = names.filter((name) => !name.toLowerCase().endsWith(".a2l"));
+  if (values[0] === undefined) return [];
+  sides.second.value = `file:${values[0]}`;
+  message.value = `Opened ${values[0]}`;
+  return values;
 }
 
 /** Take the ticked labels of the second set into the values of the project. */

@@ -5,7 +5,8 @@ import { accept } from "./comparison";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
 import { save } from "./saving";
-import { move, open, request, type Screen, screen, state, toggleTheme } from "./store";
+import { blocking, move, open, request, type Screen, screen, state, toggleTheme } from "./store";
+import { inProject } from "./uploads";
 
 export interface Command {
   title: string;
@@ -44,9 +45,14 @@ export const COMMANDS: Command[] = [
       screen.value = "start";
     },
   },
-  { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() },
+  { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() && blocking.value === null },
   { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
-  { title: "Undo", keys: ["Ctrl", "Z"], run: () => void move("undo"), enabled: () => state.value.undo !== "" },
+  {
+    title: "Undo",
+    keys: ["Ctrl", "Z"],
+    run: () => void move("undo"),
+    enabled: () => state.value.undo !== "" || state.value.waiting.length > 0,
+  },
   { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },
   { title: "Save", keys: ["Ctrl", "S"], run: () => void save(), enabled: () => state.value.unsaved.length > 0 },
   {
@@ -83,7 +89,7 @@ export const COMMANDS: Command[] = [
     title: "Download the folder as ZIP",
     keys: [],
     run: () => {
-      location.assign("/project.zip");
+      location.assign(inProject("/project.zip"));
     },
     enabled: () => state.value.project !== null,
   },
@@ -150,8 +156,8 @@ function matches(command: Command, event: KeyboardEvent): boolean {
 /** Handle a key anywhere on the page. */
 export function shortcut(event: KeyboardEvent): void {
   const typing = (event.target as HTMLElement).closest("input, textarea, [contenteditable=true]") !== null;
-  if (event.key === "Escape" && overlay.value) overlay.value = "";
-  else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k")
+  if (document.querySelector("dialog[open]") !== null) return; // keys belong to the dialog
+  if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k")
     overlay.value = overlay.value === "palette" ? "" : "palette";
   else {
     const command = COMMANDS.find((each) => matches(each, event));

@@ -1,9 +1,11 @@
-// Two sets of values side by side, and which values of the last run are accepted.
+// Two sets of values side by side, and which values of the second one are taken into the present ones.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
+import { source } from "./calibrations";
 import { newest } from "./connection";
-import type { AskedChoice, ComparedScore, ComparedTable, TrustReply } from "./replies";
-import { request, screen, settled, state } from "./store";
+import type { AskedChoice, ChoiceScores, ComparedScore, ComparedTable, SetRow, TrustReply } from "./replies";
+import { scoped } from "./scope";
+import { message, request, screen, settled, state } from "./store";
 
 const NOTHING: Required<TrustReply> = {
   directions: [],
@@ -19,85 +21,134 @@ const NOTHING: Required<TrustReply> = {
   values: 0,
 };
 
-export const first = signal("start");
-export const second = signal("now");
-export const changes = signal<ComparedTable[]>([]);
-export const scores = signal<ComparedScore[]>([]);
+const picked = scoped({ first: "", second: "" }); // empty: what is of most interest
+export const files = scoped<string[]>([]); // calibration files that are compared with
+export const history = scoped<SetRow[]>([]);
+export const changes = scoped<ComparedTable[]>([]);
+export const scores = scoped<ComparedScore[]>([]);
 /** The remedy whose effect is shown, by its title. */
-export const tried = signal("");
-export const trust = signal<Required<TrustReply>>(NOTHING);
-export const chosen = signal("");
-export const rejected = signal<Record<string, Set<number>>>({}); // cells that keep their start, by parameter
+export const tried = scoped("");
+export const trust = scoped<Required<TrustReply>>(NOTHING);
+export const chosen = scoped("");
 
-export const shown = computed(() => changes.value.find((each) => each.name === chosen.value) ?? changes.value[0]);
+/** The sets A and B: "now", "start", the number of a run, or "file:NAME". */
+export const first = computed(() => picked.value.first || "start");
+export const second = computed(() => picked.value.second || String(settled.value.runs.at(-1)?.number ?? "now"));
+
+export function choose(side: "first" | "second", key: string): void {
+  picked.value = { first: first.value, second: second.value, [side]: key };
+}
+
+/** A set in words: `run 2`. */
+export const nameOfSet = (key: string): string => (/^\d+$/.test(key) ? `run ${key}` : key.replace(/^file:/, ""));
+
+export const shown = computed(() => changes.value.find((each) => each.name === chosen.value) ?? ranked.value[0]);
 
 const load = newest(async (_: string) => {
-  const [compared, known] = await Promise.all([
-    request("compare", { first: first.value, second: second.value }),
+  const [compared, known, sets] = await Promise.all([
+    request("compare", { first: source(first.value), second: source(second.value) }),
     request("trust"),
+    request("sets"),
   ]);
   if (compared !== null) {
     changes.value = compared.head.changes;
     scores.value = compared.head.scores;
   }
   if (known !== null) trust.value = { ...NOTHING, ...known.head };
+  if (sets !== null) history.value = sets.head.rows;
 });
 
 effect(() => {
-  const { revision, project, runs } = settled.value;
-  if (screen.value !== "results" || project === null) return;
+  const { revision, project, runs, parameters } = settled.value;
+  if (screen.value !== "results" || project === null || parameters.length === 0) return;
   load(`${revision} ${runs.length} ${first.value} ${second.value}`);
 });
 
-export const ranking = signal<"max" | "mean">("max");
+export type Ranking = "absolute" | "relative" | "mean";
+export const ranking = scoped<Ranking>("relative");
+
+const SIZES: Record<Ranking, (own: ComparedTable) => number> = {
+  absolute: (own) => own.largest,
+  relative: (own) => own.relative,
+  mean: (own) => own.mean,
+};
 
 /** Tables with the biggest change first. */
 export const ranked = computed(() =>
-  ranking.value === "max"
-    ? changes.value
-    : changes.value.toSorted(
-        (a, b) => (b.mean / (b.largest || 1)) * b.relative - (a.mean / (a.largest || 1)) * a.relative,
-      ),
+  changes.value.toSorted((a, b) => SIZES[ranking.value](b) - SIZES[ranking.value](a)),
 );
 
-export const keptCount = computed(() => Object.values(rejected.value).reduce((sum, cells) => sum + cells.size, 0));
-export const valueCount = computed(() => changes.value.reduce((sum, each) => sum + each.first.length, 0));
+export type Taking = "whole" | "by parameter" | "by grid point";
+export const taking = scoped<Taking>("whole");
+/** Values that are ticked, by parameter. */
+export const ticked = scoped<Record<string, ReadonlySet<number>>>({});
 
-/** Keep the start of every value, or of none. */
-export function keepAll(keep: boolean): void {
-  rejected.value = keep
-    ? Object.fromEntries(changes.value.map((each) => [each.name, new Set(each.first.map((_, k) => k))]))
-    : {};
+const every = (own: ComparedTable): Set<number> => new Set(own.first.map((_, k) => k));
+
+export const isWhole = (own: ComparedTable): boolean => takenOf(own).size === own.first.length;
+
+/** The values of a table that are to be taken. */
+export function takenOf(own: ComparedTable): ReadonlySet<number> {
+  return taking.value === "whole" ? every(own) : (ticked.value[own.name] ?? new Set());
 }
 
-/** RMSE on training data if the choice were accepted; null if all is accepted. */
-export const choiceScore = signal<{ rmse: number | null; unit: string } | null>(null);
+export function tick(own: ComparedTable, cells: Iterable<number>, on: boolean): void {
+  const next = new Set(takenOf(own));
+  for (const cell of cells) {
+    if (on) next.add(cell);
+    else next.delete(cell);
+  }
+  ticked.value = { ...ticked.value, [own.name]: next };
+}
+
+export const tickAll = (own: ComparedTable, on: boolean): void => tick(own, every(own), on);
+
+/** Tick all values of these tables, and no others. */
+export function tickTables(names: readonly string[]): void {
+  ticked.value = Object.fromEntries(
+    changes.value.filter((each) => names.includes(each.name)).map((each) => [each.name, every(each)]),
+  );
+  taking.value = "by parameter";
+}
+
+/** What is to be taken, as the server is asked; null if nothing is ticked. */
+export const choice = computed<AskedChoice | null>(() => {
+  const cells: Record<string, number[] | null> = {};
+  for (const own of changes.value) {
+    const taken = takenOf(own);
+    if (taken.size === own.first.length) cells[own.name] = null;
+    else if (taken.size > 0) cells[own.name] = [...taken];
+  }
+  return Object.keys(cells).length === 0 ? null : { source: source(second.value), cells };
+});
+
+/** The errors if the choice were taken; null if nothing is ticked, or until they are known. */
+export const outcome = scoped<ChoiceScores | null>(null);
 
 const loadChoice = newest(async (given: AskedChoice) => {
   const reply = await request("choice", given);
-  const own = reply?.head.scores.find((each) => each.use === "training");
-  choiceScore.value = own === undefined ? null : { rmse: own.rmse, unit: reply?.head.unit ?? "" };
+  outcome.value = reply === null ? null : reply.head;
 });
 
 effect(() => {
-  const run = settled.value.runs.at(-1)?.number;
-  if (screen.value === "results" && run !== undefined && keptCount.value > 0) loadChoice({ run, cells: cellsOf() });
-  else choiceScore.value = null;
+  void settled.value.revision;
+  if (screen.value === "results" && choice.value !== null && changes.value.length > 0) loadChoice(choice.value);
+  else outcome.value = null;
 });
 
-/** Take the values of the last run, but for those that keep their start. */
-export function accept(): void {
-  const run = state.value.runs.at(-1)!.number;
-  void request("accept", { run, cells: cellsOf(), title: `Accepted run ${run}` });
+/** Take the ticked values of the second set into the present ones. */
+export async function take(): Promise<void> {
+  if (choice.value === null || outcome.value === null) return;
+  const title = `Took ${countText(outcome.value.count)} of ${nameOfSet(second.value)}`;
+  if ((await request("accept", { ...choice.value, title })) !== null) message.value = title;
 }
 
-/** The accepted values by table; null is all of them. */
-function cellsOf(): Record<string, number[] | null> {
-  const cells: Record<string, number[] | null> = {};
-  for (const each of changes.value) {
-    const kept = rejected.value[each.name];
-    if (!kept?.size) cells[each.name] = null;
-    else if (kept.size < each.first.length) cells[each.name] = each.first.map((_, k) => k).filter((k) => !kept.has(k));
-  }
-  return cells;
+export const countText = (count: number): string => `${count} value${count === 1 ? "" : "s"}`;
+
+/** Take all values of the last run. */
+export async function accept(): Promise<void> {
+  const run = state.value.runs.at(-1)?.number;
+  const cells = Object.fromEntries(state.value.parameters.filter((p) => p.free).map((p) => [p.name, null]));
+  const title = `Took all values of run ${run}`;
+  if ((await request("accept", { source: { from: run! }, cells, title })) !== null) message.value = title;
 }

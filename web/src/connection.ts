@@ -2,6 +2,8 @@
 
 import type { Questions, StateNews } from "./replies";
 import { letInAgain } from "./restart";
+import { parseRoute } from "./route";
+import { onRenewal, projectId } from "./scope";
 
 export type Question = keyof Questions;
 
@@ -9,14 +11,24 @@ export type Question = keyof Questions;
 export type Asked<Q extends Question> =
   Record<string, never> extends Questions[Q]["asks"] ? [given?: Questions[Q]["asks"]] : [given: Questions[Q]["asks"]];
 
+/** A reply, with the project and the revision that it is about. */
 export interface Reply<Q extends Question> {
+  project: string;
+  revision: number;
   head: Questions[Q]["head"];
   arrays: Questions[Q]["arrays"];
 }
 
 /** A frame: a reply by its `id`, with an `error` if there is none, or news of a topic. */
 interface Frame {
-  head: { id?: number; error?: string; push?: string; arrays: [name: string, size: number][] } & object;
+  head: {
+    id?: number;
+    error?: string;
+    push?: string;
+    project?: string;
+    revision?: number;
+    arrays: [name: string, size: number][];
+  } & object;
   arrays: Record<string, Float32Array>;
 }
 
@@ -53,7 +65,9 @@ export function connect(changed: (connected: boolean) => void): void {
 }
 
 function open(pause: number): void {
-  const next = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
+  const project = encodeURIComponent(projectId() || parseRoute(location.hash).project);
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const next = new WebSocket(`${scheme}://${location.host}/socket?project=${project}`);
   next.binaryType = "arraybuffer";
   next.onopen = () => {
     socket = next;
@@ -98,9 +112,13 @@ export function ask<Q extends Question>(question: Q, ...[given]: Asked<Q>): Prom
       return;
     }
     const id = ++count;
-    waiting.set(id, { resolve: (frame) => resolve(frame as unknown as Reply<Q>), reject });
+    const answered = (frame: Frame) => {
+      const { project = "", revision = 0 } = frame.head;
+      resolve({ ...frame, project, revision } as unknown as Reply<Q>);
+    };
+    waiting.set(id, { resolve: answered, reject });
     busy();
-    socket.send(JSON.stringify({ id, ask: question, with: given ?? {} }));
+    socket.send(JSON.stringify({ id, ask: question, with: given ?? {}, project: projectId() }));
   });
 }
 
@@ -120,6 +138,9 @@ function busy(): void {
 export function newest<T>(send: (value: T) => Promise<unknown>): (value: T) => void {
   let running = false;
   let next: { value: T } | null = null;
+  onRenewal(() => {
+    next = null; // of the project before
+  });
   const go = async (value: T) => {
     running = true;
     try {

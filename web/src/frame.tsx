@@ -1,6 +1,5 @@
 // The frame around every screen: header with the errors and the job, the steps on the left, the status line.
 
-import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
 import { count, MISSING, signed, significant } from "./drawing/numbers";
@@ -8,8 +7,10 @@ import { Icon, Logo } from "./icons";
 import type { ScoreRow } from "./replies";
 import { run } from "./runs";
 import { save } from "./saving";
+import { scoped } from "./scope";
 import { valueAt } from "./settings";
 import {
+  blocking,
   connected,
   failure,
   isRunning,
@@ -23,7 +24,7 @@ import {
 } from "./store";
 
 export function Header() {
-  const { project, unsaved, undo, redo, job, runs } = state.value;
+  const { project, unsaved, undo, redo, job, runs, waiting } = state.value;
   const running = isRunning(job);
   return (
     <header>
@@ -49,7 +50,7 @@ export function Header() {
           id="undo"
           title={undo ? `Undo: ${undo} (Ctrl+Z)` : "Undo (Ctrl+Z)"}
           aria-label="Undo"
-          disabled={!undo}
+          disabled={!undo && waiting.length === 0}
           onClick={() => move("undo")}
         >
           <Icon name="undo" />
@@ -91,9 +92,25 @@ export function Header() {
           <div id="job-state" class={running ? "running" : job.state}>
             {job.state}
           </div>
-          <span>{jobText(job, runs.length)}</span>
+          {waiting.length > 0 ? (
+            <span
+              class="warn"
+              id="edits-wait"
+              title={`Applied to the values of the run at its end:\n${waiting.join("\n")}`}
+            >
+              {waiting.length === 1 ? "1 edit waits" : `${waiting.length} edits wait`}
+            </span>
+          ) : (
+            <span>{jobText(job, runs.length)}</span>
+          )}
         </div>
-        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={run}>
+        <button
+          class="btn primary"
+          id="run"
+          title={blocking.value ? `Cannot run: ${blocking.value.text}` : "Run (F5)"}
+          disabled={running || !project || blocking.value !== null}
+          onClick={run}
+        >
           <Icon name="run" />
           Run
         </button>
@@ -129,11 +146,12 @@ export function Header() {
 
 function jobText(job: typeof state.value.job, runs: number): string {
   if (isRunning(job)) return `${job.message} · ${job.seconds.toFixed(1)} s`;
+  if (job.validates) return `cross-validation · ${job.seconds.toFixed(1)} s`;
   return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
 }
 
 /** The criterion whose error the header shows; the first one that has samples, if it has none. */
-const criterion = signal("");
+const criterion = scoped("");
 
 function Rmse({ use }: { use: "training" | "test" }) {
   const scores = state.value.scores.filter((s) => s.use === use && s.samples > 0);
@@ -224,7 +242,8 @@ const STEPS: Step[] = [
     screen: "optimization",
     key: 4,
     title: "Optimization",
-    detail: () => (state.value.runs.length ? `run ${state.value.runs.length} ${state.value.job.state}` : "no run yet"),
+    detail: () =>
+      state.value.runs.length ? `run ${state.value.runs.length} ${state.value.runs.at(-1)!.status}` : "no run yet",
   },
   {
     screen: "results",

@@ -1,10 +1,9 @@
 // A place of a text file that is to be shown; the editor of that file goes there.
-
-import { signal } from "@preact/signals";
+import { scoped } from "./scope";
 
 export interface Place {
   file: string;
   line: number;
   column: number;
 }
-export const jump = signal<Place | null>(null);
+export const jump = scoped<Place | null>(null);

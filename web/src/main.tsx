@@ -3,7 +3,9 @@
 import { type JSX, render } from "preact";
 import { shortcut } from "./commands";
 import { connect, listen } from "./connection";
+import { takeDrops } from "./dropping";
 import { Header, Rail } from "./frame";
+import { begin } from "./history";
 import { lazy } from "./lazy";
 import { Overlays } from "./overlays";
 import { Data } from "./screens/data";
@@ -48,7 +50,8 @@ function Page() {
     <>
       <Header />
       <Rail />
-      <Shown />
+      {/* what components keep by themselves belongs to the project, too */}
+      <Shown key={state.value.project?.id ?? ""} />
       <Overlays />
     </>
   );
@@ -70,7 +73,7 @@ listen("state", (reply) => {
   const first = state.value === before;
   takeState(reply);
   void takeUp();
-  if (first && state.value.project === null) screen.value = "start";
+  if (first) begin();
   if (first)
     requestIdleCallback(
       () => {
@@ -85,5 +88,6 @@ connect((on) => {
   connected.value = on;
 });
 addEventListener("keydown", shortcut);
+takeDrops();
 if (matchMedia("(prefers-color-scheme: dark)").matches) document.documentElement.dataset.theme = "dark";
 render(<Page />, document.body);

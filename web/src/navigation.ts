@@ -3,6 +3,7 @@
 import { signal } from "@preact/signals";
 import type { FindingRow, KeyRow, Path } from "./replies";
 import { keysOf, sectionOf, sections } from "./schema";
+import { scoped } from "./scope";
 import { valueAt } from "./settings";
 import { open, openName, screen, state } from "./store";
 
@@ -18,10 +19,10 @@ export function togglePanel(): void {
 }
 
 /** The open entry of a section: its number, or its name; 0 if none is open. */
-export const opened = signal<Record<string, number | string>>({ dataset: 1 });
+export const opened = scoped<Record<string, number | string>>({ dataset: 1 });
 
 /** The key that a jump is to show; the form that has it takes the focus. */
-export const wanted = signal("");
+export const wanted = scoped("");
 
 export function openEntry(section: string, entry: number | string): void {
   opened.value = { ...opened.value, [section]: entry };

@@ -3,32 +3,30 @@
 import { useComputed, useSignal } from "@preact/signals";
 import { CodeConsent } from "./code-consent";
 import { COMMANDS, type Command, overlay, searchable } from "./commands";
+import { Dialog } from "./dialog";
 import { Icon } from "./icons";
+import { proposals } from "./instruments/proposals";
+import { showFinding } from "./navigation";
+import { decide, leaving } from "./projects";
 import { foreign } from "./restart";
 import { conflicts, save, takeDisk } from "./saving";
-import { connected, request, screen, state } from "./store";
+import { blocking, connected, request, screen, state } from "./store";
 
 export function Overlays() {
   return (
     <>
       <Notices />
       <Conflicts />
+      <Leaving />
       {overlay.value === "palette" && <Palette />}
       {overlay.value === "keys" && <Keys />}
     </>
   );
 }
 
-function Veil() {
-  return (
-    <div
-      class="veil"
-      onClick={() => {
-        overlay.value = "";
-      }}
-    />
-  );
-}
+const closeOverlay = (): void => {
+  overlay.value = "";
+};
 
 function Palette() {
   const text = useSignal("");
@@ -46,47 +44,44 @@ function Palette() {
     event.preventDefault();
   };
   return (
-    <>
-      <Veil />
-      <div class="over palette" role="dialog" aria-label="Find or do">
-        <label class="field big">
-          <Icon name="find" kind="q" />
-          <input
-            ref={(element) => element?.focus()}
-            aria-label="Command or parameter"
-            placeholder="Find a parameter or a setting, or do something"
-            value={text.value}
-            onInput={(event) => {
-              text.value = event.currentTarget.value;
-              chosen.value = 0;
+    <Dialog label="Find or do" kind="palette" close={closeOverlay}>
+      <label class="field big">
+        <Icon name="find" kind="q" />
+        <input
+          data-first
+          aria-label="Command or parameter"
+          placeholder="Find a parameter or a setting, or do something"
+          value={text.value}
+          onInput={(event) => {
+            text.value = event.currentTarget.value;
+            chosen.value = 0;
+          }}
+          onKeyDown={key}
+        />
+      </label>
+      <div role="listbox">
+        {found.map((command, k) => (
+          <button
+            class={`entry ${k === chosen.value ? "on" : ""}`}
+            role="option"
+            aria-selected={k === chosen.value}
+            onMouseEnter={() => {
+              chosen.value = k;
             }}
-            onKeyDown={key}
-          />
-        </label>
-        <div role="listbox">
-          {found.map((command, k) => (
-            <button
-              class={`entry ${k === chosen.value ? "on" : ""}`}
-              role="option"
-              aria-selected={k === chosen.value}
-              onMouseEnter={() => {
-                chosen.value = k;
-              }}
-              onClick={() => run(k)}
-            >
-              <span>{command.title}</span>
-              {command.hint && <span class="q cut hint">{command.hint}</span>}
-              <span>
-                {command.keys.map((each) => (
-                  <kbd>{each}</kbd>
-                ))}
-              </span>
-            </button>
-          ))}
-        </div>
-        {found.length === 0 && <p class="pad q">Nothing is called so.</p>}
+            onClick={() => run(k)}
+          >
+            <span>{command.title}</span>
+            {command.hint && <span class="q cut hint">{command.hint}</span>}
+            <span>
+              {command.keys.map((each) => (
+                <kbd>{each}</kbd>
+              ))}
+            </span>
+          </button>
+        ))}
       </div>
-    </>
+      {found.length === 0 && <p class="pad q">Nothing has this name.</p>}
+    </Dialog>
   );
 }
 
@@ -154,54 +149,121 @@ const GROUPS: [string, [string[], string][]][] = [
 
 function Keys() {
   return (
-    <>
-      <Veil />
-      <div class="over keys" role="dialog" aria-label="Keys">
-        <div class="head">
-          <h2>Keys</h2>
-          <span class="right">
-            <button
-              class="btn bare small"
-              onClick={() => {
-                overlay.value = "";
-              }}
-            >
-              Close
-            </button>
-          </span>
-        </div>
-        <div class="columns">
+    <Dialog label="Keys" kind="keys" close={closeOverlay}>
+      <div class="head">
+        <h2>Keys</h2>
+        <span class="right">
+          <button class="btn bare small" data-first onClick={closeOverlay}>
+            Close
+          </button>
+        </span>
+      </div>
+      <div class="columns">
+        <section>
+          <h3>Everywhere</h3>
+          {COMMANDS.filter((c) => c.keys.length).map((c) => (
+            <p>
+              {c.keys.map((each) => (
+                <kbd>{each}</kbd>
+              ))}{" "}
+              <span>{c.title}</span>
+            </p>
+          ))}
+          <p>
+            <kbd>Ctrl</kbd>
+            <kbd>K</kbd> <span>Find or do</span>
+          </p>
+        </section>
+        {GROUPS.map(([title, rows]) => (
           <section>
-            <h3>Everywhere</h3>
-            {COMMANDS.filter((c) => c.keys.length).map((c) => (
+            <h3>{title}</h3>
+            {rows.map(([keys, text]) => (
               <p>
-                {c.keys.map((each) => (
+                {keys.map((each) => (
                   <kbd>{each}</kbd>
                 ))}{" "}
-                <span>{c.title}</span>
+                <span>{text}</span>
               </p>
             ))}
-            <p>
-              <kbd>Ctrl</kbd>
-              <kbd>K</kbd> <span>Find or do</span>
-            </p>
           </section>
-          {GROUPS.map(([title, rows]) => (
-            <section>
-              <h3>{title}</h3>
-              {rows.map(([keys, text]) => (
-                <p>
-                  {keys.map((each) => (
-                    <kbd>{each}</kbd>
-                  ))}{" "}
-                  <span>{text}</span>
-                </p>
-              ))}
-            </section>
+        ))}
+      </div>
+    </Dialog>
+  );
+}
+
+/** What becomes of the unsaved edits when another project is opened in this page. */
+function Leaving() {
+  if (leaving.value === null) return null;
+  const { project, unsaved } = state.value;
+  const cancel = (): void => {
+    leaving.value = null;
+  };
+  return (
+    <Dialog label="Unsaved changes" kind="leaving" close={cancel}>
+      <div class="head">
+        <h2>
+          {project?.name} has {unsaved.length} unsaved change{unsaved.length === 1 ? "" : "s"}
+        </h2>
+      </div>
+      <div class="pad">
+        <ul class="titles">
+          {unsaved.slice(-6).map((title, k) => (
+            <li key={k} class="cut">
+              {title}
+            </li>
           ))}
+        </ul>
+        <p class="q">
+          Kept changes stay open in Kennfeld, with Undo, until it ends; after that they are offered again.
+        </p>
+        <div class="go">
+          <button class="btn primary" id="leave-save" data-first onClick={() => decide("save")}>
+            Save and open
+          </button>
+          <button class="btn" id="leave-keep" onClick={() => decide("keep")}>
+            Keep them unsaved
+          </button>
+          <button class="btn" id="leave-discard" onClick={() => decide("discard")}>
+            Discard them
+          </button>
+          <button class="btn bare" onClick={cancel}>
+            Cancel
+          </button>
         </div>
       </div>
-    </>
+    </Dialog>
+  );
+}
+
+/** What keeps the project from being evaluated, on every screen, with what solves it. */
+function Blocking() {
+  const own = blocking.value;
+  // what is not allowed yet is asked for by a notice of its own
+  if (own === null || state.value.code.length > 0 || screen.value === "start") return null;
+  const more = state.value.findings.filter((each) => each.severity === "error").length - 1;
+  return (
+    <div class="note bad" id="blocking">
+      <Icon name="warning" />
+      <span class="grow cut" title={own.text}>
+        {own.text}
+        {more > 0 && <span class="q"> and {more} more</span>}
+      </span>
+      {proposals.value.length > 0 && screen.value !== "function" && screen.value !== "data" && (
+        <button
+          class="btn small"
+          title={proposals.value.map((each) => each.title).join("\n")}
+          onClick={() => {
+            screen.value = "function";
+          }}
+        >
+          {proposals.value.length === 1 ? "1 proposal" : `${proposals.value.length} proposals`}
+        </button>
+      )}
+      <button class="btn small" id="show-blocking" onClick={() => showFinding(own)}>
+        Show
+      </button>
+    </div>
   );
 }
 
@@ -209,6 +271,7 @@ function Notices() {
   const { changedOnDisk, recoverable } = state.value;
   return (
     <div class="notices" role="status">
+      <Blocking />
       {!connected.value && foreign.value && (
         <div class="note bad" id="restarted">
           <span class="grow">
@@ -229,11 +292,14 @@ function Notices() {
         </div>
       )}
       {screen.value !== "function" && <CodeConsent />}
-      {changedOnDisk && (
+      {changedOnDisk.length > 0 && (
         <div class="note warn" id="changed-on-disk">
-          <span class="grow">Another program has changed the files of this project.</span>
+          <span class="grow" title={changedOnDisk.join("\n")}>
+            Since it was read, {changedOnDisk.slice(0, 3).join("; ")}
+            {changedOnDisk.length > 3 ? `; and ${changedOnDisk.length - 3} more` : ""}.
+          </span>
           <button class="btn small" onClick={() => request("reload")}>
-            Show the change
+            Read again
           </button>
         </div>
       )}
@@ -269,8 +335,11 @@ function Text({ title, text, other }: { title: string; text: string; other: stri
 /** Both texts of each file that another program has changed, and what to do. */
 function Conflicts() {
   if (conflicts.value.length === 0 || state.value.project === null) return null;
+  const cancel = (): void => {
+    conflicts.value = [];
+  };
   return (
-    <div class="over conflicts" role="dialog" aria-label="Changed by another program">
+    <Dialog label="Changed by another program" kind="conflicts" close={cancel}>
       <div class="head">
         <h2>Another program has changed {conflicts.value.map((each) => each.file).join(", ")}</h2>
       </div>
@@ -294,17 +363,11 @@ function Conflicts() {
           <button class="btn" id="replace-disk" onClick={() => save(true)}>
             Replace them with yours
           </button>
-          <button
-            class="btn bare"
-            id="keep-both"
-            onClick={() => {
-              conflicts.value = [];
-            }}
-          >
+          <button class="btn bare" id="keep-both" data-first onClick={cancel}>
             Cancel
           </button>
         </div>
       </div>
-    </div>
+    </Dialog>
   );
 }

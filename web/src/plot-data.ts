@@ -1,6 +1,6 @@
 // What is drawn in the plots: one question for each, asked once per change and only while the plots are open.
 
-import { batch, computed, effect, signal } from "@preact/signals";
+import { batch, computed, effect } from "@preact/signals";
 import { newest } from "./connection";
 import {
   type Brush,
@@ -28,6 +28,7 @@ import type {
   SignalName,
   StatisticsRow,
 } from "./replies";
+import { onRenewal, scoped } from "./scope";
 import { request, revision, screen, settled } from "./store";
 import { matrixSignals, rows } from "./strip-rows";
 
@@ -40,8 +41,8 @@ export interface Drawn {
   missing: Map<string, string>;
 }
 
-export const drawn = signal<Drawn | null>(null);
-export const overview = signal<Drawn | null>(null);
+export const drawn = scoped<Drawn | null>(null);
+export const overview = scoped<Drawn | null>(null);
 
 const open = computed(() => screen.value === "plots" && dataset.value !== undefined);
 const lines = computed(
@@ -111,8 +112,8 @@ effect(() => {
     loadOverview({ signals, part: { begin: own.begin, end: own.end } });
 });
 
-export const pair = signal<[SignalName, SignalName] | null>(null); // x and y; null is calculated over measured
-export const matrixOpen = signal(false);
+export const pair = scoped<[SignalName, SignalName] | null>(null); // x and y; null is calculated over measured
+export const matrixOpen = scoped(false);
 
 const plotted = computed(() => {
   const wanted = [...(pair.value ?? []), ...(matrixOpen.value ? matrixSignals.value : [])];
@@ -126,7 +127,7 @@ export interface Sample {
   position: number;
   values: Map<string, number>;
 }
-export const sample = signal<Sample | null>(null);
+export const sample = scoped<Sample | null>(null);
 
 /** What is known at the cursor: the lines of the strips, and the axes of the scatter plots. */
 const atCursor = computed(() => {
@@ -158,6 +159,10 @@ const loadSample = newest(async (_: null) => {
 
 const askedFor = computed(() => `${revision.value} ${datasetNumber.value} ${[...atCursor.value.keys()].join()}`);
 let answered = "";
+onRenewal(() => {
+  steps = 0;
+  answered = "";
+});
 
 effect(() => {
   const asked = askedFor.value;
@@ -176,8 +181,8 @@ export function stepCursor(by: number): void {
   else loadSample(null);
 }
 
-export const scatter = signal<ScatterArrays | null>(null);
-export const both = signal(false);
+export const scatter = scoped<ScatterArrays | null>(null);
+export const both = scoped(false);
 
 const loadScatter = newest(async (given: AskedScatter) => {
   const reply = await request("scatter", given);
@@ -204,7 +209,7 @@ export interface Points {
   lit: Float32Array;
   values: (Float32Array | undefined)[];
 }
-export const points = signal<Points | null>(null);
+export const points = scoped<Points | null>(null);
 const loadPoints = newest(async (given: AskedPoints) => {
   const { signals } = given;
   const reply = await request("points", given);
@@ -233,7 +238,7 @@ export interface Brushed {
   statistics: Map<string, StatisticsRow>;
   conditions: BrushedConditions;
 }
-export const brushed = signal<Brushed | null>(null);
+export const brushed = scoped<Brushed | null>(null);
 
 const loadBrushed = newest(async (own: Brush) => {
   const given = { dataset: datasetNumber.value, brush: own };
@@ -271,7 +276,7 @@ export interface RangeRow {
   end: number;
   statistics: StatisticsRow;
 }
-export const rangeRows = signal<RangeRow[] | null>(null);
+export const rangeRows = scoped<RangeRow[] | null>(null);
 
 const loadRange = newest(async (own: Stretch) => {
   const [number, signals] = [datasetNumber.value, [...lines.value.values()]];

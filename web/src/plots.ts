@@ -2,6 +2,7 @@
 
 import { batch, computed, signal } from "@preact/signals";
 import type { SignalName, SignalRange } from "./replies";
+import { onRenewal, scoped } from "./scope";
 import { settled } from "./store";
 
 export interface Stretch {
@@ -12,18 +13,18 @@ export interface Stretch {
 /** Samples that are selected: a stretch of time, those within ranges of signals, or those that inform a grid point. */
 export type Brush = Stretch | { ranges: SignalRange[] } | { point: { parameter: string; value: number } };
 
-export const datasetNumber = signal(0);
-export const stretch = signal<Stretch | null>(null); // null is the whole dataset
-export const brush = signal<Brush | null>(null);
-export const only = signal<Brush | null>(null); // all plots show these samples alone
-export const range = signal<Stretch | null>(null);
-export const cursor = signal<number | null>(null); // of a click or a key; it stays
-export const hover = signal<number | null>(null); // under the mouse
+export const datasetNumber = scoped(0);
+export const stretch = scoped<Stretch | null>(null); // null is the whole dataset
+export const brush = scoped<Brush | null>(null);
+export const only = scoped<Brush | null>(null); // all plots show these samples alone
+export const range = scoped<Stretch | null>(null);
+export const cursor = scoped<number | null>(null); // of a click or a key; it stays
+export const hover = scoped<number | null>(null); // under the mouse
 export const width = signal(800);
 export const tool = signal<"zoom" | "range" | "brush">("zoom");
 export const part = signal<"point" | "sample" | "range">("point"); // the pane at the lower right
 
-const chosenCriterion = signal(0);
+const chosenCriterion = scoped(0);
 
 export const dataset = computed(
   () => settled.value.datasets[Math.min(datasetNumber.value, settled.value.datasets.length - 1)],
@@ -61,6 +62,9 @@ export function showDataset(number: number): void {
 }
 
 const earlier: (Stretch | null)[] = [];
+onRenewal(() => {
+  earlier.length = 0;
+});
 let turned = 0; // when the wheel was turned last
 
 export function zoom(to: Stretch | null): void {

@@ -3,6 +3,8 @@
 import { computed, effect, signal } from "@preact/signals";
 import { holdsFunctions } from "./function-files";
 import type { KnownProjects, Questions } from "./replies";
+import { save } from "./saving";
+import { clock } from "./spoken";
 import { message, request, type Screen, screen, state } from "./store";
 import { upload } from "./uploads";
 
@@ -35,10 +37,36 @@ export const selected = computed(
   () => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0],
 );
 
-export async function openProject<Q extends "open" | "demo" | "new">(
+/** What is to be done once it is decided what becomes of the unsaved edits of the present project; null if nothing. */
+export const leaving = signal<(() => void) | null>(null);
+
+/** Leave the present project: at once, or once the user has decided what becomes of its unsaved edits. */
+function leave(go: () => void): void {
+  if (state.value.unsaved.length === 0) go();
+  else leaving.value = go;
+}
+
+/** Save or take back the edits of the present project, or leave them as they are, and do what was to be done. */
+export async function decide(edits: "save" | "keep" | "discard"): Promise<void> {
+  const go = leaving.value;
+  leaving.value = null;
+  if (edits === "save" && !(await save())) return;
+  if (edits === "discard" && (await request("discard")) === null) return;
+  go?.();
+}
+
+export function openProject<Q extends "open" | "demo" | "new">(
   question: Q,
   given: Questions[Q]["asks"],
   next: Screen = "parameters",
+): void {
+  leave(() => void openAtOnce(question, given, next));
+}
+
+async function openAtOnce<Q extends "open" | "demo" | "new">(
+  question: Q,
+  given: Questions[Q]["asks"],
+  next: Screen,
 ): Promise<void> {
   opening.value = true; // files that are dropped from now on belong to that project
   try {
@@ -49,7 +77,11 @@ export async function openProject<Q extends "open" | "demo" | "new">(
 }
 
 /** Make a project from dropped files: recordings, a function, or a calibration. */
-export async function projectFrom(files: File[]): Promise<void> {
+export function projectFrom(files: File[]): void {
+  leave(() => void makeFrom(files));
+}
+
+async function makeFrom(files: File[]): Promise<void> {
   // an application names a project of many files
   const first = files.find((file) => /\.app$/i.test(file.name)) ?? files[0];
   if (first === undefined || (await request("new", { name: first.name, free: true })) === null) return;
@@ -70,8 +102,7 @@ export function spoken(seconds: number, now = new Date()): string {
   const days = Math.round(
     (new Date(now.toDateString()).getTime() - new Date(then.toDateString()).getTime()) / 86_400_000,
   );
-  if (days === 0)
-    return `today ${String(then.getHours()).padStart(2, "0")}:${String(then.getMinutes()).padStart(2, "0")}`;
+  if (days === 0) return `today ${clock(seconds)}`;
   if (days === 1) return "yesterday";
   return `${then.getDate()} ${then.toLocaleString("en", { month: "short" })}${then.getFullYear() === now.getFullYear() ? "" : ` ${then.getFullYear()}`}`;
 }

@@ -31,6 +31,8 @@ export interface EditedTable {
   reference: number[];
   /** Numbers of values that are not fitted. */
   locked: number[];
+  /** Numbers of values whose edits wait for the end of a run. */
+  waiting: number[];
   lower: (number | null)[];
   upper: (number | null)[];
   /** Number of samples that inform each value; null if it is not known. */
@@ -228,7 +230,10 @@ export interface AskedInforming {
 /** Samples that inform a value. */
 export interface InformingReply {
   datasets: InformingRow[];
-  /** Number of the dataset with most of them; missing without samples, as the arrays are. */
+  /**
+   * Number of the dataset with most of them, of training data if these have any; missing without samples, as the arrays
+   * are.
+   */
   most?: number;
 }
 
@@ -236,6 +241,7 @@ export interface InformingReply {
 export interface InformingRow {
   number: number;
   dataset: string;
+  use: string;
   samples: number;
   /** Number of stretches. */
   count: number;
@@ -447,6 +453,8 @@ export interface RunOutcome {
   resumable: string;
   result: RunResult | null;
   validation: FoldsTable | null;
+  /** Number of files with training data, which can be the folds of a cross-validation. */
+  files: number;
 }
 
 /** The result of a run, and its remarks. */
@@ -511,10 +519,49 @@ export interface ErrorsByFile {
   several: boolean;
 }
 
-/** Two sets of values: those of the start, of now, or of a run by its number. */
+/** What can be compared: the present values, runs and cross-validations, the last one first, and the start. */
+export interface SetHistory {
+  rows: SetRow[];
+}
+
+/** An entry of the history. */
+export interface SetRow {
+  /** `now`, `start`, the number of a run, or empty for a cross-validation, which has no values. */
+  key: string;
+  title: string;
+  /** In a few words. */
+  detail: string;
+  /** When it ended, in s since 1970; 0 if it did not run. */
+  ended: number;
+  scores: SetScore[];
+  /** Of a cross-validation: standard deviation of the RMSE over the folds, by criterion. */
+  spread: (number | null)[];
+  /** What a cross-validation says about overfitting. */
+  remark: string;
+}
+
+/** RMSE of a criterion on training data and on test data; of a cross-validation, on data that were held out. */
+export interface SetScore {
+  criterion: string;
+  unit: string;
+  training: number | null;
+  test: number | null;
+}
+
+/** Two sets of values. */
 export interface ComparedValues {
-  first: string | number;
-  second: string | number;
+  first: SourceName;
+  second: SourceName;
+}
+
+/** A set of values as a page names it. */
+export interface SourceName {
+  /** "now", "start", the number of a run, or "file". */
+  from?: string | number;
+  /** A file of the folder. */
+  file?: string;
+  /** The A2L file of an image, if it is known. */
+  a2l?: string | null;
 }
 
 /** The differences of two sets of values, the relatively largest first. */
@@ -553,23 +600,40 @@ export interface ComparedScore {
   largest: number | null;
 }
 
-/** Values of a run: numbers of the values to take by parameter; null takes all. */
+/** Values of a set: numbers of the values to take by parameter, null for all; what is not named stays as it is. */
 export interface AskedChoice {
-  run: number;
+  source: SourceName;
   cells: Record<string, number[] | null>;
 }
 
-/** The errors with the chosen values; `unit` is that of the first criterion. */
+/** The errors with the chosen values, number of values that change, and the tables that belong together, if any. */
 export interface ChoiceScores {
   scores: ChoiceScore[];
-  unit: string;
+  count: number;
+  together: MovedTogether | null;
 }
 
-/** The error of a criterion with the chosen values. */
+/** The error of a criterion now, and with the chosen values. */
 export interface ChoiceScore {
   use: string;
-  criterion: number;
-  rmse: number | null;
+  criterion: string;
+  unit: string;
+  now: number | null;
+  then: number | null;
+}
+
+/** Tables that have to be taken together. */
+export interface MovedTogether {
+  /** The chosen ones first. */
+  names: string[];
+  /** Number of values that change if these are taken. */
+  count: number;
+  /** Error of the first criterion with the chosen tables only. */
+  alone: number | null;
+  /** With all of these. */
+  together: number | null;
+  /** Of both. */
+  unit: string;
 }
 
 /** Values that the data of the last run cannot determine; without a run, only empty lists. */
@@ -781,9 +845,10 @@ export interface MappedInput {
   number?: number;
 }
 
-/** Proposals for all that the project lacks. */
+/** Proposals for all that the project lacks, and why its initial files say nothing about some of it. */
 export interface ProposalRows {
   proposals: ProposalRow[];
+  problems: string[];
 }
 
 /** Something that the project lacks, with the keys that provide it; one of them may be chosen. */
@@ -1271,16 +1336,6 @@ export interface AskedContents {
   source: SourceName;
 }
 
-/** A set of values as a page names it. */
-export interface SourceName {
-  /** "now", "start", the number of a run, or "file". */
-  from?: string | number;
-  /** A file of the folder. */
-  file?: string;
-  /** The A2L file of an image, if it is known. */
-  a2l?: string | null;
-}
-
 /** The labels of a set of values, `count` of them, and what was skipped. */
 export interface SetContents {
   label: string;
@@ -1408,12 +1463,21 @@ export interface LabelChange {
   details: string;
 }
 
-/** Values of a parameter; `cells` are their numbers in C order. Edits of one `drag` are one entry of the history. */
+/** An edit of values of a parameter. */
 export interface ValueEdit {
+  /** The parameter. */
   name: string;
+  /** Numbers of the values in C order. */
   cells: number[];
-  values: number[];
+  /** What is done, for the history. */
   title: string;
+  /** Set the values, add an amount to them, or multiply them by it. */
+  kind?: "set" | "add" | "scale";
+  /** The values that are set. */
+  values?: number[];
+  /** What is added, or the factor. */
+  amount?: number;
+  /** Edits of one drag are one entry of the history; of those that wait, the last one counts. */
   drag?: string;
 }
 
@@ -1527,11 +1591,27 @@ export interface RunCommand {
   parts?: string;
 }
 
-/** Values of a run that are taken: their numbers by parameter; null takes all. */
+/** Values of a set that are taken, see `AskedChoice`. */
 export interface AcceptedChoice {
-  run: number;
+  source: SourceName;
   cells: Record<string, number[] | null>;
   title: string;
+}
+
+/** Proposals that are added, by title, with what was chosen for those that have a choice. */
+export interface AddedProposals {
+  titles: string[];
+  choices: Record<string, string>;
+}
+
+/** What the project says after proposals were added. */
+export interface AddedReply {
+  /** Error of the first criterion on training data; null if the project still lacks something. */
+  rmse: number | null;
+  /** Of the error. */
+  unit: string;
+  /** What it lacks. */
+  problems: string[];
 }
 
 /** Files of the folder. */
@@ -1566,6 +1646,8 @@ export interface KnownProjects {
 
 /** A project that was opened before; the summary that follows `open` may lack any of its parts. */
 export interface RecentRow {
+  /** By which addresses of the page name it. */
+  id: string;
   path: string;
   name: string;
   folder: string;
@@ -1573,7 +1655,7 @@ export interface RecentRow {
   opened: number;
   /** True if it has unsaved edits. */
   unsaved: boolean;
-  /** True if it is the open project. */
+  /** True if it is open in this or in another page. */
   open: boolean;
   /** Status of the last run, or the number of problems. */
   state?: string;
@@ -1627,6 +1709,11 @@ export interface ProjectPath {
   path: string;
 }
 
+/** A project that was opened before, by its id. */
+export interface ProjectId {
+  project: string;
+}
+
 /** A demo by its name. */
 export interface DemoName {
   name: string;
@@ -1658,10 +1745,13 @@ export interface AppState {
   findings: FindingRow[];
   code: UndecidedCode[];
   job: JobState;
+  /** Titles of edits that wait for the end of the run. */
+  waiting: string[];
   training: TrainingState;
   runs: RunRow[];
   seconds: number;
-  changedOnDisk: boolean;
+  /** Files of the project that another program has changed, each with how. */
+  changedOnDisk: string[];
   recoverable: boolean;
   function: ShownFunction;
   nodes?: NamedUnit[];
@@ -1675,9 +1765,13 @@ export interface AppState {
   excerpt?: [number, number] | null;
 }
 
-/** Name and project file of the open project. */
+/** The open project. */
 export interface OpenProject {
+  /** By which addresses of the page name it, and by which answers say what they are about. */
+  id: string;
+  /** As the project file says it. */
   name: string;
+  /** The project file. */
   path: string;
 }
 
@@ -1704,13 +1798,14 @@ export interface UndecidedCode {
   text: string;
 }
 
-/** The running or last calibration. */
+/** The running or last calibration, or cross-validation if it `validates`. */
 export interface JobState {
   state: string;
   message: string;
   seconds: number;
   run: number;
   iterations: number;
+  validates: boolean;
 }
 
 /** The running or last training of a surrogate: idle, running, trained, failed or stopped. */
@@ -1802,6 +1897,7 @@ export interface Questions {
   progress: { asks: Nothing; head: RunProgress; arrays: RunProgressArrays };
   outcome: { asks: Nothing; head: RunOutcome; arrays: Nothing };
   "by-file": { asks: Nothing; head: ErrorsByFile; arrays: Nothing };
+  sets: { asks: Nothing; head: SetHistory; arrays: Nothing };
   compare: { asks: ComparedValues; head: ValueChanges; arrays: Nothing };
   choice: { asks: AskedChoice; head: ChoiceScores; arrays: Nothing };
   trust: { asks: Nothing; head: TrustReply; arrays: Nothing };
@@ -1845,16 +1941,19 @@ export interface Questions {
   "stop-training": { asks: Nothing; head: Nothing; arrays: Nothing };
   save: { asks: SaveCommand; head: SaveReply; arrays: Nothing };
   reload: { asks: Nothing; head: Nothing; arrays: Nothing };
+  discard: { asks: Nothing; head: Nothing; arrays: Nothing };
   recover: { asks: RecoverCommand; head: Nothing; arrays: Nothing };
   undo: { asks: Nothing; head: HistoryStep; arrays: Nothing };
   redo: { asks: Nothing; head: HistoryStep; arrays: Nothing };
   run: { asks: RunCommand; head: Nothing; arrays: Nothing };
   stop: { asks: Nothing; head: Nothing; arrays: Nothing };
   accept: { asks: AcceptedChoice; head: Nothing; arrays: Nothing };
+  "add-proposals": { asks: AddedProposals; head: AddedReply; arrays: Nothing };
   "add-files": { asks: AddedFiles; head: FileKinds; arrays: Nothing };
   "take-values": { asks: TakeCommand; head: TakenValues; arrays: Nothing };
   projects: { asks: Nothing; head: KnownProjects; arrays: Nothing };
   open: { asks: ProjectPath; head: Nothing; arrays: Nothing };
+  show: { asks: ProjectId; head: Nothing; arrays: Nothing };
   demo: { asks: DemoName; head: Nothing; arrays: Nothing };
   new: { asks: NewProject; head: Nothing; arrays: Nothing };
   forget: { asks: ProjectPath; head: Nothing; arrays: Nothing };

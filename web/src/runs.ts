@@ -3,11 +3,12 @@
 import { effect, signal } from "@preact/signals";
 import { newest } from "./connection";
 import type { RunOutcome } from "./replies";
+import { scoped } from "./scope";
 import { isRunning, request, screen, settled, state } from "./store";
 
-export const outcome = signal<RunOutcome>({ resumable: "", result: null, validation: null });
+export const outcome = scoped<RunOutcome>({ resumable: "", result: null, validation: null, files: 0 });
 export const view = signal("tables"); // the lower pane of the optimization
-export const workers = signal<number | null>(null); // processes for several starts; null is one per core
+export const workers = scoped<number | null>(null); // processes for several starts; null is one per core
 
 const load = newest(async (_: string) => {
   const reply = await request("outcome");

@@ -3,11 +3,12 @@
 import { effect, signal } from "@preact/signals";
 import { newest } from "./connection";
 import type { KeyForm, KeyRow, Path, SectionRow, Toml } from "./replies";
+import { scoped } from "./scope";
 import { textRevision } from "./settings";
 import { request, settled } from "./store";
 
 export const sections = signal<SectionRow[]>([]);
-export const names = signal<Record<string, string[]>>({});
+export const names = scoped<Record<string, string[]>>({});
 
 let asked = false;
 

@@ -1,11 +1,12 @@
 // The settings of the project: what the project file says, and how a field changes it.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "./connection";
 import type { FindingRow, KeyRow, Path, SettingsReply, Toml } from "./replies";
+import { scoped } from "./scope";
 import { message, request, settled, state } from "./store";
 
-export const settings = signal<SettingsReply>({ settings: {}, text: "", file: "", function: "" });
+export const settings = scoped<SettingsReply>({ settings: {}, text: "", file: "", function: "" });
 
 const load = newest(async (_: number) => {
   const reply = await request("settings");

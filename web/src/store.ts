@@ -1,26 +1,19 @@
 // What the page shows: the server's state, and what only this page knows, such as the open screen.
 
 import { batch, computed, signal } from "@preact/signals";
-import { type Asked, ask, newest, type Question, type Reply, setReady } from "./connection";
+import { type Asked, ask, type Question, type Reply, setReady } from "./connection";
 import { themeChanged } from "./drawing/colours";
+import { afterEdit, PendingEdits } from "./pending-edits";
 import type { EditedTable, OpenProject, AppState as OpenState, StateNews, ValueEdit } from "./replies";
+import { onRenewal, projectId, renew, scoped } from "./scope";
+import type { Screen } from "./screen-names";
 
 /** The state of the open project; empty lists as long as it cannot be evaluated. */
 export interface AppState extends Omit<Required<OpenState>, "project"> {
   project: OpenProject | null;
 }
 
-export const SCREENS = [
-  "data",
-  "function",
-  "parameters",
-  "optimization",
-  "results",
-  "plots",
-  "files",
-  "start",
-] as const;
-export type Screen = (typeof SCREENS)[number];
+export { SCREENS, type Screen } from "./screen-names";
 
 const EMPTY: AppState = {
   project: null,
@@ -32,7 +25,8 @@ const EMPTY: AppState = {
   scores: [],
   findings: [],
   code: [],
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
+  waiting: [],
   training: { state: "idle", file: "", seconds: 0, lines: [] },
   parameters: [],
   freeValues: 0,
@@ -42,7 +36,7 @@ const EMPTY: AppState = {
   nodes: [],
   runs: [],
   seconds: 0,
-  changedOnDisk: false,
+  changedOnDisk: [],
   recoverable: false,
   function: { file: "", screen: "formula" },
   excerpt: null,
@@ -58,10 +52,10 @@ export const settled = computed(() => {
 });
 export const connected = signal(false);
 export const screen = signal<Screen>("parameters");
-export const openName = signal("");
-export const table = signal<EditedTable | null>(null);
-export const message = signal("");
-export const failure = signal("");
+export const openName = scoped("");
+export const table = scoped<EditedTable | null>(null);
+export const message = scoped("");
+export const failure = scoped("");
 export const theme = signal(document.documentElement.dataset.theme === "dark" ? "dark" : "light");
 
 /** The selected rectangle of the open table, by x and y index, and the cell that typing changes. */
@@ -70,7 +64,7 @@ export interface Selection {
   y: [number, number];
   active: [number, number];
 }
-export const selection = signal<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
+export const selection = scoped<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
 
 /** What the values are compared with: the last run, or the start. */
 export const referenceName = computed(() => {
@@ -81,18 +75,40 @@ export const referenceName = computed(() => {
 export const parameter = computed(() => state.value.parameters.find((p) => p.name === openName.value) ?? null);
 
 let dragging = "";
+onRenewal(() => {
+  dragging = "";
+});
 
-/** Ask, and show the server's message if it refuses. */
+/**
+ * Ask, and show the server's message if it refuses. What is about a project that the page does not show any more, or
+ * about values before the present ones, is dropped.
+ */
 export async function request<Q extends Question>(question: Q, ...given: Asked<Q>): Promise<Reply<Q> | null> {
+  const own = projectId();
   try {
     const reply = await ask(question, ...given);
+    if (!OPENING.has(question) && (own !== projectId() || reply.project !== own || isOlder(reply))) return null;
     failure.value = "";
     return reply;
   } catch (error) {
-    failure.value = (error as Error).message;
+    if (own === projectId()) failure.value = (error as Error).message;
     return null;
   }
 }
+
+const OPENING = new Set<Question>(["open", "show", "demo", "new", "projects", "forget"]);
+
+const isOlder = (reply: { revision: number }): boolean => reply.revision < state.peek().revision;
+
+/** What ended, and how: `Run 2: converged.` */
+export function jobTitle({ job, runs }: Pick<AppState, "job" | "runs">): string {
+  if (job.validates) return job.state === "validated" ? "Cross-validation:" : `Cross-validation: ${job.state}.`;
+  // a run that failed has no number
+  return job.state === "failed" ? "The run failed." : `Run ${runs.length}: ${job.state}.`;
+}
+
+/** Why nothing can be calibrated or evaluated; null if it can. */
+export const blocking = computed(() => state.value.findings.find((each) => each.severity === "error") ?? null);
 
 export const isRunning = (job: AppState["job"]): boolean => job.state === "running" || job.state === "stopping";
 
@@ -100,12 +116,11 @@ export const isRunning = (job: AppState["job"]): boolean => job.state === "runni
 export function takeState(news: StateNews): void {
   const next: AppState = { ...EMPTY, ...news.state };
   const before = revision.value;
-  if (isRunning(state.value.job) && !isRunning(next.job))
-    message.value =
-      next.job.state === "validated"
-        ? `Cross-validation: ${next.job.message}`
-        : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
+  const same = (next.project?.id ?? "") === projectId();
+  if (same && isRunning(state.value.job) && !isRunning(next.job))
+    message.value = `${jobTitle(next)} ${next.job.message}`;
   batch(() => {
+    renew(next.project?.id ?? "");
     state.value = next;
     if (!next.parameters.some((p) => p.name === openName.value))
       openName.value = (next.parameters.find((p) => p.kind !== "rbf") ?? next.parameters[0])?.name ?? "";
@@ -120,8 +135,11 @@ export async function loadTable(): Promise<void> {
     return;
   }
   const reply = await request("table", { name: openName.value });
-  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value))
-    table.value = reply.head.table;
+  if (reply === null || reply.head.table.name !== openName.value) return;
+  // answers come in the order of the questions: edits that are not answered yet are not in it
+  const own = reply.head.table;
+  const next = { ...own, values: pending.over(own.name, own.values) };
+  if (JSON.stringify(next) !== JSON.stringify(table.value)) table.value = next;
 }
 
 export function open(name: string): void {
@@ -142,24 +160,38 @@ export function toggleTheme(): void {
   themeChanged();
 }
 
-const sendValues = newest(async (edit: ValueEdit) => {
-  await request("set-values", edit);
-});
+const pending = new PendingEdits();
+onRenewal(() => pending.clear());
 
-/** Set values of the open table: shown at once, recomputed by the server. `drag` joins the moves of one drag. */
+/** Edit values of the open table: shown at once, and sent in the order of the edits. */
+function edit(own: ValueEdit): void {
+  if (table.value === null) return;
+  pending.add(own);
+  table.value = { ...table.value, values: afterEdit(table.value.values, own) };
+  message.value = own.title;
+  dragging = own.drag ?? "";
+  void send();
+}
+
+async function send(): Promise<void> {
+  for (let next = pending.take(); next !== null; next = pending.take()) {
+    const reply = await request("set-values", next);
+    pending.answered();
+    if (reply === null) void loadTable(); // it was refused: show what is there
+  }
+}
+
+/** Set values of the open table. `drag` joins the moves of one drag. */
 export function setValues(cells: number[], values: number[], title: string, drag = ""): void {
-  const own = table.value;
-  if (own === null) return;
-  const next = own.values.slice();
-  cells.forEach((cell, k) => {
-    next[cell] = values[k]!;
-  });
-  table.value = { ...own, values: next };
-  message.value = title;
-  dragging = drag;
-  sendValues({ name: own.name, cells, values, title, drag });
+  if (table.value !== null) edit({ name: table.value.name, cells, values, title, kind: "set", drag });
+}
+
+/** Add an amount to values of the open table, or multiply them by it. */
+export function changeValues(cells: number[], kind: "add" | "scale", amount: number, title: string): void {
+  if (table.value !== null) edit({ name: table.value.name, cells, title, kind, amount });
 }
 
 export function endDrag(): void {
+  if (dragging) void loadTable();
   dragging = "";
 }

@@ -1,9 +1,10 @@
 // The strips: which signals each shows, in which order and height. The choice is kept in this browser, by project.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { withUnit } from "./drawing/numbers";
 import { criterionNumber, dataset, datasetNumber, keyOf } from "./plots";
 import type { SignalName, SignalRow } from "./replies";
+import { scoped } from "./scope";
 import { request, screen, settled, state } from "./store";
 
 export interface Line {
@@ -32,12 +33,12 @@ const COLOURS: Record<SignalName["kind"], string> = {
 };
 const FURTHER = ["line-1", "line-2", "line-3", "line-4"]; // of further lines in a strip
 
-const chosen = signal<Spec[] | null>(null); // null: those of the project as it is
-const matrix = signal<SignalName[] | null>(null);
+const chosen = scoped<Spec[] | null>(null); // null: those of the project as it is
+const matrix = scoped<SignalName[] | null>(null);
 export const SIGNAL = "application/x-kennfeld-signal"; // what is dragged from the list of signals
-export const active = signal(0); // the strip that Shift+Enter adds to
-export const listed = signal<SignalRow[]>([]);
-export const searching = signal(false); // the list of signals is open
+export const active = scoped(0); // the strip that Shift+Enter adds to
+export const listed = scoped<SignalRow[]>([]);
+export const searching = scoped(false); // the list of signals is open
 
 const project = computed(() => state.value.project?.path ?? "");
 

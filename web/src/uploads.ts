@@ -1,5 +1,6 @@
 // Files that are dropped onto the page: stored beside the project.
 
+import { projectId } from "./scope";
 import { failure, message } from "./store";
 
 /** Store files in the folder of the project; returns the names under which they are stored. */
@@ -8,7 +9,7 @@ export async function upload(files: File[]): Promise<string[]> {
   for (const file of files) {
     message.value = `Reading ${file.name}`;
     try {
-      const answer = await fetch(`/upload/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
+      const answer = await fetch(inProject(`/upload/${encodeURIComponent(file.name)}`), { method: "PUT", body: file });
       const { file: stored, error } = (await answer.json()) as { file?: string; error?: string };
       if (stored === undefined) failure.value = `${file.name}: ${error}`;
       else names.push(stored);
@@ -49,5 +50,9 @@ async function collect(folder: FileSystemDirectoryEntry, files: File[]): Promise
   }
 }
 
+/** An address of the server, about the project that the page shows. */
+export const inProject = (path: string): string => `${path}?project=${encodeURIComponent(projectId())}`;
+
 /** The address of a file of the folder, for a link. */
-export const address = (name: string): string => `/file/${name.split("/").map(encodeURIComponent).join("/")}`;
+export const address = (name: string): string =>
+  inProject(`/file/${name.split("/").map(encodeURIComponent).join("/")}`);

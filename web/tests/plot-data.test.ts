@@ -7,7 +7,7 @@ const answers: Record<string, (given: never) => { head: object; arrays?: Record<
 vi.mock("../src/connection", () => ({
   ask: async (question: string, given: Record<string, unknown>) => {
     asked.push([question, given]);
-    return { arrays: {}, ...answers[question]!(given as never) };
+    return { project: "p", revision: 1e9, arrays: {}, ...answers[question]!(given as never) };
   },
   newest: (send: unknown) => send,
   setReady: () => {},
@@ -19,7 +19,7 @@ const { brushed, drawn, points, pair, rangeRows, sample, stepCursor } = await im
 
 const project: AppState = {
   ...{
-    project: { name: "p", path: "/p" },
+    project: { id: "p", name: "p", path: "/p" },
     revision: 1,
     textRevision: 1,
     unsaved: [],
@@ -29,14 +29,15 @@ const project: AppState = {
   },
   ...{
     code: [],
+    waiting: [],
     runs: [],
     seconds: 0,
-    changedOnDisk: false,
+    changedOnDisk: [],
     recoverable: false,
     function: { file: "a.kf", screen: "formula" },
     inputs: ["n"],
   },
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
   training: { state: "idle", file: "", seconds: 0, lines: [] },
   nodes: [{ name: "trq", unit: "Nm" }],
   criteria: [{ node: "trq", target: "torque", unit: "Nm" }],

@@ -19,7 +19,7 @@ const dataset: DatasetRow = {
 };
 const project: AppState = {
   ...{
-    project: { name: "p", path: "/p/kennfeld.toml" },
+    project: { id: "p", name: "p", path: "/p/kennfeld.toml" },
     revision: 1,
     textRevision: 1,
     unsaved: [],
@@ -29,13 +29,14 @@ const project: AppState = {
   ...{
     findings: [],
     code: [],
+    waiting: [],
     runs: [],
     seconds: 0,
-    changedOnDisk: false,
+    changedOnDisk: [],
     recoverable: false,
     function: { file: "a.kf", screen: "formula" },
   },
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 },
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
   training: { state: "idle", file: "", seconds: 0, lines: [] },
   nodes: [
     { name: "trq", unit: "Nm" },
@@ -123,7 +124,7 @@ test("the choice is kept by project, and a damaged one is forgotten", () => {
   strips.addStrip({ kind: "node", name: "eta" });
   const key = "kennfeld.plots:/p/kennfeld.toml";
   expect(JSON.parse(localStorage.getItem(key)!).strips).toHaveLength(5);
-  const other = { name: "q", path: "/q/kennfeld.toml" };
+  const other = { id: "q", name: "q", path: "/q/kennfeld.toml" };
   localStorage.setItem(
     `kennfeld.plots:${other.path}`,
     '{"strips": [{"lines": [{"kind": "nonsense", "name": "x"}]}, {"lines": [{"kind": "node", "name": "eta"}]}]}',
@@ -131,6 +132,6 @@ test("the choice is kept by project, and a damaged one is forgotten", () => {
   takeState({ state: { ...project, project: other } });
   expect(titles()).toEqual(["eta"]);
   localStorage.setItem("kennfeld.plots:/r", "{");
-  takeState({ state: { ...project, project: { name: "r", path: "/r" } } });
+  takeState({ state: { ...project, project: { id: "r", name: "r", path: "/r" } } });
   expect(titles()).toEqual(["trq", "Error", "n", "rl"]);
 });

@@ -1,12 +1,21 @@
 import { describe, expect, test } from "vitest";
 import { cellAt, cellsOf } from "../src/instruments/table-cells";
-import { describeCells, editCells, readEdit, smallStep } from "../src/instruments/table-edits";
+import { asOperation, describeCells, editCells, readEdit, readPaste, smallStep } from "../src/instruments/table-edits";
 import type { EditedTable } from "../src/replies";
 import type { Selection } from "../src/store";
 
 function table(points: number[][], values: number[], own: Partial<EditedTable> = {}): EditedTable {
   const axes = points.map((each, k) => ({ input: `in${k}`, unit: "", points: each }));
-  const empty = { unit: "", description: "", locked: [], lower: [], upper: [], samples: null, deviation: null };
+  const empty = {
+    unit: "",
+    description: "",
+    locked: [],
+    waiting: [],
+    lower: [],
+    upper: [],
+    samples: null,
+    deviation: null,
+  };
   return { name: "MapX", kind: "map", axes, values, reference: values.map((v) => v + 1), ...empty, ...own };
 }
 
@@ -75,6 +84,21 @@ describe("edits of the selected values", () => {
     const [stepped] = editCells(table([[0, 1]], [0, 1000]), all, [0], { kind: "step", title: "", amount: -1 })!;
     expect(stepped).toBe(-1);
   });
+
+  test("a step is never below the last digit that is shown", () => {
+    expect(smallStep(table([[0, 1]], [100, 103.6]))).toBe(0.1); // a thousandth of the span would be 0.005
+    expect(smallStep(table([[0, 1]], [1, 1.004]))).toBe(0.001);
+    expect(smallStep(table([[0, 1]], [2e8, 2.0001e8]))).toBe(1e6);
+    expect(smallStep(table([[0, 1]], [0, 1000]))).toBe(1);
+  });
+
+  test("a step, a sum and a factor hold whatever the values are by then; a set value does not depend on them", () => {
+    const own = table([[0, 1]], [0, 1000]);
+    expect(asOperation(own, { kind: "step", title: "", amount: -10 })).toEqual({ kind: "add", amount: -10 });
+    expect(asOperation(own, { kind: "scale", title: "", amount: 1.1 })).toEqual({ kind: "scale", amount: 1.1 });
+    expect(asOperation(own, { kind: "set", title: "", amount: 1 })).toBeNull();
+    expect(asOperation(own, { kind: "smooth", title: "" })).toBeNull();
+  });
 });
 
 test("cells are named by their place or their number", () => {
@@ -93,4 +117,29 @@ test("what is typed is a number, or an operator and a number", () => {
   expect(readEdit("-3")).toMatchObject({ kind: "set", amount: -3 });
   expect(readEdit("high")).toBeNull();
   expect(readEdit("")).toBeNull();
+});
+
+describe("what a spreadsheet has copied", () => {
+  const two = table(
+    [
+      [0, 1, 2],
+      [0, 1],
+    ],
+    [0, 1, 2, 3, 4, 5],
+    { locked: [1] },
+  );
+
+  test("is set from the corner of the selection on, with commas as in German", () => {
+    const pasted = readPaste(two, chosen([1, 1], [0, 0]), "1,5\t2\r\n3\t4\r\n");
+    expect(pasted).toMatchObject({ cells: [2, 4, 3, 5], values: [1.5, 2, 3, 4] });
+    expect(pasted.filled).toEqual({ x: [1, 2], y: [0, 1], active: [1, 0] });
+    expect(pasted.remark).toBe("Pasted 4 values into MapX.");
+  });
+
+  test("keeps locked values, and says what is left out and cut", () => {
+    const pasted = readPaste(two, chosen([0, 0], [0, 0]), "7\tx\t8\t9\n7\t7\t7\t7\n1\t1\t1\t1");
+    expect(pasted.cells).toEqual([0, 4, 3, 5]);
+    expect(pasted.remark).toBe("Pasted 4 values into MapX; left out: 1 not numbers, 1 locked, 6 beyond the table.");
+    expect(readPaste(two, chosen([0, 0], [1, 1]), "5").remark).toBe("Nothing was pasted; left out: 1 locked.");
+  });
 });

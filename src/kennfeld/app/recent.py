@@ -1,6 +1,8 @@
 """Projects that were opened before, each with a summary for the start page, in a file of the user's own folder."""
 
+import hashlib
 import json
+import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -27,6 +29,16 @@ class RecentProject:
     path: Path
     opened: float = 0.0
     summary: Mapping[str, Any] = field(default_factory=dict)
+
+
+def project_id(path: Path) -> str:
+    """Return the name of a project in addresses of the page: that of its folder, with a digest of the whole path.
+
+    >>> project_id(Path("/home/me/Engine torque/kennfeld.toml"))
+    'Engine-torque-700ec4e4'
+    """
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", path.parent.name).strip("-")[:40]
+    return f"{name or 'project'}-{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
 
 
 def recent_file() -> Path:

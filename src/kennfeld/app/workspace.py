@@ -1,7 +1,7 @@
-"""The open project that all pages share, and the answers to their questions."""
+"""The open projects that pages share, and the answers to their questions."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from kennfeld.app.answer import Answer
 from kennfeld.app.folders import confined, free_path
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import AppState, NoProject, StateNews, overview
-from kennfeld.app.recent import RecentProject, forget, recent_projects, remember, summarise
+from kennfeld.app.recent import RecentProject, forget, project_id, recent_projects, remember, summarise
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import PictureLines, summarise_session
@@ -25,35 +25,51 @@ from kennfeld.project.schemas import PROJECT_SCHEMA, directive, schema_text
 UPLOAD_ENDING = ".upload.part"
 ABANDONED = 600.0  # s after which an upload is not in progress any more
 
-Push = Callable[[str, Answer], None]
+Push = Callable[[str, Answer, str], None]  # topic, news, and the project whose pages are told
+
+KEPT = 3  # open projects without a page
+UNSEEN = 60.0  # s after which a project without a page is closed, so that a page that is loaded again finds it
 
 
 class AppWorkspace:
-    """The open project of all pages. All methods are called from one thread."""
+    """The open projects, each of which any number of pages show. All methods are called from one thread.
+
+    Attributes:
+        latest: id of the project that was opened last, which a page shows whose address names none; empty if none is.
+    """
 
     def __init__(self, path: Path | None = None) -> None:
-        self._push: Push = lambda topic, answer: None
-        self._wake: Callable[[], object] = lambda: None
-        self._changed_on_disk = False
-        self.session: Session | None = None
+        self._push: Push = lambda topic, answer, project: None
+        self._wake: Callable[[str], object] = lambda project: None
+        self._sessions: dict[str, Session] = {}
+        self._changed: dict[str, Sequence[str]] = {}  # by project, what pages know to have changed on disk
+        self._seen: dict[str, float] = {}  # by project, when a page last showed it
+        self.latest = ""
         if path is not None:
             self.open(path)
 
-    def subscribe(self, push: Push, wake: Callable[[], object]) -> None:
-        """Set the functions that send news to all pages, and that have `pump` called in the thread of the session."""
+    @property
+    def session(self) -> Session | None:
+        """The project that was opened last."""
+        return self._sessions.get(self.latest)
+
+    def subscribe(self, push: Push, wake: Callable[[str], object]) -> None:
+        """Set the functions that send news to pages, and that have `pump` called in the thread of the sessions."""
         self._push, self._wake = push, wake
 
-    def pump(self) -> None:
-        """Handle what a running job has reported, and tell all pages."""
-        if self.session is not None:
-            runs = len(self.session.runs)
-            self.session.pump()
-            if len(self.session.runs) > runs:
-                self._summarise()
-            self._push("state", self.snapshot())
+    def pump(self, project: str) -> None:
+        """Handle what a running job has reported, and tell the pages of its project."""
+        session = self._sessions.get(project)
+        if session is None:
+            return
+        runs = len(session.runs)
+        session.pump()
+        if len(session.runs) > runs:
+            self._summarise(session)
+        self._tell(project)
 
-    def open(self, path: Path) -> None:
-        """Open a project in place of the present one.
+    def open(self, path: Path) -> str:
+        """Open a project, unless it is open already, and return its id.
 
         Raises:
             InputError: it does not exist, or is not text.
@@ -62,72 +78,140 @@ class AppWorkspace:
             path = path / "kennfeld.toml"
         if not path.is_file():
             raise InputError.of(Location(str(path)), "the project file does not exist", "Name a kennfeld.toml.")
-        _remove_parts(path.parent)
-        # before the present one is closed, which stays open if this fails
-        session = Session(path.resolve(), lambda: self._wake())
-        self.close()
-        self.session = session
+        path = path.resolve()
+        project = project_id(path)
+        if project not in self._sessions:
+            _remove_parts(path.parent)
+            self._sessions[project] = Session(path, lambda: self._wake(project))
+        self.latest, self._seen[project] = project, time.monotonic()
         remember(path)
+        return project
 
-    def answer(self, ask: str, given: Mapping[str, Any]) -> Answer:
-        """Answer one question of a page. Raises `KennfeldError` if it cannot be answered."""
+    def join(self, asked: str) -> str:
+        """Return the project that a new page shows.
+
+        Args:
+            asked: the project that its address names, which is opened if it was opened before; empty for the last one.
+
+        Returns:
+            Its id; empty if there is none.
+        """
+        if not asked:
+            return self.latest
+        if asked not in self._sessions:
+            path = next((each.path for each in recent_projects() if project_id(each.path) == asked), None)
+            with suppress(InputError):
+                return "" if path is None else self.open(path)
+        return asked if asked in self._sessions else ""
+
+    def answer(self, ask: str, given: Mapping[str, Any], project: str | None = None) -> Answer:
+        """Answer one question of a page about a project, by default the last one.
+
+        Returns:
+            The answer, with id and revision of the project that it is about; after a project was opened, of that one.
+
+        Raises:
+            KennfeldError: the question cannot be answered.
+        """
+        project = self.latest if project is None else project
         if ask in _OWN:
             answer = _OWN[ask](self, given)
-            # these do not change the open project
-            if ask not in ("projects", "forget"):
-                self._push("state", self.snapshot())
-            return answer
+            if ask in OPENING:
+                project = self.latest
+                self._tell(project)
+            return self._named(answer, project)
         question = QUESTIONS.get(ask) or COMMANDS.get(ask)
         if question is None:
             raise ArgumentError(f"unknown question {ask!r}")
-        if self.session is None:
-            raise ArgumentError("no project is open")
-        answer = question(self.session, given)
+        session = self.session_of(project)
+        answer = question(session, given)
         if ask in COMMANDS:
-            self._push("state", self.snapshot())
+            self._tell(project)
         if ask == "save":
-            self._summarise()
-        return answer
+            self._summarise(session)
+        return self._named(answer, project)
 
-    def watch(self) -> None:
-        """Tell all pages if the files on disk have changed, or are as saved again."""
-        changed = self.session is not None and self.session.changed_on_disk
-        if changed != self._changed_on_disk:
-            self._push("state", self.snapshot())
+    def _named(self, answer: Answer, project: str) -> Answer:
+        """Return an answer with the project and the revision that it is about, by which pages drop that of another."""
+        session = self._sessions.get(project)
+        revision = 0 if session is None else session.revision
+        return Answer({"project": project, "revision": revision, **answer.head}, answer.arrays)
+
+    def session_of(self, project: str) -> Session:
+        """Return an open project. Raises `ArgumentError` if it is not open."""
+        if not project:
+            raise ArgumentError("no project is open")
+        if project not in self._sessions:
+            raise ArgumentError("this project is not open any more; load the page again")
+        return self._sessions[project]
+
+    def is_open(self, path: Path) -> bool:
+        """Return True if the project is open."""
+        return project_id(path) in self._sessions
+
+    def watch(self, shown: Collection[str]) -> None:
+        """Tell pages if files on disk have changed, or are as saved again, and close projects that no page shows.
+
+        Args:
+            shown: the projects that pages show.
+        """
+        for project in shown:
+            self._seen[project] = time.monotonic()
+        self._close_unseen(shown)
+        for project in [each for each in self._sessions if each in shown]:
+            if [*map(str, self._sessions[project].disk_changes)] != self._changed.get(project, []):
+                self._tell(project)
+
+    def _close_unseen(self, shown: Collection[str]) -> None:
+        """Close projects without a page, but for the last one, running ones, and some with unsaved edits."""
+        hidden = [each for each in self._sessions if each not in shown and each != self.latest]
+        hidden.sort(key=lambda project: self._seen.get(project, 0.0), reverse=True)
+        for number, project in enumerate(each for each in hidden if not self._sessions[each].is_busy):
+            session, unseen = self._sessions[project], time.monotonic() - self._seen.get(project, 0.0)
+            if number >= KEPT or (unseen > UNSEEN and not session.has_edits):
+                self._close(project)
 
     def close(self) -> None:
-        """End a running calibration, and keep what the start page shows of the project."""
-        if self.session is not None:
-            self.session.close()
-            self._summarise()
+        """End running calibrations, and keep what the start page shows of the projects."""
+        for project in [*self._sessions]:
+            self._close(project)
 
-    def _summarise(self) -> None:
-        assert self.session is not None
-        summarise(self.session.path, summarise_session(self.session))
+    def _close(self, project: str) -> None:
+        session = self._sessions.pop(project)
+        session.close()
+        self._summarise(session)
 
-    def store(self, part: Path, name: str) -> Path:
+    def summarise_open(self) -> None:
+        """Keep what the start page shows of the open projects."""
+        for session in self._sessions.values():
+            self._summarise(session)
+
+    def _summarise(self, session: Session) -> None:
+        summarise(session.path, summarise_session(session))
+
+    def store(self, part: Path, name: str, project: str) -> Path:
         """Give an uploaded file its name, a free one of the folder of the project, and return its path."""
-        target = free_path(self.folder(), name)
+        target = free_path(self.folder(project), name)
         part.replace(target)
         return target
 
-    def folder(self) -> Path:
-        """Return the folder of the project. Raises `ArgumentError` if none is open."""
-        if self.session is None:
-            raise ArgumentError("no project is open")
-        return self.session.path.parent
+    def folder(self, project: str | None = None) -> Path:
+        """Return the folder of a project. Raises `ArgumentError` if it is not open."""
+        return self.session_of(self.latest if project is None else project).path.parent
 
-    def download(self, name: str) -> Path:
+    def download(self, name: str, project: str) -> Path:
         """Return a file of the project's folder. Raises `ArgumentError` if it is outside of it."""
-        if self.session is None:
-            raise ArgumentError("no project is open")
-        return confined(self.session.path.parent, name)
+        return confined(self.folder(project), name)
 
-    def snapshot(self) -> Answer:
-        """Return the state that every page shows."""
-        state = NoProject() if self.session is None else overview(self.session)
-        # what pages know, also of a project that was opened in place of another one
-        self._changed_on_disk = isinstance(state, AppState) and state.changed_on_disk
+    def _tell(self, project: str) -> None:
+        self._push("state", self.snapshot(project), project)
+
+    def snapshot(self, project: str) -> Answer:
+        """Return the state that every page of a project shows."""
+        session = self._sessions.get(project)
+        state = NoProject() if session is None else overview(session)
+        # what pages know
+        self._changed[project] = state.changed_on_disk if isinstance(state, AppState) else []
         return to_answer(StateNews(state))
 
 
@@ -138,7 +222,8 @@ class RecentRow:
     Attributes:
         opened: when, in s since 1970; 0 if unknown.
         unsaved: true if it has unsaved edits.
-        open: true if it is the open project.
+        id: by which addresses of the page name it.
+        open: true if it is open in this or in another page.
         state: status of the last run, or the number of problems.
         problem: the first problem.
         file: formula file.
@@ -153,6 +238,7 @@ class RecentRow:
         run: the last run in words.
     """
 
+    id: str
     path: str
     name: str
     folder: str
@@ -204,6 +290,13 @@ class ProjectPath:
 
 
 @dataclass(frozen=True)
+class ProjectId:
+    """A project that was opened before, by its id."""
+
+    project: str
+
+
+@dataclass(frozen=True)
 class DemoName:
     """A demo by its name."""
 
@@ -225,16 +318,15 @@ class NewProject:
 
 def _projects(workspace: AppWorkspace) -> KnownProjects:
     """Return recent projects with their summaries, the demos, and the folder in which new projects are made."""
-    if workspace.session is not None:
-        summarise(workspace.session.path, summarise_session(workspace.session))
-    opened = None if workspace.session is None else workspace.session.path
-    recent = [_recent_row(each, is_open=each.path == opened) for each in recent_projects()]
+    workspace.summarise_open()
+    recent = [_recent_row(each, is_open=workspace.is_open(each.path)) for each in recent_projects()]
     return KnownProjects(recent, DEMOS, _short(Path.cwd()), __version__)
 
 
 def _recent_row(own: RecentProject, *, is_open: bool) -> RecentRow:
     """Return a recent project; of a summary that another version has kept, nothing is shown."""
     row = {
+        "id": project_id(own.path),
         "path": str(own.path),
         "name": own.path.parent.name,
         "folder": _short(own.path.parent),
@@ -263,10 +355,15 @@ def _forget(workspace: AppWorkspace, asked: ProjectPath) -> None:
 
 def _open(workspace: AppWorkspace, asked: ProjectPath) -> None:
     """Open a project, unless it is open already."""
-    path = Path(asked.path).expanduser()
-    file = path / "kennfeld.toml" if path.is_dir() else path
-    if workspace.session is None or workspace.session.path != file.resolve():
-        workspace.open(file)
+    workspace.open(Path(asked.path).expanduser())
+
+
+def _show(workspace: AppWorkspace, asked: ProjectId) -> None:
+    """Open a project that was opened before."""
+    joined = workspace.join(asked.project)
+    if not joined:
+        raise ArgumentError(f"{asked.project[:100]} is not among the recent projects")
+    workspace.latest = joined
 
 
 def _remove_parts(folder: Path) -> None:
@@ -329,5 +426,6 @@ DEMOS = [
     ),
 ]
 _OWN: dict[str, Question[AppWorkspace]] = questions_of(
-    {"projects": _projects, "open": _open, "demo": _demo, "new": _new, "forget": _forget}
+    {"projects": _projects, "open": _open, "show": _show, "demo": _demo, "new": _new, "forget": _forget}
 )
+OPENING = ("open", "show", "demo", "new")  # questions after which the page that asked shows another project

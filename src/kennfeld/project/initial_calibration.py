@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.base.formatting import nearest, quoted, size_text, toml_text
 from kennfeld.calfiles import read_several
@@ -14,7 +16,9 @@ from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.rbf import RBF
 from kennfeld.files import Role, identify
 from kennfeld.files.calibrations import IMAGE_ENDINGS
+from kennfeld.graph.interpolation import regrid
 from kennfeld.project.schema import ProjectFile
+from kennfeld.project.value_forms import DIRECTIONS
 
 MAX_REMARKS = 5  # on one file
 
@@ -60,7 +64,7 @@ class _InitialFiles:
             self._fail(*(_missing(self.file, path) for path in missing))
             return None
         try:
-            parameters, remarks = _read(folder / name, folder / description if description else None)
+            parameters, remarks = read_initial_file(folder / name, folder / description if description else None)
         except InputError as error:
             self._fail(*error.findings)
             return None
@@ -72,12 +76,15 @@ class _InitialFiles:
             *(
                 _clash(self.file, self.merged[member.name], member, self.origin[member.name], name)
                 for member in parameters.parameters
-                if member.name in self.merged and not self.merged[member.name].has_grid_of(member)
+                if member.name in self.merged
+                and not self.merged[member.name].has_grid_of(member)
+                and not self._is_given_axes(self.merged[member.name], member)
             )
         )
         try:
             # what the format of a later file cannot state, such as limits, stays as an earlier one says
-            self.merged = self.merged.merged(parameters.completed(self.merged))
+            later = parameters.completed(self.merged)
+            self.merged = self._onto_group_axes(later).merged(later)
         except ArgumentError as error:
             remedy = "Files with the same group axis must agree on its breakpoints."
             self._fail(Finding(Location(name), str(error), remedy))
@@ -85,6 +92,40 @@ class _InitialFiles:
         if isinstance(parameters.origin, FlashOrigin):
             self.image = parameters.origin
             self.findings.add(*_identity(self.image))
+
+    def _is_given_axes(self, old: Parameter, new: Parameter) -> bool:
+        """Return if the project states each axis in which two tables differ, or fits its breakpoints.
+
+        The breakpoints of the files then do not matter, or are those of an earlier fit.
+        """
+        if old.kind != new.kind or isinstance(new, RBF) or len(old.axes) != len(new.axes):
+            return False
+        entry = self.file.parameters.get(new.name)
+        stated = {} if entry is None else entry.axes
+        return all(
+            direction in stated or not {a.name, b.name}.isdisjoint(self.file.axes)
+            for direction, a, b in zip(DIRECTIONS, old.axes, new.axes, strict=False)
+            if not np.array_equal(a.breakpoints, b.breakpoints)
+        )
+
+    def _onto_group_axes(self, later: ParameterSet) -> ParameterSet:
+        """Return the merged tables on the group axes of a later file that the project states or fits."""
+        moved = {axis.name: axis for table in later.parameters for axis in table.axes if axis.name in self.file.axes}
+        staying = [table for table in self.merged.parameters if table.name not in later]
+        changed = []
+        for table in staying:
+            axes = tuple(moved.get(axis.name, axis) for axis in table.axes)
+            if any(not np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(axes, table.axes, strict=True)):
+                values = regrid(table.values, table.axes, axes, table.extrapolation)
+                # limits of single values have no counterpart on a grid of another size
+                plain = {"lower": -np.inf, "upper": np.inf, "locked": False}
+                same = values.shape == table.values.shape
+                changed.append(table.changed(axes=axes, values=values, **({} if same else plain)))
+        if not changed:
+            return self.merged
+        names = [table.name for table in changed]
+        replaced = [name for name in later if name in self.merged]
+        return self.merged.without([*names, *replaced]).merged(ParameterSet(changed))
 
     def _in_variant(self) -> ParameterSet | None:
         variant = self.file.calibration.variant
@@ -124,7 +165,7 @@ def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: Findings)
     return not reasons
 
 
-def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
+def read_initial_file(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
     """Return the parameters of a calibration file, or the expansion of a static surrogate as a parameter."""
     if identify(path).role is not Role.SURROGATE:
         [parameters], remarks = read_several([path], a2l)

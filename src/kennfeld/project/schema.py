@@ -182,7 +182,8 @@ class CalibrationEntry:
     initial: tuple[str | ImageEntry, ...] = key(
         "a calibration file, or a list of them; later files take precedence, but for what their format cannot state, "
         "such as limits or extrapolation. Two files that define a table "
-        'differently are an error. An image is `{ a2l = "ecu.a2l", hex = "ecu.hex" }`, also within a list; `hex` may '
+        "differently are an error, unless the project states or fits the axes in which they differ. "
+        'An image is `{ a2l = "ecu.a2l", hex = "ecu.hex" }`, also within a list; `hex` may '
         "be Intel HEX or S-records, and `a2l` may be omitted if the A2L file has the name of the image or is the only "
         "one next to it",
         (),

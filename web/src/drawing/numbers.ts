@@ -30,6 +30,9 @@ export function count(value: number): string {
   return value < 10_000 ? text : text.replace(/\B(?=(\d{3})+$)/g, "\u2009");
 }
 
+/** A number of things: `1 file`, `2 files`. */
+export const counted = (number: number, noun: string): string => `${count(number)} ${noun}${number === 1 ? "" : "s"}`;
+
 /** Return the decimals with which all numbers of a table can be told apart, at most four significant digits. */
 export function tableDecimals(values: Iterable<number>): number {
   let largest = 0;
@@ -62,9 +65,22 @@ export function plain(value: number, digits = 5): string {
   return text.includes(".") && !text.includes("e") ? text.replace(/\.?0+$/, "") : text;
 }
 
+/** A unit as it is written behind a number; nothing for a number without one, which files call `-` or `1`. */
+export const unitText = (unit: string): string => (unit === "-" || unit === "1" ? "" : unit);
+
 /** Write a title with its unit in brackets, if it has one. */
-export const withUnit = (title: string, unit: string): string =>
-  unit && unit !== "-" && unit !== "1" ? `${title} [${unit}]` : title;
+export const withUnit = (title: string, unit: string): string => (unitText(unit) ? `${title} [${unit}]` : title);
+
+/** Return the smallest difference that the numbers of a table can show, see `tableFormat`; 0 if all are 0. */
+export function shownDigit(values: Iterable<number>): number {
+  const largest = Math.max(0, ...Array.from(values, Math.abs).filter(Number.isFinite));
+  if (largest === 0) return 0;
+  const digits = Math.floor(Math.log10(largest));
+  return isExtreme(largest) ? 10 ** (digits - 2) : 10 ** -Math.min(8, Math.max(0, 3 - digits));
+}
+
+/** Numbers so large or small that each is written by its own digits. */
+const isExtreme = (largest: number): boolean => largest >= 1e7 || (largest > 0 && largest < 1e-5);
 
 /** Return a function that writes the numbers of a table with the same decimals. */
 export function tableFormat(
@@ -74,7 +90,7 @@ export function tableFormat(
   const rounded = Array.from(values, (value) => Number(value.toPrecision(4)));
   const largest = Math.max(0, ...rounded.filter(Number.isFinite).map(Math.abs));
   const decimals = options.decimals ?? tableDecimals(rounded);
-  const extreme = largest >= 1e7 || (largest > 0 && largest < 1e-5);
+  const extreme = isExtreme(largest);
   return (value) => {
     const text = extreme ? significant(value, 3) : fixed(value, decimals);
     return options.signed && value > 0 && Number(text) !== 0 ? `+${text}` : text;

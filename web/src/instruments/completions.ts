@@ -9,10 +9,15 @@ import {
 import type { Extension } from "@codemirror/state";
 import { ask } from "../connection";
 import type { CompletionRow } from "../replies";
+import { onRenewal } from "../scope";
 import { state } from "../store";
 
 const BOOST = { node: 3, input: 2, parameter: 1, function: 0 }; // those of the project come first
 let known: { revision: number; options: Promise<Completion[]> } | null = null;
+
+onRenewal(() => {
+  known = null;
+});
 
 /** The names that formula text can use; asked again once the texts have changed. */
 function options(): Promise<Completion[]> {

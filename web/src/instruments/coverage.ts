@@ -6,6 +6,7 @@ import { css, diverging, isDark, type Rgb } from "../drawing/colours";
 import { fixed, significant } from "../drawing/numbers";
 import { criterion, criterionNumber } from "../plots";
 import type { EditedTable } from "../replies";
+import { scoped } from "../scope";
 import { request, revision, screen, table, theme } from "../store";
 
 export const overlay = signal<"" | "samples" | "error">(""); // colours cells and surface
@@ -17,7 +18,7 @@ interface Coverage {
   x: Float32Array;
   y: Float32Array;
 }
-const coverage = signal<Coverage | null>(null);
+const coverage = scoped<Coverage | null>(null);
 
 const load = newest(async (given: { name: string; criterion: number }) => {
   const reply = await request("coverage", given);

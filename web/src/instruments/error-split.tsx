@@ -7,10 +7,11 @@ import { newest } from "../connection";
 import { MISSING, plain, signed, significant } from "../drawing/numbers";
 import { chooseCriterion, criterionNumber, cursor, datasetNumber } from "../plots";
 import type { CorrectionRow, NodeValue, SplitError } from "../replies";
+import { scoped } from "../scope";
 import { open, request, screen, selection, settled } from "../store";
 import "./error-split.css";
 
-export const split = signal<SplitError | null>(null);
+export const split = scoped<SplitError | null>(null);
 const mounted = signal(0); // panes that show it
 
 const load = newest(async (given: { dataset: number; position: number; criterion: number }) => {

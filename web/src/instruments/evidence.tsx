@@ -1,6 +1,6 @@
 // What a grid point rests on: its samples, their errors, where they look the table up, and when.
 
-import { batch, computed, effect, signal } from "@preact/signals";
+import { batch, computed, effect } from "@preact/signals";
 import { newest } from "../connection";
 import { area, extent, line, type Pen, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
@@ -8,6 +8,7 @@ import { ring } from "../drawing/marks";
 import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
 import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
 import type { EditedTable, InformingRow } from "../replies";
+import { scoped } from "../scope";
 import { endDrag, referenceName, request, revision, screen, selection, settled, setValues, table } from "../store";
 import { Picture } from "./picture";
 import { cellAt } from "./table-cells";
@@ -28,9 +29,9 @@ interface Strip {
   now: Float32Array;
 }
 
-const evidence = signal<Evidence | null>(null);
-const shownStretch = signal(0);
-const strip = signal<Strip | null>(null);
+const evidence = scoped<Evidence | null>(null);
+const shownStretch = scoped(0);
+const strip = scoped<Strip | null>(null);
 
 const load = newest(async (given: { name: string; cell: number; criterion: number }) => {
   const reply = await request("informing", given);
@@ -137,7 +138,8 @@ function Facts({ own }: { own: EditedTable }) {
   const cell = cellAt(own, ...selection.value.active);
   const part = shownPart.value;
   const parts = evidence.value?.parts ?? [];
-  const sum = (value: (part: InformingRow) => number) => parts.reduce((total, each) => total + value(each), 0);
+  const sum = (use: string, value: (part: InformingRow) => number) =>
+    parts.filter((each) => each.use === use).reduce((total, each) => total + value(each), 0);
   const deviation = own.deviation?.[cell];
   const how = origin(own, cell);
   const worse = part !== undefined && Math.abs(part.meanNow ?? 0) > Math.abs(part.meanBefore ?? 0);
@@ -177,11 +179,21 @@ function Facts({ own }: { own: EditedTable }) {
                 ? "undetermined"
                 : `± ${significant(deviation, 3)}`}
           </dd>
-          <dt>samples</dt>
-          <dd>
-            {count(sum((each) => each.samples))} <u>in</u> {count(sum((each) => each.count))} <u>stretches</u>
+          <dt>training samples</dt>
+          <dd data-samples="training">
+            {count(sum("training", (each) => each.samples))} <u>in</u> {count(sum("training", (each) => each.count))}{" "}
+            <u>stretches</u>
           </dd>
-          <dt>their mean error</dt>
+          {sum("test", (each) => each.samples) > 0 && (
+            <>
+              <dt title="They look the point up, but it does not rest on them">test samples</dt>
+              <dd data-samples="test">
+                {count(sum("test", (each) => each.samples))} <u>in</u> {count(sum("test", (each) => each.count))}{" "}
+                <u>stretches</u>
+              </dd>
+            </>
+          )}
+          <dt class="cut">mean error in {part?.dataset ?? "the data"}</dt>
           <dd>
             {part ? (
               <>

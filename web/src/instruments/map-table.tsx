@@ -5,12 +5,12 @@ import { Component } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
-import { fixed, parseNumber, significant, tableDecimals, tableFormat } from "../drawing/numbers";
+import { counted, fixed, significant, tableDecimals, tableFormat } from "../drawing/numbers";
 import type { EditedTable } from "../replies";
-import { type Selection, selection, setValues, theme } from "../store";
+import { changeValues, message, type Selection, selection, setValues, theme } from "../store";
 import { cellTints, coverOf, coverTitle } from "./coverage";
 import { cellAt, cellsOf, size } from "./table-cells";
-import { describeCells, type Edit, editCells, readEdit } from "./table-edits";
+import { asOperation, describeCells, type Edit, editCells, readEdit, readPaste } from "./table-edits";
 
 export type Mode = "value" | "difference" | "percent";
 
@@ -43,8 +43,12 @@ function bars(own: EditedTable): (number | null)[] {
 /** Edit the selected values that are not locked. */
 export function applyEdit(own: EditedTable, edit: Edit): void {
   const cells = cellsOf(own, selection.value).filter((cell) => !own.locked.includes(cell));
-  const next = editCells(own, selection.value, cells, edit);
-  if (next !== null && cells.length) setValues(cells, next, `${describeCells(own, selection.value)}: ${edit.title}`);
+  if (cells.length === 0) return;
+  const title = `${describeCells(own, selection.value)}: ${edit.title}`;
+  const operation = asOperation(own, edit);
+  const next = operation === null ? editCells(own, selection.value, cells, edit) : null;
+  if (operation !== null) changeValues(cells, operation.kind, operation.amount, title);
+  else if (next !== null) setValues(cells, next, title);
 }
 
 export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
@@ -267,6 +271,7 @@ function cellClass(
     i === chosen.active[0] && j === chosen.active[1] ? `active ${own.samples?.[at] ? "ev" : ""}` : "",
     shown.empty && own.samples?.[at] === 0 ? "nd" : "",
     locked.has(at) ? "lock" : "",
+    own.waiting.includes(at) ? "waits" : "",
     own.values[at] !== own.reference[at] ? "changed" : "",
   ]
     .filter(Boolean)
@@ -285,6 +290,7 @@ function cellTitle(own: EditedTable, at: number): string {
         : `standard deviation ${significant(deviation, 3)}`,
     own.samples === null ? "" : `${own.samples[at]} samples`,
     coverTitle(own, at),
+    own.waiting.includes(at) ? "an edit waits for the end of the run" : "",
   ]
     .filter(Boolean)
     .join("\n");
@@ -319,29 +325,11 @@ function copy(event: ClipboardEvent, own: EditedTable): void {
 }
 
 function paste(event: ClipboardEvent, own: EditedTable): void {
-  const text = event.clipboardData?.getData("text/plain") ?? "";
-  const rows = text
-    .replace(/\r/g, "")
-    .replace(/\n$/, "")
-    .split("\n")
-    .map((row) => row.split("\t").map(parseNumber));
-  const { x, y } = selection.value;
-  const [nx, ny] = size(own);
-  const cells: number[] = [];
-  const values: number[] = [];
-  rows.forEach((row, j) =>
-    row.forEach((value, i) => {
-      if (value === null || x[0] + i >= nx || y[0] + j >= ny) return;
-      cells.push(cellAt(own, x[0] + i, y[0] + j));
-      values.push(value);
-    }),
-  );
   event.preventDefault();
-  if (!cells.length) return;
-  setValues(cells, values, `Pasted ${cells.length} values into ${own.name}`);
-  selection.value = {
-    x: [x[0], Math.min(nx - 1, x[0] + rows[0]!.length - 1)],
-    y: [y[0], Math.min(ny - 1, y[0] + rows.length - 1)],
-    active: [x[0], y[0]],
-  };
+  const pasted = readPaste(own, selection.value, event.clipboardData?.getData("text/plain") ?? "");
+  if (pasted.cells.length > 0) {
+    setValues(pasted.cells, pasted.values, `Pasted ${counted(pasted.cells.length, "value")} into ${own.name}`);
+    selection.value = pasted.filled;
+  }
+  message.value = pasted.remark;
 }

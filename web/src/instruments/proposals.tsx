@@ -1,56 +1,76 @@
 // What the function needs and the project lacks, each with a button that adds it.
 
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { newest } from "../connection";
+import { significant } from "../drawing/numbers";
 import { Icon } from "../icons";
 import type { ProposalRow } from "../replies";
-import { type Change, setKeys } from "../settings";
-import { request, settled } from "../store";
+import { scoped } from "../scope";
+import { message, request, settled } from "../store";
 
-const proposals = signal<ProposalRow[]>([]);
-const choices = signal<Record<string, string>>({}); // by title
+export const proposals = scoped<ProposalRow[]>([]);
+const problems = scoped<string[]>([]);
+const choices = scoped<Record<string, string>>({}); // by title
 
 const load = newest(async (_: number) => {
   const reply = await request("proposals");
-  if (reply !== null) proposals.value = reply.head.proposals;
+  if (reply === null) return;
+  proposals.value = reply.head.proposals;
+  problems.value = reply.head.problems;
 });
 
 effect(() => {
   const { project, findings, revision } = settled.value;
   if (project !== null && findings.length > 0) load(revision);
-  else proposals.value = [];
+  else proposals.value = problems.value = [];
 });
 
 const complete = (own: ProposalRow): boolean =>
   own.choice === null || own.choice.options.includes(choices.value[own.title] ?? "");
 
-function add(chosen: ProposalRow[]): void {
-  const changes = chosen.flatMap<Change>((each) =>
-    each.choice === null ? each.changes : [...each.changes, [each.choice.path, choices.value[each.title]!]],
-  );
-  void setKeys(
-    changes,
-    chosen.length === 1
-      ? `Added: ${chosen[0]!.title} ${choices.value[chosen[0]!.title] ?? ""}`
-      : `Added ${chosen.length} proposals`,
-  );
+const adding = scoped(false);
+
+/** Add proposals; the server tries them out, and says what comes of it. */
+async function add(chosen: ProposalRow[]): Promise<void> {
+  adding.value = true;
+  message.value = "Trying out where the function looks its tables up";
+  const titles = chosen.map((each) => each.title);
+  const reply = await request("add-proposals", { titles, choices: choices.value });
+  adding.value = false;
+  if (reply === null) return;
+  const { rmse, unit, problems } = reply.head;
+  const what = chosen.length === 1 ? chosen[0]!.title : `${chosen.length} proposals`;
+  message.value =
+    rmse !== null ? `Added ${what}: RMSE ${significant(rmse)} ${unit}` : `Added ${what}. ${problems[0] ?? ""}`;
 }
 
 export function Proposals() {
   const all = proposals.value;
   if (all.length === 0) return null;
-  const ready = all.filter(complete);
+  const open = all.filter((each) => !complete(each));
   return (
     <div class="proposals" id="proposals">
       <div class="head mid">
         <h2>The function needs</h2>
-        <span class="sub">axes from the data, rounded; slightly smooth</span>
+        <span class="sub">axes from the data, rounded; starts and smoothness from a trial</span>
         <span class="right">
-          <button class="btn small primary" id="add-all" disabled={!ready.length} onClick={() => add(ready)}>
-            {ready.length < all.length ? `Add ${ready.length}` : "Add all"}
+          {open.length > 0 && (
+            <span class="warn">{open.length === 1 ? "one choice is open" : `${open.length} choices are open`}</span>
+          )}
+          <button
+            class="btn small primary"
+            id="add-all"
+            disabled={open.length > 0 || adding.value}
+            title={open.map((each) => each.title).join("\n")}
+            onClick={() => void add(all)}
+          >
+            {adding.value ? "Trying them out" : "Add all"}
           </button>
         </span>
       </div>
+      {problems.value.map((text) => (
+        <p class="note bad">{text}</p>
+      ))}
       {all.map((each) => (
         <div class="ck i">
           <Icon name="plus" />
@@ -63,7 +83,7 @@ export function Proposals() {
               </>
             )}
           </span>
-          <button class="btn small" disabled={!complete(each)} onClick={() => add([each])}>
+          <button class="btn small" disabled={!complete(each) || adding.value} onClick={() => void add([each])}>
             Add
           </button>
         </div>

@@ -1,12 +1,13 @@
 // Words of formula text that messages are about, each with a known name like it.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../connection";
 import type { SpellingRow } from "../replies";
+import { scoped } from "../scope";
 import { settings } from "../settings";
 import { request, screen, settled, state } from "../store";
 
-export const spellings = signal<SpellingRow[]>([]);
+export const spellings = scoped<SpellingRow[]>([]);
 
 const load = newest(async (_: number) => {
   const reply = await request("spellings");

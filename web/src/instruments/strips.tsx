@@ -7,7 +7,7 @@ import { type Area, canvasIn, decimals, extent, line, type Pen, ticks, widened }
 import { token } from "../drawing/colours";
 import { ring, rules } from "../drawing/marks";
 import { fixed } from "../drawing/numbers";
-import { drawColumns, drawStrips, lastUpTo } from "../drawing/strips";
+import { drawColumns, drawStrips } from "../drawing/strips";
 import { type Drawn, drawn, sample } from "../plot-data";
 import { brush, cursor, dataset, hover, isStretch, keyOf, range, visible, width } from "../plots";
 import type { SignalName } from "../replies";
@@ -82,14 +82,6 @@ function drop(event: DragEvent): void {
   event.preventDefault();
   const box = (event.currentTarget as HTMLElement).getBoundingClientRect();
   addLine(rowAt((event.clientY - box.top) / box.height), JSON.parse(own) as SignalName);
-}
-
-/** The drawn value at a position: of the sample before it, or the middle of the pixel. */
-export function valueAt(data: Drawn | null, key: string, at: number): number {
-  const values = data?.lines.get(key);
-  if (data === null || values === undefined) return NaN;
-  const low = lastUpTo(data.x, at - data.begin);
-  return data.raw ? values[low]! : (values[low & ~1]! + values[low | 1]!) / 2;
 }
 
 const timeTicks = (wide: number): number[] =>

@@ -1,6 +1,7 @@
 // What an edit makes of the selected values. Pure functions of the table.
 
-import { parseNumber, plain } from "../drawing/numbers";
+import { counted, parseNumber, plain, shownDigit } from "../drawing/numbers";
+import { rounded } from "../pending-edits";
 import type { EditedTable } from "../replies";
 import type { Selection } from "../store";
 import { cellAt } from "./table-cells";
@@ -30,17 +31,21 @@ export function editCells(own: EditedTable, chosen: Selection, cells: number[], 
   }
 }
 
-const rounded = (value: number): number => Number(value.toPrecision(12));
+/** An edit that depends on the values before it only through themselves, so that it holds whatever they are by then. */
+export function asOperation(own: EditedTable, edit: Edit): { kind: "add" | "scale"; amount: number } | null {
+  if (edit.kind === "step") return { kind: "add", amount: rounded(edit.amount * smallStep(own)) };
+  return edit.kind === "add" || edit.kind === "scale" ? { kind: edit.kind, amount: edit.amount } : null;
+}
 
 const pickCells = (own: EditedTable, cells: number[], values: number[] | null): number[] | null =>
   values === null ? null : cells.map((cell) => values[cell] ?? own.values[cell]!);
 
-/** A thousandth of the span of the table, rounded to 1, 2 or 5. */
+/** A thousandth of the span of the table, rounded to 1, 2 or 5, but not less than the last digit that is shown. */
 export function smallStep(own: EditedTable): number {
   const span = Math.max(...own.values) - Math.min(...own.values) || Math.abs(own.values[0]!) || 1;
   const raw = span / 1000;
   const power = 10 ** Math.floor(Math.log10(raw));
-  return (raw / power > 3.3 ? 5 : raw / power > 1.4 ? 2 : 1) * power;
+  return Math.max((raw / power > 3.3 ? 5 : raw / power > 1.4 ? 2 : 1) * power, shownDigit(own.values));
 }
 
 const position = (points: number[], k: number, [from, to]: [number, number]): number =>
@@ -104,4 +109,49 @@ export function readEdit(text: string): Edit | null {
   if (operator === "/") return { kind: "scale", title: `divided by ${number}`, amount: 1 / number };
   if (operator === "+") return { kind: "add", title: `raised by ${number}`, amount: number };
   return { kind: "set", title: `set to ${number}`, amount: number };
+}
+
+/** What is pasted: the values that are set, where they are, and a sentence that says what was left out. */
+export interface Pasted {
+  cells: number[];
+  values: number[];
+  filled: Selection;
+  remark: string;
+}
+
+/** Read what a spreadsheet has copied, from the corner of the selection on; locked values stay. */
+export function readPaste(own: EditedTable, { x, y }: Selection, text: string): Pasted {
+  const [nx, ny] = [own.axes[0]?.points.length ?? 1, own.axes[1]?.points.length ?? 1];
+  const rows = text
+    .replace(/\r/g, "")
+    .replace(/\n$/, "")
+    .split("\n")
+    .map((row) => row.split("\t"));
+  const cells: number[] = [];
+  const values: number[] = [];
+  const left = { "not numbers": 0, locked: 0, "beyond the table": 0 };
+  const locked = new Set(own.locked);
+  rows.forEach((row, j) => {
+    row.forEach((each, i) => {
+      const value = parseNumber(each);
+      const cell = x[0] + i < nx && y[0] + j < ny ? cellAt(own, x[0] + i, y[0] + j) : -1;
+      if (cell < 0) left["beyond the table"]++;
+      else if (value === null) left["not numbers"]++;
+      else if (locked.has(cell)) left.locked++;
+      else {
+        cells.push(cell);
+        values.push(value);
+      }
+    });
+  });
+  const wide = Math.max(...rows.map((row) => row.length));
+  const filled: Selection = {
+    x: [x[0], Math.min(nx - 1, x[0] + wide - 1)],
+    y: [y[0], Math.min(ny - 1, y[0] + rows.length - 1)],
+    active: [x[0], y[0]],
+  };
+  const skipped = Object.entries(left).filter(([, number]) => number > 0);
+  const told = skipped.map(([why, number]) => `${number} ${why}`).join(", ");
+  const did = cells.length > 0 ? `Pasted ${counted(cells.length, "value")} into ${own.name}` : "Nothing was pasted";
+  return { cells, values, filled, remark: told ? `${did}; left out: ${told}.` : `${did}.` };
 }

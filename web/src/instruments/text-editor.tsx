@@ -21,6 +21,8 @@ const sendText = newest(async ({ file, text }: { file: string; text: string }) =
   await request("set-text", { file, text, title: `Edited ${file || "the project file"}`, drag: `typing ${file}` });
 });
 
+const isNumbered = (text: string): boolean => /^\s*1\s+\S/.test(text);
+
 /** Edit the function, or the project file if `file` is empty; `choose` is told the node of the line with the cursor. */
 export function TextEditor({ file, choose }: { file: string; choose?: (node: string) => void }) {
   const host = useRef<HTMLDivElement>(null);
@@ -31,7 +33,8 @@ export function TextEditor({ file, choose }: { file: string; choose?: (node: str
       state: EditorState.create({
         doc: textOf(file),
         extensions: [
-          lineNumbers(),
+          // lines that carry numbers themselves need no others
+          lineNumbers({ formatNumber: (line, state) => (isNumbered(state.doc.line(1).text) ? "" : String(line)) }),
           history(),
           highlightActiveLine(),
           lintGutter(),

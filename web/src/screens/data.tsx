@@ -1,8 +1,9 @@
 // The data: files and their use, channels, and what the function reads of them.
 
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { newest } from "../connection";
-import { count, MISSING, significant } from "../drawing/numbers";
+import { count, counted, MISSING, significant } from "../drawing/numbers";
+import { addFiles } from "../dropping";
 import { NumberField, Segment, TextField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
@@ -10,15 +11,15 @@ import { Proposals } from "../instruments/proposals";
 import { SettingsButton } from "../instruments/settings-panel";
 import { openEntry, panel, showFinding } from "../navigation";
 import type { ChannelRow, DatasetFiles, MappedInput, RecordingFile } from "../replies";
+import { scoped } from "../scope";
 import { setKeys } from "../settings";
-import { message, request, screen, settled, state } from "../store";
-import { droppedFiles, upload } from "../uploads";
+import { request, screen, settled, state } from "../store";
 import { DataSettings } from "./data/settings";
 
-const entries = signal<DatasetFiles[]>([]);
-const inputs = signal<MappedInput[]>([]);
-const search = signal("");
-const closed = signal(new Set<string>());
+const entries = scoped<DatasetFiles[]>([]);
+const inputs = scoped<MappedInput[]>([]);
+const search = scoped("");
+const closed = scoped(new Set<string>());
 
 const load = newest(async (_: number) => {
   const reply = await request("files");
@@ -35,11 +36,7 @@ effect(() => {
 export function Data() {
   return (
     <>
-      <main
-        class={`data ${panel.data.value ? "open" : ""}`}
-        onDragOver={(event) => event.preventDefault()}
-        onDrop={drop}
-      >
+      <main class={`data ${panel.data.value ? "open" : ""}`}>
         <FileList />
         <Channels />
         <Mapping />
@@ -53,25 +50,17 @@ export function Data() {
   );
 }
 
-async function drop(event: DragEvent): Promise<void> {
-  event.preventDefault();
-  await addFiles(await droppedFiles(event));
-}
-
-/** Store files beside the project, and add each as what it is: a dataset, the function, or initial values. */
-async function addFiles(files: globalThis.File[]): Promise<void> {
-  const names = await upload(files);
-  if (names.length && (await request("add-files", { files: names })) !== null)
-    message.value = `Added ${names.join(", ")}`;
-}
-
 function FileList() {
   return (
     <section class="pane files">
       <div class="head">
         <h2>Files</h2>
         <span class="sub">
-          {entries.value.reduce((sum, e) => sum + e.files.length, 0)} in {entries.value.length} datasets
+          {counted(
+            entries.value.reduce((sum, e) => sum + e.files.length, 0),
+            "file",
+          )}{" "}
+          in {counted(entries.value.length, "dataset")}
         </span>
         <span class="right">
           <SettingsButton own={panel.data} first="dataset" />

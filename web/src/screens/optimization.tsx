@@ -13,7 +13,8 @@ import { Picture } from "../instruments/picture";
 import { showFinding } from "../navigation";
 import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
-import { isRunning, open, request, screen, settled, state } from "../store";
+import { scoped } from "../scope";
+import { isRunning, jobTitle, open, request, screen, settled, state } from "../store";
 import { OutcomeBody, OutcomeHead } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 import { OptimizationSettings } from "./optimization/settings";
@@ -25,7 +26,7 @@ interface Progress {
   lines: Record<string, Float32Array>;
 }
 
-const progress = signal<Progress>({ starts: [], tables: [], steps: [], lines: {} });
+const progress = scoped<Progress>({ starts: [], tables: [], steps: [], lines: {} });
 const quantity = signal<"rmse" | "cost">("rmse");
 
 const load = newest(async (_: number) => {
@@ -56,7 +57,13 @@ export function Optimization() {
         <section class="pane prog">
           <div class="pl">
             <b class="acc" id="progress">
-              {running ? `Run ${job.run + 1}` : job.run ? `Run ${job.run}: ${job.state}` : "No run yet"}
+              {running
+                ? job.validates
+                  ? "Cross-validation"
+                  : `Run ${job.run + 1}`
+                : job.state === "idle"
+                  ? "No run yet"
+                  : jobTitle(state.value).replace(/[.:]$/, "")}
             </b>
             <span class="cut">{job.message}</span>
             <RunOptions />

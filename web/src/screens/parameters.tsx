@@ -17,13 +17,14 @@ import { cellAt, cellsOf } from "../instruments/table-cells";
 import { describeCells, readEdit } from "../instruments/table-edits";
 import { panel } from "../navigation";
 import type { EditedTable, ParameterRow } from "../replies";
+import { scoped } from "../scope";
 import { open, openName, referenceName, screen, selection, state, table } from "../store";
 import { CoverageChips } from "./parameters/coverage-chips";
 import { ParameterSettings } from "./parameters/settings";
 import { Properties } from "./properties";
 
-const search = signal("");
-const filter = signal<"all" | "changed" | "at bound" | "no data">("all");
+const search = scoped("");
+const filter = scoped<"all" | "changed" | "at bound" | "no data">("all");
 const shown = signal<Shown>({ mode: "value", empty: true, deviation: true });
 
 const FILTERS = {

@@ -1,6 +1,6 @@
 // The start: recent projects with their errors and state, a new project from dropped files, and the demos.
 
-import { count, significant } from "../drawing/numbers";
+import { count, significant, withUnit } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import {
@@ -47,8 +47,8 @@ export function Start() {
 }
 
 const openRecent = (each: RecentRow): void => {
-  if (each.open) screen.value = "parameters";
-  else void openProject("open", { path: each.path });
+  if (each.id === state.value.project?.id) screen.value = "parameters";
+  else openProject("open", { path: each.path });
 };
 
 function RecentProjects() {
@@ -246,7 +246,7 @@ function PreviewPane() {
             ))}
         </dl>
         {own.picture ? (
-          <Preview own={own.picture} title={`${own.node} [${own.unit || "-"}]`} />
+          <Preview own={own.picture} title={withUnit(own.node ?? "", own.unit ?? "")} />
         ) : (
           <p class="pad q">Its errors and a picture appear here once it was open.</p>
         )}

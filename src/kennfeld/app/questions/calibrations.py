@@ -417,6 +417,8 @@ def take_values(session: Session, asked: TakeCommand) -> TakenValues:
 
     Tables with other axes are interpolated onto those of the project.
     """
+    if session.is_calibrating:
+        raise ArgumentError("a calibration is running, whose values would replace these; take them at its end")
     source, own = source_of(session, asked.source), session.parameters
     tables: dict[str, Float | None] = {}
     remarks = []

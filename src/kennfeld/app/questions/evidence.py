@@ -40,6 +40,7 @@ class InformingRow:
 
     number: int
     dataset: str
+    use: str
     samples: int
     count: int
     stretches: Sequence[tuple[float, float]]
@@ -52,7 +53,8 @@ class InformingReply:
     """Samples that inform a value.
 
     Attributes:
-        most: number of the dataset with most of them; missing without samples, as the arrays are.
+        most: number of the dataset with most of them, of training data if these have any; missing without samples, as
+            the arrays are.
         x: place of lookups near the grid point along the first axis, in that dataset.
         y: place along the second axis; empty without one.
         weight: weight of the value in each lookup.
@@ -140,7 +142,9 @@ def informing(session: Session, asked: AskedInforming) -> InformingReply:
     rows = [_informing(view, part, asked.criterion) for part in parts if part.samples.size]
     if not rows:
         return InformingReply([])
-    most = max(parts, key=lambda part: part.samples.size)
+    # the value rests on training data; test data only look it up
+    uses = [recording.use for recording in view.model.recordings]
+    most = max(parts, key=lambda part: (part.samples.size > 0 and uses[part.dataset] == "training", part.samples.size))
     near = view.evidence.surroundings(view.model.recordings[most.dataset], name, cell)
     drawn = thin(near.samples.size, near.weights, MAX_POINTS)
     coordinates = [*near.coordinates[:2, drawn], *([np.zeros(0)] * 2)][:2]
@@ -155,6 +159,7 @@ def _informing(view: View, part: Informing, criterion: int) -> InformingRow:
     return InformingRow(
         number=part.dataset,
         dataset=recording.name,
+        use=recording.use,
         samples=int(part.samples.size),
         count=len(stretches),
         stretches=[(float(position[first]), float(position[last])) for first, last in longest],

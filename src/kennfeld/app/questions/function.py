@@ -233,10 +233,18 @@ def _known_names(session: Session) -> set[str]:
     return {*FUNCTION_NAMES, *called, *session.initial_names, *session.settings.get("parameters", {}), *own, *last}
 
 
+KINDS = {0: "scalar", 1: "curve", 2: "map"}  # of a parameter, by its number of axes
+
+
 def flow(session: Session) -> FunctionFlow:
-    """Return the nodes of the function, each with what computes it: its operation or table, and its sources."""
-    problem = session.require_view().model.problem
-    graph, parameters = problem.model.graph, problem.parameters
+    """Return the nodes of the function, each with what computes it: its operation or table, and its sources.
+
+    It needs neither data nor values.
+    """
+    function = session.function
+    if function is None:
+        raise InputError(session.findings)
+    graph = function.graph
     sources, lookups = named_sources(graph), named_lookups(graph)
     tables = {name: [table for table, users in lookups.items() if name in users] for name in graph.names}
     nodes = [
@@ -244,7 +252,7 @@ def flow(session: Session) -> FunctionFlow:
             name=name,
             sources=sources[name],
             tables=tables[name],
-            kind=parameters[tables[name][0]].kind if tables[name] else graph.nodes[at].op,
+            kind=KINDS.get(graph.parameters[tables[name][0]], "cube") if tables[name] else graph.nodes[at].op,
         )
         for name, at in graph.names.items()
     ]

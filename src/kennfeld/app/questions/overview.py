@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.view import View
@@ -27,8 +28,15 @@ Screen = Literal["data", "function", "parameters", "optimization", "results"]
 
 @dataclass(frozen=True)
 class OpenProject:
-    """Name and project file of the open project."""
+    """The open project.
 
+    Attributes:
+        id: by which addresses of the page name it, and by which answers say what they are about.
+        name: as the project file says it.
+        path: the project file.
+    """
+
+    id: str
     name: str
     path: str
 
@@ -65,13 +73,14 @@ class UndecidedCode:
 
 @dataclass(frozen=True)
 class JobState:
-    """The running or last calibration."""
+    """The running or last calibration, or cross-validation if it `validates`."""
 
     state: str
     message: str
     seconds: float
     run: int
     iterations: int
+    validates: bool
 
 
 @dataclass(frozen=True)
@@ -168,6 +177,8 @@ class AppState:
 
     Attributes:
         revision: changes with what the model shows, not with the progress of a run.
+        changed_on_disk: files of the project that another program has changed, each with how.
+        waiting: titles of edits that wait for the end of the run.
         text_revision: changes with the project file and the function.
         excerpt: of data in partitions: samples that the screens show, and all samples; null if all are shown.
     """
@@ -181,10 +192,11 @@ class AppState:
     findings: Sequence[FindingRow]
     code: Sequence[UndecidedCode]
     job: JobState
+    waiting: Sequence[str]
     training: TrainingState
     runs: Sequence[RunRow]
     seconds: float
-    changed_on_disk: bool
+    changed_on_disk: Sequence[str]
     recoverable: bool
     function: ShownFunction
     nodes: Sequence[NamedUnit] | Absent = ABSENT
@@ -215,7 +227,7 @@ def overview(session: Session) -> AppState:
     """Return what all pages show of a session."""
     project, job, training = session.project, session.job, session.training
     state = AppState(
-        OpenProject(project.name if project else session.path.parent.name, str(session.path)),
+        OpenProject(project_id(session.path), project.name if project else session.path.parent.name, str(session.path)),
         session.revision,
         session.text_revision,
         session.history.titles_since(session.saved),
@@ -223,11 +235,12 @@ def overview(session: Session) -> AppState:
         session.history.redoable,
         [_finding(finding) for finding in session.findings],
         [UndecidedCode(each.file, each.digest, each.text) for each in session.undecided],
-        JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace)),
+        JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace), job.validates),
+        [edit.title for edit in session.waiting],
         TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
         [RunRow(run.number, run.result.status) for run in session.runs],
         session.seconds,
-        session.changed_on_disk,
+        list(map(str, session.disk_changes)),
         session.recoverable,
         _function(session),
     )
@@ -326,7 +339,10 @@ def _screen_of(location: Location) -> Screen:
 
 
 def _scores(session: Session, view: View) -> list[ScoreRow]:
-    problem, last = view.model.problem, session.last
+    problem = view.model.problem
+    # criteria or datasets may have changed since
+    last = {(score.criterion, score.use): score.rmse for score in session.last if score.samples}
+    comparable = len(session.last) == len(view.now.scores)
     return [
         ScoreRow(
             criterion=problem.criteria[score.criterion].node,
@@ -335,7 +351,7 @@ def _scores(session: Session, view: View) -> list[ScoreRow]:
             samples=score.samples,
             rmse=finite(score.rmse),
             before=finite(view.start.scores[i].rmse),
-            last=finite(last[i].rmse) if last else None,
+            last=finite(last.get((score.criterion, score.use), np.nan)) if comparable else None,
             mean=finite(score.mean),
             largest=finite(score.largest),
         )

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.app.answer import finite_list
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.state import SetValues
+from kennfeld.app.session.value_edits import ValueEdit
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter
 from kennfeld.project.model import coordinates_of
@@ -35,6 +35,7 @@ class EditedTable:
     Attributes:
         reference: values to compare with.
         locked: numbers of values that are not fitted.
+        waiting: numbers of values whose edits wait for the end of a run.
         samples: number of samples that inform each value; null if it is not known.
         deviation: standard deviation of each value; null if it is not known.
     """
@@ -47,6 +48,7 @@ class EditedTable:
     values: Sequence[float]
     reference: Sequence[float]
     locked: Sequence[int]
+    waiting: Sequence[int]
     lower: Sequence[float | None]
     upper: Sequence[float | None]
     samples: Sequence[int] | None
@@ -58,17 +60,6 @@ class TableReply:
     """The parameter that was asked for."""
 
     table: EditedTable
-
-
-@dataclass(frozen=True)
-class ValueEdit:
-    """Values of a parameter; `cells` are their numbers in C order. Edits of one `drag` are one entry of the history."""
-
-    name: str
-    cells: Sequence[int]
-    values: Sequence[float]
-    title: str
-    drag: str = ""
 
 
 def table(session: Session, asked: AskedTable) -> TableReply:
@@ -87,6 +78,7 @@ def table(session: Session, asked: AskedTable) -> TableReply:
             values=own.values.ravel().tolist(),
             reference=reference.values.ravel().tolist(),
             locked=np.flatnonzero(own.locked.ravel()).tolist(),
+            waiting=sorted({cell for edit in session.waiting if edit.name == name for cell in edit.cells}),
             lower=finite_list(own.lower),
             upper=finite_list(own.upper),
             samples=None if samples is None else samples.ravel().tolist(),
@@ -104,9 +96,6 @@ def describe_axes(table: Parameter, inputs: Sequence[str] = ()) -> list[AxisPoin
     ]
 
 
-def set_values(session: Session, asked: ValueEdit) -> None:
-    """Set values of a parameter."""
-    own = session.parameters[asked.name]
-    values = own.values.ravel().copy()
-    values[np.array(asked.cells, dtype=np.int64)] = np.array(asked.values, dtype=np.float64)
-    session.do(SetValues(asked.title, asked.name, values.reshape(own.values.shape)), asked.drag)
+def set_values(session: Session, edit: ValueEdit) -> None:
+    """Edit values of a parameter; during a calibration the edit waits for its end."""
+    session.edit(edit)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from kennfeld.app.answer import finite
-from kennfeld.app.session.proposal import KeyChoice, Range, propose
+from kennfeld.app.session.proposal import Range
 from kennfeld.app.session.session import Session
-from kennfeld.app.wire import ABSENT, Absent, KeyChange
+from kennfeld.app.wire import ABSENT, Absent
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.formatting import count_noun
@@ -90,22 +90,6 @@ class DataFiles:
 
     datasets: Sequence[DatasetFiles]
     inputs: Sequence[MappedInput]
-
-
-@dataclass(frozen=True)
-class ProposalRow:
-    """Something that the project lacks, with the keys that provide it; one of them may be chosen."""
-
-    title: str
-    changes: Sequence[KeyChange]
-    choice: KeyChoice | None
-
-
-@dataclass(frozen=True)
-class ProposalRows:
-    """Proposals for all that the project lacks."""
-
-    proposals: Sequence[ProposalRow]
 
 
 def files(session: Session) -> DataFiles:
@@ -212,15 +196,6 @@ def recorded_channels(session: Session, number: int) -> dict[str, str]:
         return {}
     files = _described_files(session, entries[number])
     return {channel.name: channel.unit for file in files for channel in file.channels}
-
-
-def proposals(session: Session) -> ProposalRows:
-    """Return what the function needs and the project lacks, with the keys that provide it."""
-    function = session.function
-    if function is None:
-        return ProposalRows([])
-    lacking = propose(function, session.settings, session.initial_names, channel_ranges(session))
-    return ProposalRows([ProposalRow(each.title, each.changes, each.choice) for each in lacking])
 
 
 def _file(folder: Path, path: str, databases: tuple[DatabaseFile, ...]) -> RecordingFile:

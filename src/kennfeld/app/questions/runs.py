@@ -1,5 +1,6 @@
 """Calibration runs: start and stop, their progress, and what their results say."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Literal, cast, get_args
 
@@ -9,24 +10,18 @@ from kennfeld.analysis.cross_validation import Kind
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.answer import finite
-from kennfeld.app.questions.parameters import AxisPoints, describe_axes
 from kennfeld.app.questions.pictures import thumbnail
-from kennfeld.app.session.edited_values import moved_breakpoints, with_edits
-from kennfeld.app.session.live_model import Evaluation
 from kennfeld.app.session.run_job import Validation
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.state import SetTables
 from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result, TraceLine
 from kennfeld.optimize.quality.recording_quality import of_several_files, recordings_table
 
-MAX_CHANGES = 400  # grid points of a table that are listed
+FOLD = re.compile(r"fold (\d+) ")  # of a cross-validation, whose folds are drawn apart
 MAX_RECORDINGS = 500  # rows that are listed
 
 
@@ -163,11 +158,13 @@ class RunOutcome:
 
     Attributes:
         resumable: a sentence on an interrupted run that can be resumed; empty if there is none.
+        files: number of files with training data, which can be the folds of a cross-validation.
     """
 
     resumable: str
     result: RunResult | None
     validation: FoldsTable | None
+    files: int
 
 
 @dataclass(frozen=True)
@@ -184,93 +181,6 @@ class ErrorsByFile:
     rows: Sequence[Sequence[str]]
     more: int
     several: bool
-
-
-@dataclass(frozen=True)
-class ComparedValues:
-    """Two sets of values: those of the start, of now, or of a run by its number."""
-
-    first: str | int
-    second: str | int
-
-
-@dataclass(frozen=True)
-class ComparedTable:
-    """The difference of a table in two sets of values, in C order.
-
-    Attributes:
-        relative: largest difference, relative to the largest value.
-        biggest: numbers of the values that differ, the largest difference first.
-        bound: numbers of the values at a bound.
-    """
-
-    name: str
-    kind: str
-    unit: str
-    description: str
-    largest: float
-    mean: float
-    relative: float
-    at_bound: int
-    axes: Sequence[AxisPoints]
-    first: Sequence[float]
-    second: Sequence[float]
-    biggest: Sequence[int]
-    bound: Sequence[int]
-
-
-@dataclass(frozen=True)
-class ComparedScore:
-    """Errors of a criterion with two sets of values."""
-
-    use: str
-    unit: str
-    criterion: str
-    first: float | None
-    second: float | None
-    largest: float | None
-
-
-@dataclass(frozen=True)
-class ValueChanges:
-    """The differences of two sets of values, the relatively largest first."""
-
-    changes: Sequence[ComparedTable]
-    scores: Sequence[ComparedScore]
-
-
-@dataclass(frozen=True)
-class AskedChoice:
-    """Values of a run: numbers of the values to take by parameter; null takes all."""
-
-    run: int
-    cells: Mapping[str, Sequence[int] | None]
-
-
-@dataclass(frozen=True)
-class AcceptedChoice:
-    """Values of a run that are taken: their numbers by parameter; null takes all."""
-
-    run: int
-    cells: Mapping[str, Sequence[int] | None]
-    title: str
-
-
-@dataclass(frozen=True)
-class ChoiceScore:
-    """The error of a criterion with the chosen values."""
-
-    use: str
-    criterion: int
-    rmse: float | None
-
-
-@dataclass(frozen=True)
-class ChoiceScores:
-    """The errors with the chosen values; `unit` is that of the first criterion."""
-
-    scores: Sequence[ChoiceScore]
-    unit: str
 
 
 def run(session: Session, asked: RunCommand) -> None:
@@ -299,7 +209,8 @@ def progress(session: Session) -> RunProgress:
     view, job = session.require_view(), session.job
     lines: dict[int, list[TraceLine]] = {}
     for line in job.trace:
-        lines.setdefault(line.start, []).append(line)
+        fold = FOLD.match(line.stage) if job.validates else None
+        lines.setdefault(line.start if fold is None else int(fold[1]), []).append(line)
     arrays = {}
     for number, own in lines.items():
         arrays[f"rmse {number}"] = np.array([line.rmse for line in own])
@@ -339,7 +250,14 @@ def outcome(session: Session) -> RunOutcome:
         resumable=session.resumable if idle else "",
         result=None if last is None else _outcome(session, last),
         validation=None if session.validation is None else _folds(session.validation),
+        files=_training_files(session),
     )
+
+
+def _training_files(session: Session) -> int:
+    datasets = [] if session.view is None else session.view.model.problem.datasets
+    training = [data for data in datasets if data.use == "training"]
+    return sum(1 if data.files is None else len(data.files.starts) for data in training)
 
 
 def by_file(session: Session) -> ErrorsByFile:
@@ -420,102 +338,3 @@ def _picture(view: View, name: str, values: Float) -> CoarseTable:
         values=thumbnail(np.asarray(values), 24),
         start=thumbnail(table.values, 24) if len(table.axes) == 1 else [],
     )
-
-
-def compare(session: Session, asked: ComparedValues) -> ValueChanges:
-    """Return the differences of two sets of values."""
-    view = session.require_view()
-    first, second = _evaluate(session, asked.first), _evaluate(session, asked.second)
-    names = view.model.problem.model.graph.parameters
-    rows = [_change(first.parameters[name], second.parameters[name]) for name in names]
-    scores = [
-        ComparedScore(
-            use=b.use,
-            unit=view.model.unit(b.criterion),
-            criterion=view.model.problem.criteria[b.criterion].node,
-            first=finite(a.rmse),
-            second=finite(b.rmse),
-            largest=finite(b.largest),
-        )
-        for a, b in zip(first.scores, second.scores, strict=True)
-        if b.samples
-    ]
-    return ValueChanges(sorted(rows, key=lambda row: -row.relative), scores)
-
-
-def _evaluate(session: Session, which: str | int) -> Evaluation:
-    """Return the model with the values of the start, of now, or of a run."""
-    view = session.require_view()
-    if which == "start":
-        return view.start
-    return view.now if which == "now" else view.model.evaluate(_values_of_run(session, which))
-
-
-def _values_of_run(session: Session, number: str | int, *, moved: bool = True) -> ParameterSet:
-    """Return the parameters with the values of a run; without `moved`, interpolated to the initial breakpoints."""
-    view = session.require_view()
-    if not (str(number).isdigit() and 1 <= int(number) <= len(session.runs)):
-        raise ArgumentError(f"there is no run {str(number)[:20]}")
-    wanted = session.runs[int(number) - 1].result.parameters
-    tables = {name: wanted[name] for name in view.model.problem.free_names if name in wanted}
-    values = {name: table.values for name, table in tables.items()}
-    own, _ = with_edits(view.start.parameters, values | (moved_breakpoints(wanted) if moved else {}), tables)
-    return own
-
-
-def _change(a: Parameter, b: Parameter) -> ComparedTable:
-    difference = b.values - a.values
-    size = np.abs(difference)
-    scale = max(float(np.abs(a.values).max(initial=0.0)), float(np.abs(b.values).max(initial=0.0))) or 1.0
-    order = np.argsort(-size, axis=None)[:MAX_CHANGES]
-    order = order[size.ravel()[order] > 0]
-    return ComparedTable(
-        name=b.name,
-        kind=b.kind,
-        unit=b.unit,
-        description=b.description,
-        largest=float(size.max(initial=0.0)),
-        mean=float(size.mean()),
-        relative=float(size.max(initial=0.0)) / scale,
-        at_bound=int(np.count_nonzero(b.at_bound)),
-        axes=describe_axes(b),
-        first=a.values.ravel().tolist(),
-        second=b.values.ravel().tolist(),
-        biggest=order.tolist(),
-        bound=np.flatnonzero(b.at_bound).tolist(),
-    )
-
-
-def accept(session: Session, asked: AcceptedChoice) -> None:
-    """Take the chosen values of a run, and those of the start elsewhere."""
-    session.do(SetTables(asked.title, _chosen(session, asked)))
-
-
-def choice(session: Session, asked: AskedChoice) -> ChoiceScores:
-    """Return the errors that `accept` would lead to."""
-    view, initial = session.require_view(), session.require_view().start.parameters
-    tables = {name: values for name, values in _chosen(session, asked).items() if values is not None}
-    scores = view.model.evaluate(with_edits(initial, tables, {})[0]).scores
-    rows = [ChoiceScore(s.use, s.criterion, finite(s.rmse)) for s in scores if s.samples]
-    return ChoiceScores(rows, view.model.unit(0))
-
-
-def _chosen(session: Session, asked: AskedChoice | AcceptedChoice) -> dict[str, Float | None]:
-    """Return the tables with the chosen values; None for tables that keep their start.
-
-    Breakpoints that the run has moved are taken with all its values. Otherwise the tables keep theirs.
-    """
-    cells = asked.cells
-    names, start = session.require_view().model.problem.free_names, session.require_view().start.parameters
-    whole = all(name in cells and cells[name] is None for name in names)
-    wanted = _values_of_run(session, asked.run, moved=whole)
-    tables = session.values_of(wanted if whole else start, ())
-    for name in names:
-        if name not in cells:
-            tables[name] = None
-            continue
-        values, chosen = start[name].values.ravel().copy(), cells[name]
-        part = slice(None) if chosen is None else np.array(chosen, dtype=np.int64)
-        values[part] = wanted[name].values.ravel()[part]
-        tables[name] = values.reshape(start[name].values.shape)
-    return tables

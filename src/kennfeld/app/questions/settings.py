@@ -177,6 +177,11 @@ def reload(session: Session) -> None:
     session.reload()
 
 
+def discard(session: Session) -> None:
+    """Take back everything that is not saved; undo brings it back."""
+    session.discard()
+
+
 def recover(session: Session, asked: RecoverCommand) -> None:
     """Take over the edits of a session that ended without saving, or forget them."""
     session.recover(discard=asked.discard)

@@ -8,6 +8,7 @@ import socket
 import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -27,7 +28,7 @@ from kennfeld.app.server.frames import pack
 from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
 from kennfeld.app.server.security import RequestGuard, new_token
 from kennfeld.app.wire import from_json
-from kennfeld.app.workspace import UPLOAD_ENDING, AppWorkspace
+from kennfeld.app.workspace import OPENING, UPLOAD_ENDING, AppWorkspace
 from kennfeld.base.errors import ArgumentError, KennfeldError
 from kennfeld.base.lazy_dataclass import dataclass
 
@@ -41,15 +42,19 @@ SLOW_CLIENT = 10.0  # s after which a page that does not read is closed
 
 @dataclass(frozen=True)
 class PageQuestion:
-    """A question of a page: its number, which the answer repeats, its name, and its details."""
+    """A question of a page: its number, which the answer repeats, its name, its details, and the project it is about.
+
+    Without a project, it is about the one that the page shows.
+    """
 
     id: int
     ask: str
     with_: Mapping[str, Any] | None = None
+    project: str | None = None
 
 
 class Server:
-    """Serves a workspace to any number of pages, which all show the same state."""
+    """Serves a workspace to any number of pages; those of one project show the same state."""
 
     def __init__(self, workspace: AppWorkspace, key: str = "") -> None:
         self.workspace, self.nonce, self._key = workspace, new_token(), key
@@ -86,8 +91,8 @@ class Server:
         """Tell the pages when another program changes the project file."""
         while True:
             await asyncio.sleep(WATCH_INTERVAL)
-            if self._pages:
-                await self._in_session(self.workspace.watch)
+            shown = {page.project for page in self._pages}
+            await self._in_session(partial(self.workspace.watch, shown))
 
     async def _page(self, request: Request) -> Response:
         text = (STATIC / "index.html").read_text(encoding="utf-8")
@@ -97,11 +102,13 @@ class Server:
 
     async def _socket(self, websocket: WebSocket) -> None:
         await websocket.accept()
+        asked = websocket.query_params.get("project", "")
         page = OpenPage(websocket)
-        self._pages.add(page)
         sender = asyncio.create_task(page.send_all())
         try:
-            page.put(await self._in_session(self.workspace.snapshot), "state")
+            page.project = await self._in_session(lambda: self.workspace.join(asked))
+            self._pages.add(page)
+            page.put(await self._snapshot(page.project), "state")
             while True:
                 await self._answer(page, await websocket.receive())
         except (WebSocketDisconnect, RuntimeError):
@@ -119,7 +126,10 @@ class Server:
             said = _parsed(message.get("text") or "")
             number = said.get("id") if isinstance(said, dict) else None
             question: PageQuestion = from_json(PageQuestion, said, "question")
-            answer = await self._in_session(lambda: self.workspace.answer(question.ask, question.with_ or {}))
+            project = page.project if question.project is None else question.project
+            answer = await self._in_session(lambda: self.workspace.answer(question.ask, question.with_ or {}, project))
+            if question.ask in OPENING:
+                page.show(answer.head["project"], await self._snapshot(answer.head["project"]))
         except KennfeldError as error:
             page.put(Answer({"id": number, "error": str(error)}))
         except Exception as error:  # a page that waits for an answer would be lost
@@ -129,25 +139,31 @@ class Server:
         else:
             page.put(Answer({"id": number, **answer.head}, answer.arrays))
 
+    async def _snapshot(self, project: str) -> Answer:
+        answer: Answer = await self._in_session(lambda: self.workspace.snapshot(project))
+        return answer
+
     async def _in_session(self, work: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
-    def _pump_from_thread(self) -> None:
+    def _pump_from_thread(self, project: str) -> None:
         with contextlib.suppress(RuntimeError):  # the server has ended, and a run that it ends reports so
-            self._executor.submit(self.workspace.pump)
+            self._executor.submit(self.workspace.pump, project)
 
-    def _push_from_thread(self, topic: str, answer: Answer) -> None:
+    def _push_from_thread(self, topic: str, answer: Answer, project: str) -> None:
         if self._loop is not None and not self._loop.is_closed():
             # pages belong to the event loop, news come from the thread of the session
-            self._loop.call_soon_threadsafe(self._push, topic, answer)
+            self._loop.call_soon_threadsafe(self._push, topic, answer, project)
 
-    def _push(self, topic: str, answer: Answer) -> None:
+    def _push(self, topic: str, answer: Answer, project: str) -> None:
         for page in self._pages:
-            page.put(answer, topic)
+            if page.project == project:
+                page.put(answer, topic)
 
     async def _upload(self, request: Request) -> Response:
         """Store a file that was dropped onto the page in the folder of the project."""
-        folder = await self._in_session(self.workspace.folder)
+        project = self._asked_for(request)
+        folder = await self._in_session(lambda: self.workspace.folder(project))
         size = 0
         # a hidden file beside the target, so that the rename at the end stays within one file system
         part = folder / f".{secrets.token_hex(8)}{UPLOAD_ENDING}"
@@ -158,7 +174,7 @@ class Server:
                     if size > MAX_UPLOAD:
                         return JSONResponse({"error": f"larger than {MAX_UPLOAD / 1e9:.0f} GB"}, 413)
                     file.write(chunk)
-            target = await self._in_session(lambda: self.workspace.store(part, request.path_params["name"]))
+            target = await self._in_session(lambda: self.workspace.store(part, request.path_params["name"], project))
         except OSError as error:
             return JSONResponse({"error": f"cannot be stored: {error.strerror or error}"}, 507)
         except ClientDisconnect:
@@ -168,12 +184,18 @@ class Server:
         return JSONResponse({"file": target.name})
 
     async def _download(self, request: Request) -> Response:
-        path = await self._in_session(lambda: self.workspace.download(request.path_params["name"]))
+        name, project = request.path_params["name"], self._asked_for(request)
+        path = await self._in_session(lambda: self.workspace.download(name, project))
         return FileResponse(path, filename=path.name)
+
+    def _asked_for(self, request: Request) -> str:
+        """Return the project that an address names, else the last one."""
+        return request.query_params.get("project") or self.workspace.latest
 
     async def _archive(self, request: Request) -> Response:
         """Return the folder of the project as it is on disk, without what begins with a dot."""
-        folder = await self._in_session(self.workspace.folder)
+        project = self._asked_for(request)
+        folder = await self._in_session(lambda: self.workspace.folder(project))
         # on disk, as the archive may be larger than memory
         file = tempfile.TemporaryFile()  # noqa: SIM115  (closed when the answer has been sent)
         try:
@@ -204,9 +226,14 @@ async def _refusal(request: Request, error: Exception) -> Response:
 
 
 class OpenPage:
-    """One page: what is to be sent to it. Of each topic only the newest message waits."""
+    """One page: what is to be sent to it. Of each topic only the newest message waits.
+
+    Attributes:
+        project: id of the project that it shows; empty if none.
+    """
 
     def __init__(self, websocket: WebSocket) -> None:
+        self.project = ""
         self._websocket = websocket
         self._answers: list[Answer] = []
         self._topics: dict[str, Answer] = {}
@@ -218,6 +245,12 @@ class OpenPage:
         else:
             self._answers.append(answer)
         self._ready.set()
+
+    def show(self, project: str, state: Answer) -> None:
+        """Show another project: its state precedes the answer to the question that opened it."""
+        self.project = project
+        self._topics.pop("state", None)
+        self.put(Answer({"push": "state", **state.head}, state.arrays))
 
     async def send_all(self) -> None:
         """Send what waits, for as long as the page is open."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from kennfeld.base.errors import InputError, Location
+from kennfeld.base.file_state import FileVersion
 from kennfeld.base.lazy_dataclass import dataclass
 
 
@@ -17,6 +18,36 @@ class Conflict:
     file: str
     disk: str
     own: str
+
+
+@dataclass(frozen=True)
+class DiskChange:
+    """A file of a project that has changed since it was read: its name, and how: `was deleted`."""
+
+    file: str
+    change: str
+
+    def __str__(self) -> str:
+        return f"{self.file} {self.change}"
+
+    @classmethod
+    def of(cls, path: Path, folder: Path, version: FileVersion | None = None) -> "DiskChange":
+        """Return how a file differs from the version that was read; None if none was."""
+        name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
+        if not path.is_file():
+            return cls(name, "was deleted")
+        if version is None or not version.times:
+            return cls(name, "is new")
+        before, now = _size(version.times[0]), _size(version.now().times[0])
+        return cls(name, "has another content" if before == now else f"has {now} instead of {before}")
+
+
+def _size(count: int) -> str:
+    """Return a number of bytes in a few digits: 24.1 kB."""
+    if count < 1000:
+        return f"{count} bytes"
+    unit, letter = (1e3, "k") if count < 1e6 else (1e6, "M") if count < 1e9 else (1e9, "G")
+    return f"{count / unit:.4g} {letter}B"
 
 
 class FilesOnDisk:
@@ -45,9 +76,14 @@ class FilesOnDisk:
         """Note files, and that of the values, as they are on disk now."""
         self.known.update({name: self._text(name) for name in (*names, self._values)})
 
-    def have_changed(self, names: Iterable[str]) -> bool:
-        """Return if another program has changed one of these files."""
-        return any(self._text(name) != self.known.get(name) for name in names)
+    def changed(self, names: Iterable[str]) -> list[DiskChange]:
+        """Return which of these files another program has changed."""
+        texts = {name: self._text(name) for name in names}
+        return [
+            DiskChange(name, "was deleted" if text is None else "has another content")
+            for name, text in texts.items()
+            if text != self.known.get(name)
+        ]
 
     def conflicts(self, names: Iterable[str], texts: Mapping[str, str]) -> list[Conflict]:
         """Return which of these files another program has changed to something else than the texts."""

@@ -6,14 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.models.function_files import importer_of_function, list_functions, read_function_file, split_reference
 from kennfeld.models.importer import Importer, ImportRequest
 from kennfeld.models.importer_registry import importer_of
+from kennfeld.models.model import Model
 from kennfeld.models.model_function import ModelFunction, as_model
+from kennfeld.project.model import read_function
 from kennfeld.project.schema import ProjectFile, read_partly
 
 
@@ -178,3 +180,12 @@ def _function_names(path: Path) -> tuple[str, ...]:
 def _read(source: FunctionSource) -> ModelFunction:
     note_opened(source.path)
     return read_function_file(source.reference, source.folder, source.name, source.step)
+
+
+def imported_model(settings: Mapping[str, Any], path: Path) -> Model | None:
+    """Return the function that a project imports, also if the project lacks data or criteria; None if it cannot be."""
+    project = read_partly(path, settings)
+    if importer_of(split_reference(project.model.file)[0]) is None:
+        return None
+    read = read_function(project, (), (), Findings())
+    return None if read is None else read.model

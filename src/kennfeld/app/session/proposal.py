@@ -60,6 +60,7 @@ def propose(
     settings: Mapping[str, Any],
     known: Sequence[str],
     channels: Mapping[str, Range],
+    declared: Collection[str] = (),
 ) -> Iterator[Proposal]:
     """Yield what the function needs and the project lacks.
 
@@ -68,6 +69,7 @@ def propose(
         settings: the tables of the project file.
         known: parameters that the initial files provide.
         channels: channels of the files, by name.
+        declared: inputs that the function declares, which are not parameters.
     """
     mapped: Mapping[str, str] = settings.get("channels", {})
     own = {*known, *function.values, *settings.get("parameters", {})}
@@ -75,9 +77,15 @@ def propose(
         if name not in own:
             yield _table(function, name, count, mapped, channels)
     for name in function.graph.inputs:
-        # an input that no channel has may be a parameter, which a section of its name makes it
         channel = mapped.get(name, name)
-        if channel not in channels and name not in own and name not in settings.get("calculated", {}):
+        if channel in channels or name in own or name in settings.get("calculated", {}):
+            continue
+        if name in declared:
+            if channels:
+                choice = KeyChoice(("channels", name), list(channels))
+                yield Proposal(f"{name} reads the channel", [(("channels", name), "")], choice)
+        else:
+            # an input that no channel has may be a parameter, which a section of its name makes it
             yield Proposal(f"scalar {name}", [(("parameters", name), {"initial": 1.0})])
     if not settings.get("criterion"):
         yield from _criterion(function, mapped, channels)
@@ -95,8 +103,8 @@ def _table(
         reach = channels.get(mapped.get(quantity, quantity))
         axis: dict[str, Any] = {"input": quantity} if quantity else {}
         if reach is None:
-            # `count` alone takes quantiles of the data, which need an input
-            axis |= {"count": POINTS[count]} if quantity else {"begin": 0, "end": 1, "count": POINTS[count]}
+            # over an inner node, whose range a trial finds, see `trial`
+            axis |= {"begin": 0, "end": 1, "count": POINTS[count]}
         else:
             axis["breakpoints"] = even_breakpoints(reach, POINTS[count])
         table[direction] = axis

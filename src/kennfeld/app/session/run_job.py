@@ -88,11 +88,15 @@ class RunJob(WorkerProcess):
     Args:
         task: what is calibrated, and how.
         report: called from another thread with each step, with values, and once with the end.
+
+    Attributes:
+        validates: True for a cross-validation, which changes no values.
     """
 
     def __init__(self, task: RunTask, report: Report) -> None:
         self._report = report
         self._ended = False
+        self.validates = task.validation is not None
         plain = replace(task, problem=replace(task.problem))  # a copy has no cached properties
         super().__init__(COMMAND, pickle_content(plain))
 

@@ -1,9 +1,11 @@
 """Runs of a session: those that have ended, and the running or last one as it is shown."""
 
+import time
 from collections.abc import Mapping
 from dataclasses import field
 
 from kennfeld.analysis.extrapolation import Extrapolation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
@@ -21,6 +23,7 @@ class Run:
         result: its result.
         problem: what was calibrated, None if it is the present problem.
         extrapolation: use of surrogates outside their training data; None if it is not computed yet.
+        ended: when it ended, in s since 1970.
     """
 
     number: int
@@ -28,11 +31,27 @@ class Run:
     result: Result
     problem: Problem | None = None
     extrapolation: tuple[Extrapolation, ...] | None = None
+    ended: float = field(default_factory=time.time)
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationRun:
+    """A cross-validation that has ended.
+
+    Attributes:
+        after: number of runs before it.
+        result: its result.
+        ended: when it ended, in s since 1970.
+    """
+
+    after: int
+    result: CrossValidation
+    ended: float = field(default_factory=time.time)
 
 
 @dataclass
 class Job:
-    """The running or last calibration, as it is shown.
+    """The running or last calibration or cross-validation, as it is shown.
 
     Attributes:
         state: idle, running, stopping, or the status of the last result.
@@ -42,6 +61,7 @@ class Job:
         trace: the steps so far.
         preview: values of the best step so far, by parameter.
         problem: what is calibrated.
+        validates: True for a cross-validation.
     """
 
     state: str = "idle"
@@ -51,3 +71,4 @@ class Job:
     trace: list[TraceLine] = field(default_factory=list)
     preview: Mapping[str, Float] = field(default_factory=dict)
     problem: Problem | None = None
+    validates: bool = False

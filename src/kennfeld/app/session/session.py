@@ -4,15 +4,16 @@ import itertools
 import queue
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints
-from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk, read_exactly, text_or_none
-from kennfeld.app.session.function_source import read_called
+from kennfeld.app.session.files_on_disk import Conflict, DiskChange, FilesOnDisk, read_exactly, text_or_none
+from kennfeld.app.session.function_source import imported_model, read_called
+from kennfeld.app.session.initial_files import initial_names
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
@@ -20,10 +21,21 @@ from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
-from kennfeld.app.session.runs import Job, Run
+from kennfeld.app.session.runs import Job, Run, ValidationRun
 from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
-from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
+from kennfeld.app.session.state import (
+    Command,
+    History,
+    Restore,
+    SessionState,
+    SetKeys,
+    SetTables,
+    SetValues,
+    inverse,
+    same_values,
+)
 from kennfeld.app.session.surrogate_training import SurrogateTraining
+from kennfeld.app.session.value_edits import ValueEdit
 from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.atomic_files import write_whole
@@ -31,13 +43,13 @@ from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.base.file_state import FileVersion, opened_files
 from kennfeld.base.output_paths import within
-from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.domain.free_axes import AXIS_LABEL
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.models import Model
 from kennfeld.models.code_consent import ConsentRequest, allow
+from kennfeld.models.formula import read as read_formula
 from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
@@ -72,17 +84,22 @@ class Session:
         self.stale = False  # the texts have errors since
         self.undecided: tuple[ConsentRequest, ...] = ()  # what may not run or be used yet
         self._opened: list[FileVersion] = []  # the files that the project was read from
+        self._read_again: tuple[
+            Finding, ...
+        ] = ()  # files that have been read again, but not because the user asked for it
+        self._function: tuple[int, Model | None] | None = None  # of another tool, by the revision of the texts
         self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
         self._data: RecordedData | PartitionedData = RecordedData()
-        self.last: tuple[LiveScore, ...] = ()  # before the last edit
+        self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
         self.revision = next(_REVISIONS)  # changes with the values and the texts
         self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
-        self.validation: CrossValidation | None = None  # the last one
+        self.validations: list[ValidationRun] = []
         self.job = Job()
         self.training = SurrogateTraining(changed)
         self._running: RunJob | None = None
+        self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
         self.recoverable = self.recovery.exists  # a session ended without saving
         self._assemble()
@@ -96,6 +113,11 @@ class Session:
     def parameters(self) -> ParameterSet:
         """The present values of all parameters. Raises `InputError` if the project cannot be read."""
         return self.require_view().now.parameters
+
+    @property
+    def validation(self) -> CrossValidation | None:
+        """The last cross-validation, None if there was none."""
+        return self.validations[-1].result if self.validations else None
 
     def require_view(self) -> View:
         """Return the view of the project. Raises `InputError` with all findings if it cannot be read."""
@@ -122,21 +144,49 @@ class Session:
 
         `tables` are those for which the values of the command were given; by default the present ones.
         """
-        self._change(lambda: self.history.do(command, drag, tables))
+        joined = self.history.joins(drag)
+        self._change(lambda: self.history.do(command, drag, tables), joined=joined)
+
+    def edit(self, edit: ValueEdit) -> None:
+        """Edit values of a parameter; during a calibration, whose values replace the present ones, at its end.
+
+        Raises:
+            ArgumentError: there is no such parameter, or it has fewer values.
+        """
+        if edit.name not in self.parameters:
+            raise ArgumentError(f"{edit.name[:100]} is not a parameter of the project")
+        if self.project is not None and edit.name in self.project.surrogates:
+            raise ArgumentError(f"{edit.name} is a surrogate, whose values are trained, not edited")
+        values = edit.apply(self.parameters[edit.name])
+        if not self.is_calibrating:
+            self.do(SetValues(edit.title, edit.name, values), edit.drag)
+            return
+        joined = self.waiting[-1].joined(edit) if self.waiting else None
+        self.waiting[len(self.waiting) - bool(joined) :] = [joined or edit]
+        self.revision = next(_REVISIONS)
 
     def undo(self) -> str:
-        """Take the last command back; return its title."""
+        """Take the last command back, or the last edit that waits for the end of a calibration; return its title."""
+        if self.waiting:
+            self.revision = next(_REVISIONS)
+            return self.waiting.pop().title
         return self._change(self.history.undo)
 
     def redo(self) -> str:
         """Bring back what was undone; return its title."""
         return self._change(self.history.redo)
 
-    def _change(self, change: Callable[[], _T]) -> _T:
-        """Change the history, recompute what depends on the state, and keep unsaved edits."""
+    def _change(self, change: Callable[[], _T], *, joined: bool = False) -> _T:
+        """Change the history, recompute what depends on the state, and keep unsaved edits.
+
+        Scores are compared with those before the change; if `joined`, with those before the drag that it belongs to.
+        """
+        scores = () if self.view is None else self.view.now.scores
         before, outcome = self.state, change()
         self._files.note(self.state.texts)
         self._follow(before)
+        if not joined:
+            self.last = scores
         if self.view is not None and not self.stale:
             now, values = self.view.now.parameters, self.state.values
             self.history.note_tables({name: now[name] for name in values if name in now})
@@ -159,8 +209,12 @@ class Session:
         """
         if self._running is not None:
             raise ArgumentError("a run is in progress; stop it first")
-        if self.changed_files:
-            self.refresh()
+        if changes := self._data_changes():
+            # what a run is based on is not exchanged without a word
+            remedy = "Read the files again first."
+            raise InputError(
+                Finding(Location(each.file), f"{each.change} since it was read", remedy) for each in changes
+            )
         if self.stale:
             raise InputError(self.findings)
         view = self.require_view()
@@ -172,7 +226,7 @@ class Session:
         cluster = self.project.cluster_address if joins else None
         self._require_scheduler(cluster)
         task = RunTask(problem, options, None if validation else self.checkpoints, points, validation, cluster)
-        self.job = Job("running", "compiling", time.monotonic(), problem=problem)
+        self.job = Job("running", "compiling", time.monotonic(), problem=problem, validates=validation is not None)
         self._running = RunJob(task, self._put)
 
     @property
@@ -219,13 +273,17 @@ class Session:
             else:
                 self._running = None
                 self._end(message)
+                self._apply_waiting()
+                if changes := self._data_changes():
+                    told = "; ".join(map(str, changes))
+                    self.job.message += f" Since its data were read, files have changed: {told}."
 
     def _end(self, end: Ended) -> None:
         """Take over the values of a run that has ended."""
         job = self.job
         job.preview = {}
         if end.validation is not None:
-            self.validation = end.validation
+            self.validations.append(ValidationRun(len(self.runs), end.validation))
             self.revision = next(_REVISIONS)
             job.state, job.message = "validated", " ".join(end.validation.summary())
             return
@@ -243,6 +301,20 @@ class Session:
         free = view.model.problem.free_names
         tables = {name: result.parameters[name] for name in free if name in result.parameters}
         self.do(SetTables(f"Run {run.number}", self.values_of(result.parameters, tables)), tables=tables)
+
+    def _apply_waiting(self) -> None:
+        """Apply the edits that were made during the run to its values; say which of them no table takes any more."""
+        waiting, self.waiting = self.waiting, []
+        failed = []
+        for edit in waiting:
+            try:
+                self.edit(edit)
+            except (ArgumentError, InputError) as error:
+                failed.append(f"{edit.title} was not applied: {error}.")
+        if waiting:
+            done = len(waiting) - len(failed)
+            count = f"{done} edit{'' if done == 1 else 's'} that waited {'was' if done == 1 else 'were'} applied."
+            self.job.message = " ".join([self.job.message, count, *failed])
 
     def values_of(self, parameters: ParameterSet, names: Collection[str]) -> dict[str, Float | None]:
         """Return the values of parameters, with the breakpoints of free axes in place of those of an earlier run."""
@@ -278,6 +350,21 @@ class Session:
         return tables
 
     @property
+    def is_calibrating(self) -> bool:
+        """True while a calibration runs, at whose end its values become the present ones."""
+        return self._running is not None and not self._running.validates
+
+    @property
+    def is_busy(self) -> bool:
+        """True while a calibration or a training runs."""
+        return self._running is not None or self.training.state == "running"
+
+    @property
+    def has_edits(self) -> bool:
+        """True if something is not saved."""
+        return bool(self.history.titles_since(self.saved))
+
+    @property
     def formula_file(self) -> str:
         """Name of the formula file, empty if the function is something else."""
         model = self.settings.get("model")
@@ -291,22 +378,35 @@ class Session:
             return self.view.model.problem.model
         file = self.formula_file
         try:
-            return read_function(self.text_of(file), read_called(self.settings, self.path)) if file else None
+            if file:
+                return read_function(self.text_of(file), read_called(self.settings, self.path))
         except InputError:
             return None
+        return None if self.undecided else self._imported()
+
+    def _imported(self) -> Model | None:
+        """Return the function of another tool, also if the project lacks data; None if it cannot be read."""
+        if self._function is None or self._function[0] != self.text_revision:
+            self._function = self.text_revision, imported_model(self.settings, self.path)
+        return self._function[1]
+
+    def read_trial(self, command: Command) -> Project:
+        """Read the project as it would be after a command, with the recordings that are known.
+
+        Raises:
+            InputError: it would have errors.
+        """
+        texts = command.apply(self.state).texts
+        edited = {name: text for name, text in texts.items() if text != self.saved.texts.get(name)}
+        plain = {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
+        return self._with_data(Project.read(self.path, plain))
 
     @property
     def initial_names(self) -> list[str]:
         """Names of the parameters that the initial files provide."""
         if self.view is not None and not self.stale:
             return list(self.view.start.parameters)
-        calibration = self.settings.get("calibration")
-        files = calibration.get("initial", []) if isinstance(calibration, dict) else []
-        names: list[str] = []
-        for file in [files] if isinstance(files, str) else files:
-            with suppress(InputError, TypeError):
-                names += read_parameters(self.path.parent / file)
-        return names
+        return list(initial_names(self.settings, self.path).names)
 
     @property
     def conflicts(self) -> list[Conflict]:
@@ -358,26 +458,34 @@ class Session:
     @property
     def changed_on_disk(self) -> bool:
         """True if another program has changed a text since it was read or saved, or another file of the project."""
-        return self._files.have_changed(self.state.texts) or bool(self.changed_files)
+        return bool(self.disk_changes)
 
     @property
-    def changed_files(self) -> list[Path]:
-        """The files, but for texts that are edited here, that have changed since the project was read from them.
+    def disk_changes(self) -> tuple[DiskChange, ...]:
+        """The files of the project that another program has changed since they were read or saved, and how."""
+        return (*self._files.changed(self.state.texts), *self._data_changes())
+
+    def _data_changes(self) -> list[DiskChange]:
+        """Return the files, but for texts that are edited here, that have changed since the project was read from them.
 
         Those that match a pattern of the project now, or do not any more, are among them.
         """
-        own = {self.path.parent / name for name in self.saved.texts}
-        changed = [file.path for file in self._opened if file.path not in own and not file.is_present]
+        folder, own = self.path.parent, {self.path.parent / name for name in self.saved.texts}
+        opened = [file for file in self._opened if file.path not in own and not file.is_present]
+        changes = {file.path: DiskChange.of(file.path, folder, file) for file in opened}
         if self._matching is not None:
             file, before = self._matching
-            changed += [Path(path) for path in sorted(set(before).symmetric_difference(matching_files(file)))]
-        return list(dict.fromkeys(changed))
+            for path in sorted(set(before).symmetric_difference(matching_files(file))):
+                own_path = Path(path).absolute()
+                changes.setdefault(own_path, DiskChange.of(own_path, folder))
+        return list(changes.values())
 
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
         texts = {name: text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
+        self._opened, self._matching, self._read_again = [], None, ()  # the user has seen what has changed
         # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
@@ -399,6 +507,12 @@ class Session:
         if kept is not None:
             self._files.known.update(kept.known)  # what has changed meanwhile is a conflict
             self.do(kept.edits, tables=kept.tables)
+
+    def discard(self) -> None:
+        """Take back everything that is not saved, as a command that can be undone."""
+        self.do(inverse(self.saved, self.state, "Discarded the edits"))
+        self.saved = self.state
+        self.recovery.remove()
 
     def _changed_values(self) -> ParameterSet | None:
         """Return what `VALUES` is to hold: the edited parameters, and those saved before; None if none are edited."""
@@ -430,6 +544,7 @@ class Session:
 
     def refresh(self) -> None:
         """Read the project again, after files that it names have changed."""
+        self._opened, self._matching, self._read_again = [], None, ()  # the changes are known
         self._assemble()
 
     def allow_code(self, digests: Collection[str]) -> None:
@@ -441,12 +556,19 @@ class Session:
 
     def _assemble(self) -> None:
         """Read the project again and build its model; files that change meanwhile are found changed."""
+        self._read_again += tuple(
+            Finding(
+                Location(each.file),
+                f"{each.change} since the project was opened, and was read again",
+                severity="warning",
+            )
+            for each in self._data_changes()
+        )
         with opened_files() as opened:
             self._read_project()
         self._opened = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
 
     def _read_project(self) -> None:
-        self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
         self.undecided, self._matching = (), None
         try:
@@ -454,15 +576,26 @@ class Session:
             self._matching = project.file, matching_files(project.file)
             self._require_consent(project)
             project = self._with_data(project)
-            self.project, self._own_findings = project, tuple(project.check())
+            self.project, self._own_findings = project, (*self._read_again, *project.check())
             self.findings = self._own_findings
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
             # the last view stays, so that pages go on showing something while a text is being edited
-            self.findings, self.stale = error.findings, True
+            self.findings, self.stale = (*error.findings, *self._formula_errors(error.findings)), True
             return
         if self.state.values:
             self._evaluate()
+
+    def _formula_errors(self, known: Collection[Finding]) -> tuple[Finding, ...]:
+        """Return what is wrong in formula text, which a project that lacks data is not checked for."""
+        file = self.formula_file
+        if not file or any(finding.location.file.endswith(Path(file).name) for finding in known):
+            return ()
+        try:
+            read_formula(self.path.parent / file, None, (), self.text_of(file), read_called(self.settings, self.path))
+        except InputError as error:
+            return error.findings
+        return ()
 
     def _require_consent(self, project: Project) -> None:
         """Raise `InputError` if the project runs code, or reads from addresses, that the user has not allowed.
@@ -542,7 +675,6 @@ class Session:
         self.revision = next(_REVISIONS)
         if self.view is not None:
             began = time.perf_counter()
-            self.last = self.view.now.scores
             findings = self.view.follow(self.state.values, self.state.tables)
             if not self.stale:
                 self.findings = (*self._own_findings, *findings)

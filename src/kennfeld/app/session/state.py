@@ -225,10 +225,14 @@ class History:
         # by identity: a command that sets values makes new arrays, for which the table is another
         same = {n: table for n, table in before.tables.items() if state.values.get(n) is before.values.get(n)}
         state = replace(state, tables={**same, **(tables or {})})
-        joined = bool(drag) and drag == self._open
+        joined = self.joins(drag)
         keep = self._at + (0 if joined else 1)
         self._entries[keep:] = [Entry(state, command.title)]
         self._at, self._open = keep, drag
+
+    def joins(self, drag: str) -> bool:
+        """Return if a command of this drag would be a part of the present entry."""
+        return bool(drag) and drag == self._open
 
     def amend(self, command: Command) -> None:
         """Apply a command to the present state without an entry of its own; what was undone is forgotten."""

@@ -5,10 +5,19 @@ from typing import TYPE_CHECKING
 from kennfeld.base.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from kennfeld.models.formula.frontend import expression, extend, formula, read, surrogates_beside, text_of
+    from kennfeld.models.formula.frontend import (
+        declared_inputs,
+        expression,
+        extend,
+        formula,
+        read,
+        surrogates_beside,
+        text_of,
+    )
     from kennfeld.models.formula.printer import spell_name, to_lines, to_text
 
 __all__ = [
+    "declared_inputs",
     "expression",
     "extend",
     "formula",
@@ -23,7 +32,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "frontend": "expression extend formula read surrogates_beside text_of",
+        "frontend": "declared_inputs expression extend formula read surrogates_beside text_of",
         "printer": "spell_name to_lines to_text",
     },
 )

@@ -151,6 +151,16 @@ def _model(
     )
 
 
+def declared_inputs(text: str) -> tuple[str, ...]:
+    r"""Return the names that formula text declares as inputs, each by a line of its own.
+
+    >>> declared_inputs("input n[rpm]\ny = C(n) + offset")
+    ('n',)
+    """
+    statements = parse(Source.of_text("formula", text))
+    return tuple(each.at.name for each in statements if isinstance(each, Declaration) and each.kind == "input")
+
+
 def _loop_remarks(graph: Graph, source: Source) -> tuple[Finding, ...]:
     tail = "is called in a loop, so its code runs sample by sample, which is slow"
     return tuple(Finding(source.label, f"{name} {tail}", severity="remark") for name in called_in_loops(graph))

@@ -1,7 +1,6 @@
 // What is done with two sets of values: take labels into the project, write a merged or converted file, use a file as
 // start.
 
-import { signal } from "@preact/signals";
 import {
   comparison,
   descriptions,
@@ -18,14 +17,15 @@ import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { RoundedTable } from "../../instruments/rounded";
 import type { Toml } from "../../replies";
+import { scoped } from "../../scope";
 import { setKeys } from "../../settings";
 import { address } from "../../uploads";
 
-const kind = signal<"merged" | "converted">("merged");
-const name = signal("");
-const ending = signal(".dcm");
-const image = signal("");
-const remarks = signal<string[]>([]);
+const kind = scoped<"merged" | "converted">("merged");
+const name = scoped("");
+const ending = scoped(".dcm");
+const image = scoped("");
+const remarks = scoped<string[]>([]);
 
 const isImage = (text: string): boolean => /\.(hex|ihex|s19|s28|s37|srec|mot)$/i.test(text);
 

@@ -1,18 +1,19 @@
 // Blocks that a channel or a formula replaces: those that are bound, and the field that binds another one.
 
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { newest } from "../../connection";
 import { significant } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import type { ReadChannel } from "../../replies";
+import { scoped } from "../../scope";
 import { setKeys } from "../../settings";
 import { request } from "../../store";
 import { diagram } from "./source";
 
-export const binding = signal(""); // path of the block that is being bound
-const text = signal("");
-const reads = signal<{ channels: ReadChannel[]; problem: string }>({ channels: [], problem: "" });
+export const binding = scoped(""); // path of the block that is being bound
+const text = scoped("");
+const reads = scoped<{ channels: ReadChannel[]; problem: string }>({ channels: [], problem: "" });
 
 const check = newest(async (formula: string) => {
   const reply = await request("formula-reads", { text: formula });

@@ -7,13 +7,14 @@ import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { split } from "../../instruments/error-split";
 import type { BlockRow } from "../../replies";
+import { scoped } from "../../scope";
 import { binding } from "./bindings";
 import { promote } from "./block-actions";
 import { chosen, diagram } from "./source";
 
-const search = signal("");
+const search = scoped("");
 const column = signal("fields");
-const opened = signal(new Set<string>()); // subsystems whose blocks are shown; the top level always is
+const opened = scoped(new Set<string>()); // subsystems whose blocks are shown; the top level always is
 
 const SIGNS: Record<string, string> = {
   SubSystem: "▭",

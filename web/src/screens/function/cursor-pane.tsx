@@ -1,14 +1,15 @@
 // The sample at the cursor: what the function reads there, its error, and the samples with the worst errors.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
 import { MISSING, plain, signed, significant } from "../../drawing/numbers";
 import { ErrorFacts, placeText, shown, split, useSplit } from "../../instruments/error-split";
 import { criterionNumber, cursor, datasetNumber } from "../../plots";
 import type { WorstRow } from "../../replies";
+import { scoped } from "../../scope";
 import { request, revision, screen, settled, state } from "../../store";
 
-const worst = signal<{ samples: WorstRow[]; rmse: number | null }>({ samples: [], rmse: null });
+const worst = scoped<{ samples: WorstRow[]; rmse: number | null }>({ samples: [], rmse: null });
 const load = newest(async (given: { dataset: number; criterion: number }) => {
   const reply = await request("worst", given);
   if (reply !== null) worst.value = reply.head;

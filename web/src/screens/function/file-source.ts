@@ -1,18 +1,19 @@
 // What the page knows of functions in files of other tools: the function of the project, and those that formula text
 // calls.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
 import { holdsFunctions, isHeader } from "../../function-files";
 import type { CalledFunction, ProjectFunction } from "../../replies";
+import { scoped } from "../../scope";
 import { setKeys } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
 import { chosen, functionFile } from "./source";
 
 export const isFileFunction = computed(() => state.value.function.screen === "function-file");
-export const fileFunction = signal<ProjectFunction | null>(null);
-export const calledFunctions = signal<CalledFunction[]>([]);
+export const fileFunction = scoped<ProjectFunction | null>(null);
+export const calledFunctions = scoped<CalledFunction[]>([]);
 
 const shown = computed(() => screen.value === "function" && state.value.project !== null);
 const textRevision = computed(() => state.value.textRevision);

@@ -4,6 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { shown, split } from "../../instruments/error-split";
 import type { FlowNode, FunctionFlow } from "../../replies";
+import { scoped } from "../../scope";
 import { request, screen, settled, state } from "../../store";
 import { isFileFunction } from "./file-source";
 import { chosen, esdl, simulink } from "./source";
@@ -22,7 +23,7 @@ const HEIGHT = 32;
 const GAP = 22;
 const MOST = 60; // boxes that are drawn; of larger functions those around the chosen node
 
-const flow = signal<FunctionFlow | null>(null);
+const flow = scoped<FunctionFlow | null>(null);
 const SIGNS: Record<string, string> = {
   add: "+",
   sub: "−",

@@ -1,14 +1,14 @@
 // The formula text of an imported model: each line with the value of its node at the cursor, lines of the chosen block
 // or variable lit.
 
-import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Segment } from "../../fields";
 import { shown, split, useSplit } from "../../instruments/error-split";
 import type { FormulaLine } from "../../replies";
+import { scoped } from "../../scope";
 import { chosen } from "./source";
 
-const filter = signal("all");
+const filter = scoped("all");
 
 interface Props {
   lines: FormulaLine[] | undefined;

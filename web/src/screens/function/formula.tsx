@@ -1,11 +1,11 @@
 // Formula text as the function: the editor, its messages, and what the error at the cursor is made of.
 
-import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { CodeConsent } from "../../code-consent";
 import { Corrections, split } from "../../instruments/error-split";
 import { Proposals } from "../../instruments/proposals";
+import { scoped } from "../../scope";
 import { settings } from "../../settings";
 import { open, request, screen, state } from "../../store";
 import { CalledFunctions } from "./called-functions";
@@ -19,7 +19,7 @@ import { FunctionSettings } from "./settings";
 import { chosen } from "./source";
 import { Surrogates } from "./surrogates";
 
-const text = signal<"function" | "project">("function");
+const text = scoped<"function" | "project">("function");
 
 export function FormulaText() {
   const { file } = settings.value;

@@ -1,13 +1,15 @@
 // The chosen node and the error around the cursor, now and at the start.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
 import { area, extent, line, type Pen, widened } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
+import { unitText } from "../../drawing/numbers";
 import { split } from "../../instruments/error-split";
 import { Picture } from "../../instruments/picture";
 import { criterion, cursor, datasetNumber } from "../../plots";
 import type { SignalName } from "../../replies";
+import { scoped } from "../../scope";
 import { request, revision, screen, settled } from "../../store";
 import { chosen, simulink } from "./source";
 
@@ -20,7 +22,7 @@ interface Strip {
   now: Float32Array;
   error: Float32Array;
 }
-const strip = signal<Strip | null>(null);
+const strip = scoped<Strip | null>(null);
 
 const load = newest(async ([dataset, begin, end, node, criterion]: [number, number, number, string, number]) => {
   const signals: SignalName[] = [
@@ -74,7 +76,7 @@ export function NodeStrip() {
     <>
       <div class="head mid">
         <h2>{drawnNode.value}</h2>
-        <span class="sub">{unit && `[${unit}] `}around the cursor; a click moves it</span>
+        <span class="sub">{unitText(unit) && `[${unit}] `}around the cursor; a click moves it</span>
         <span class="right">
           <span class="key">
             <i style={{ borderColor: "var(--model)" }} />

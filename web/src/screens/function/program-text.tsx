@@ -1,15 +1,16 @@
 // The source text of an ASCET model, a file at a time, with the values at the cursor beside the variables that it
 // declares.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../../icons";
 import { shown, split, useSplit } from "../../instruments/error-split";
 import type { NodeValue } from "../../replies";
+import { scoped } from "../../scope";
 import { open, screen, state } from "../../store";
 import { chosen, program } from "./source";
 
-const file = signal(0); // number of the file that is shown
+const file = scoped(0); // number of the file that is shown
 
 effect(() => {
   void program.value?.file;

@@ -1,9 +1,11 @@
 // The function of the project: its file, and what the import of a Simulink or an ASCET model says of it.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
+
 import { newest } from "../../connection";
 import { holdsFunctions, isHeader } from "../../function-files";
 import type { ImportablePart, ImportedFunction, Path, Toml } from "../../replies";
+import { scoped } from "../../scope";
 import { setKeys, valueAt } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
@@ -11,11 +13,11 @@ import { upload } from "../../uploads";
 export const functionFile = computed(() => String(valueAt(["model", "file"]) ?? ""));
 export const simulink = computed(() => state.value.function.screen === "diagram");
 export const esdl = computed(() => state.value.function.screen === "program");
-export const files = signal<string[]>([]); // of the project's folder that can be the function
-export const diagram = signal<ImportedFunction | null>(null);
-export const program = signal<ImportedFunction | null>(null);
-export const parts = signal<ImportablePart[] | null>(null);
-export const chosen = signal(""); // path of a block, or name of a node of formula text
+export const files = scoped<string[]>([]); // of the project's folder that can be the function
+export const diagram = scoped<ImportedFunction | null>(null);
+export const program = scoped<ImportedFunction | null>(null);
+export const parts = scoped<ImportablePart[] | null>(null);
+export const chosen = scoped(""); // path of a block, or name of a node of formula text
 
 const shown = computed(() => screen.value === "function" && state.value.project !== null);
 const textRevision = computed(() => state.value.textRevision);

@@ -1,18 +1,19 @@
 // The data-driven models of the project: how good they are, where they hold, and their training.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
 import { count, MISSING, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import type { SurrogateRow, ValidityRow } from "../../replies";
+import { scoped } from "../../scope";
 import { setKeys } from "../../settings";
 import { request, screen, state } from "../../store";
 import { Fold, isOpen } from "./fold";
 
-const all = signal<SurrogateRow[]>([]);
-const uses = signal<{ revision: number; rows: ValidityRow[] } | null>(null);
-const beginning = signal(false);
+const all = scoped<SurrogateRow[]>([]);
+const uses = scoped<{ revision: number; rows: ValidityRow[] } | null>(null);
+const beginning = scoped(false);
 
 const textRevision = computed(() => state.value.textRevision);
 const trainingState = computed(() => state.value.training.state);
@@ -303,7 +304,7 @@ function NewSurrogate() {
   );
 }
 
-const draft = signal({ name: "", output: "", kind: "static", inputs: [] as string[] });
+const draft = scoped({ name: "", output: "", kind: "static", inputs: [] as string[] });
 
 function toggle(name: string): void {
   const { inputs } = draft.value;

@@ -1,14 +1,14 @@
 // The lower pane of the optimization: tables, what the last run says, the steps of a sequence, and cross-validation.
 
-import { signal } from "@preact/signals";
 import { parseNumber, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import type { RunResult, StepRow } from "../../replies";
 import { outcome, running, validate, view } from "../../runs";
-import { state } from "../../store";
+import { scoped } from "../../scope";
+import { blocking, state } from "../../store";
 
-const folds = signal(5);
-const parts = signal("auto");
+const typed = scoped<number | null>(null); // number of folds; null is the usual one
+const parts = scoped("auto");
 
 export function OutcomeHead({ sub, steps }: { sub: string; steps: StepRow[] }) {
   const options = ["tables", "result", ...(steps.length ? ["steps"] : []), "cross-validation"];
@@ -191,6 +191,9 @@ const PARTS = ["auto", "files", "blocks", "random"];
 
 function Validation() {
   const own = outcome.value.validation;
+  // each file is a fold, unless the user wants others
+  const files = Math.max(2, outcome.value.files);
+  const folds = typed.value ?? (parts.value === "files" ? files : 5);
   return (
     <div class="items">
       <div class="pl">
@@ -199,10 +202,10 @@ function Validation() {
           <span class="field small num" style={{ width: "44px" }}>
             <input
               aria-label="Folds"
-              value={folds.value}
+              value={folds}
               onChange={(event) => {
-                const typed = parseNumber(event.currentTarget.value);
-                if (typed !== null && typed >= 2) folds.value = Math.round(typed);
+                const number = parseNumber(event.currentTarget.value);
+                if (number !== null && number >= 2) typed.value = Math.round(number);
               }}
             />
           </span>
@@ -225,8 +228,8 @@ function Validation() {
         <button
           class="btn small"
           id="cross-validate"
-          disabled={running() || state.value.project === null}
-          onClick={() => validate(folds.value, parts.value)}
+          disabled={running() || state.value.project === null || blocking.value !== null}
+          onClick={() => validate(folds, parts.value)}
         >
           Cross-validate
         </button>

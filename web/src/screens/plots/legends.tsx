@@ -2,10 +2,11 @@
 
 import { useSignal } from "@preact/signals";
 import { MISSING, signed, significant } from "../../drawing/numbers";
-import { valueAt } from "../../instruments/strips";
+import { valueUnder } from "../../hover-values";
 import { brushed, drawn, sample } from "../../plot-data";
 import { cursor, hover, keyOf } from "../../plots";
 import type { SignalRow } from "../../replies";
+import { settled } from "../../store";
 import {
   active,
   addLine,
@@ -122,14 +123,18 @@ function refocus(event: KeyboardEvent, r: number, by: number): void {
 function Value({ own, single, remove }: { own: Line; single: boolean; remove: () => void }) {
   const key = keyOf(own.signal);
   const missing = drawn.value?.missing.get(key);
-  const at = hover.value;
   const exact = cursor.value === null ? NaN : (sample.value?.values.get(key) ?? NaN);
-  const value = at === null ? exact : valueAt(drawn.value, key, at);
+  const under = hover.value === null ? NaN : valueUnder(drawn.value, own.signal, hover.value, settled.value.criteria);
   return (
     <div class="v" title={missing}>
       <i style={{ background: `var(--${own.colour})` }} />
       <span class="cut">{missing ? "not in this dataset" : own.label}</span>
-      {missing ? <b /> : <b>{Number.isFinite(value) ? significant(value) : MISSING}</b>}
+      <span class="hv" title="Under the mouse: about the value there">
+        {!missing && Number.isFinite(under) ? `≈ ${significant(under)}` : ""}
+      </span>
+      <b title="At the clicked sample">
+        {missing ? "" : cursor.value === null ? "" : Number.isFinite(exact) ? significant(exact) : MISSING}
+      </b>
       {!single && (
         <button
           class="x"

@@ -1,13 +1,14 @@
 // The errors of the last run by file, the worst first; folded while every dataset has only one file.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
 import type { ErrorsByFile } from "../../replies";
+import { scoped } from "../../scope";
 import { request, screen, settled } from "../../store";
 import { Cells } from "../optimization/outcome";
 
-const answer = signal<ErrorsByFile>({ run: null, rows: [], more: 0, several: false });
-const asked = signal<boolean | null>(null); // what the user chose, else it depends on the files
+const answer = scoped<ErrorsByFile>({ run: null, rows: [], more: 0, several: false });
+const asked = scoped<boolean | null>(null); // what the user chose, else it depends on the files
 const unfolded = computed(() => asked.value ?? answer.value.several);
 
 const load = newest(async (_: string) => {

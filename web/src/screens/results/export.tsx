@@ -1,18 +1,19 @@
 // Export of the present values: calibration files, report, simulation, script, all files of a run, and the folder.
 
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { RoundedTable } from "../../instruments/rounded";
 import type { ExportedFiles, ExportFormats } from "../../replies";
+import { scoped } from "../../scope";
 import { request, screen, settled, state } from "../../store";
-import { address } from "../../uploads";
+import { address, inProject } from "../../uploads";
 import { Further } from "../optimization/settings";
 
-const formats = signal<ExportFormats>({ formats: [], own: [], folder: "", stored: false });
-const picked = signal<Set<string> | null>(null);
-const extras = signal({ report: true, stored: false, script: false, whole: false });
-const simulation = signal("");
-const existing = signal(""); // name of the script that would be replaced
-const exported = signal<ExportedFiles>({ files: [], findings: [], rounded: [] });
+const formats = scoped<ExportFormats>({ formats: [], own: [], folder: "", stored: false });
+const picked = scoped<Set<string> | null>(null);
+const extras = scoped({ report: true, stored: false, script: false, whole: false });
+const simulation = scoped("");
+const existing = scoped(""); // name of the script that would be replaced
+const exported = scoped<ExportedFiles>({ files: [], findings: [], rounded: [] });
 
 effect(() => {
   // what was exported may be the results of a run
@@ -133,7 +134,7 @@ export function ExportPane() {
           <a
             class="btn"
             id="export-folder"
-            href="/project.zip"
+            href={inProject("/project.zip")}
             download
             title="The folder of the project as it is on disk; unsaved changes are not in it"
           >

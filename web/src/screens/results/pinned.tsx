@@ -1,13 +1,14 @@
 // What a pin would do to the uncertainty of every table, before it is applied.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { tried, trust } from "../../comparison";
 import { newest } from "../../connection";
 import { MISSING, significant } from "../../drawing/numbers";
 import type { PinnedRow, RemedyRow } from "../../replies";
+import { scoped } from "../../scope";
 import { request, screen } from "../../store";
 
-const rows = signal<PinnedRow[]>([]);
+const rows = scoped<PinnedRow[]>([]);
 
 const pins = computed(() =>
   [...trust.value.remedies, ...trust.value.directions.flatMap((each) => each.remedies)].filter(

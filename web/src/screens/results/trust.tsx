@@ -14,7 +14,7 @@ export function TrustPane() {
   return (
     <section class="pane dr" id="trust">
       <div class="head">
-        <h2>What the data cannot determine</h2>
+        <h2>Not determined</h2>
         <span class="sub">
           {directions.length
             ? `${directions.length} direction${directions.length > 1 ? "s" : ""}, least known first`
@@ -25,7 +25,7 @@ export function TrustPane() {
             class="right q"
             title="Degrees of freedom that the fit used: the effective number of values that the data determine"
           >
-            the data determine {significant(freedom, 3)} of {values} values
+            the data determine {significant(freedom, 3)} of {values}
           </span>
         )}
       </div>

@@ -55,7 +55,7 @@ export function NewProject() {
           class="open-path"
           onSubmit={(event) => {
             event.preventDefault();
-            void openProject("new", { name: name.value }, "data");
+            openProject("new", { name: name.value }, "data");
           }}
         >
           <label class="field" style={{ flex: 1 }} title="Name or path of the folder of an empty project">
@@ -77,7 +77,7 @@ export function NewProject() {
           class="open-path"
           onSubmit={(event) => {
             event.preventDefault();
-            void openProject("open", { path: path.value });
+            openProject("open", { path: path.value });
           }}
         >
           <label class="field" style={{ flex: 1 }} title="A kennfeld.toml, or the folder that holds one">

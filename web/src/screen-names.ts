@@ -1,0 +1,13 @@
+// The screens, by the names that addresses have.
+
+export const SCREENS = [
+  "data",
+  "function",
+  "parameters",
+  "optimization",
+  "results",
+  "plots",
+  "files",
+  "start",
+] as const;
+export type Screen = (typeof SCREENS)[number];
