@@ -2,6 +2,7 @@
 
 import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
+import { detail as written } from "./control-unit";
 import { count, MISSING, signed, significant } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
 import type { ScoreRow } from "./replies";
@@ -209,7 +210,7 @@ function Rmse({ use }: { use: "training" | "test" }) {
 
 interface Step {
   screen: Screen;
-  key: number;
+  key: number | string;
   title: string;
   detail: () => string;
 }
@@ -263,6 +264,8 @@ export function Rail() {
       <hr />
       <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
       <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge, convert" }} />
+      <hr />
+      <StepButton step={{ screen: "control-unit", key: "E", title: "Control unit", detail: () => written.value }} />
       <span style={{ flex: 1 }} />
       <hr />
       <button
