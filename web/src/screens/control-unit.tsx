@@ -1,5 +1,6 @@
 // Into the control unit: the values are rounded to its storage, and written with the function as C, FMU and files.
 
+import { useEffect } from "preact/hooks";
 import { busy, compareCode, existing, round, unit, writeFiles } from "../control-unit";
 import { Footer, Key } from "../frame";
 import { blocking, state } from "../store";
@@ -10,7 +11,8 @@ import "./control-unit.css";
 
 function keys(event: KeyboardEvent): void {
   const typing = (event.target as HTMLElement).closest("input, select, textarea") !== null;
-  if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (typing || document.querySelector("dialog[open]") !== null || event.ctrlKey || event.metaKey || event.altKey)
+    return;
   const button = document.getElementById({ r: "round", c: "compare-code", w: "write-unit" }[event.key] ?? "");
   if (!(button instanceof HTMLButtonElement) || button.disabled) return;
   event.preventDefault();
@@ -20,10 +22,14 @@ function keys(event: KeyboardEvent): void {
 }
 
 export function ControlUnitScreen() {
+  useEffect(() => {
+    addEventListener("keydown", keys);
+    return () => removeEventListener("keydown", keys);
+  }, []);
   const empty = state.value.parameters.length === 0 || state.value.criteria.length === 0;
   return (
     <>
-      <main class="unit" tabIndex={-1} onKeyDown={keys}>
+      <main class="unit">
         {empty || unit.value === null ? (
           <section class="pane all">
             <div class="head">

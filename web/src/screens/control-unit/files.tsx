@@ -12,7 +12,7 @@ import {
   formats,
   inputs,
   languages,
-  rounded,
+  method,
   rounds,
   step,
   waitsFor,
@@ -55,7 +55,7 @@ export function FmuPane({ own }: { own: ControlUnit }) {
         />
         <span class="q">step</span>
         <span class="row">
-          <span class={`field small num ${step.value === null ? "empty" : ""}`} style={{ width: "76px" }}>
+          <span class={`field small num ${step.value === null ? "empty" : ""}`} style={{ width: "104px" }}>
             <NumberInput
               label="Step of the FMU"
               placeholder="as the data"
@@ -85,6 +85,12 @@ export function FmuPane({ own }: { own: ControlUnit }) {
   );
 }
 
+const VALUES = {
+  "": "the values as they are",
+  nearest: "the values, each rounded to the nearest",
+  joint: "the values, rounded together",
+};
+
 const LANGUAGES = [
   ["c", "C code", (name: string) => `${name}.c, ${name}.h`],
   ["fmu", "FMU", (name: string) => `${name}.fmu`],
@@ -97,11 +103,7 @@ export function FilesPane({ own }: { own: ControlUnit }) {
     <section class="pane files" aria-label="Files">
       <div class="head">
         <h2>Files</h2>
-        <span class="sub">
-          {rounds.value
-            ? `the values, rounded${rounded.value ? ` by ${rounded.value.method}` : ""}`
-            : "the values as they are"}
-        </span>
+        <span class="sub">{VALUES[rounds.value ? method.value : ""]}</span>
         <span class="right">
           <button
             class="btn small primary"

@@ -81,7 +81,7 @@ export function RoundingPane({ own }: { own: ControlUnit }) {
               <th class="num" title="The largest distance from the fit">
                 moved, most
               </th>
-              <th>what finer storage would bring</th>
+              <th title="The RMSE of the first row if this label alone were stored in finer steps">if finer</th>
             </tr>
           </thead>
           <tbody>
@@ -194,7 +194,7 @@ function Errors() {
 
 function regained({ unrounded, nearest, joint }: RoundedError): string {
   if (unrounded === null || nearest === null || joint === null || nearest - unrounded < 1e-3 * unrounded) return "";
-  return `${Math.round((100 * (nearest - joint)) / (nearest - unrounded))} %`;
+  return joint <= unrounded ? "all" : `${Math.round((100 * (nearest - joint)) / (nearest - unrounded))} %`;
 }
 
 const bitsOf = (bits: number): string => (bits ? `${bits} bit` : "");
@@ -276,12 +276,10 @@ function range(row: StorageRow): string {
 function worth(name: string, label: RoundedLabel): string {
   const [first] = finer.value;
   const alone = first !== undefined && Object.keys(first.steps).length === 1 ? first : undefined;
-  if (alone?.steps[name] !== undefined) return `${finerName(alone)}: ${result(alone)} in all`;
+  if (alone?.steps[name] !== undefined) return `${result(alone)} in all`;
   if (label.share !== null && label.share < ENOUGH) return "enough";
   return rounded.value!.trials.length === 0 && rounded.value!.advice === "" ? "enough" : "";
 }
-
-const finerName = (own: FinerRow): string => (own.bits ? "16 bit" : "1/256 of the step");
 
 /** The error of the first criterion on its first data, by the present method. */
 function result(own: FinerRow): string {
