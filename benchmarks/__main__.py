@@ -18,6 +18,7 @@ TOPICS = {
     "states": "benchmarks.states",
     "large": "benchmarks.large",
     "factors": "benchmarks.factors",
+    "small": "benchmarks.small_fits",
     "compile": "benchmarks.compiling",
     "python": "benchmarks.python_functions",
     "startup": "benchmarks.startup",
@@ -32,6 +33,7 @@ TOPICS = {
     "fmu": "benchmarks.fmu",
     "onnx": "benchmarks.onnx_networks",
     "smoothness": "benchmarks.automatic_smoothness",
+    "missing": "benchmarks.missing_terms",
     "static": "benchmarks.static_models",
     "dynamic": "benchmarks.dynamic_models",
 }

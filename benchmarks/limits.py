@@ -43,7 +43,8 @@ def solve(limited: bool) -> dict[str, Any]:
         table = free.parameters[name]
         gaps = np.diff(table.index_axes[axis].breakpoints)
         slopes = np.diff(table.values, axis=axis) / (gaps if axis else gaps[:, None])
-        shapes.append(Shape(name, axis, "slope", *np.percentile(slopes, SIDES)))
+        lower, upper = np.percentile(slopes, SIDES)
+        shapes.append(Shape(name, axis, "slope", lower=lower, upper=upper))
         count += slopes.size
     result = fitted(tuple(shapes) if limited else ())
     return {

@@ -21,8 +21,19 @@ import kennfeld
 __all__ = ["documents"]
 
 _BLOCK = re.compile(r"(<!-- reference of ([^>]*) -->\n).*?(<!-- end of reference -->)", re.DOTALL)
-_SHARED = {"Parameter": "kennfeld.domain.parameters.Parameter"}  # base classes that are not public names
-_RETURNED = {"Graph", "Model", "Problem", "Project", "Quality", "RecordingQuality", "Result", "Trust"}  # not called
+_SHARED = {"Parameter": "kennfeld.domain.parameters.Parameter"}  # base classes, which are not called
+_RETURNED = {
+    "CrossValidation",
+    "Graph",
+    "Model",
+    "Problem",
+    "Project",
+    "Quality",
+    "RecordingQuality",
+    "Result",
+    "TraceLine",
+    "Trust",
+}  # not called
 _INTERNAL = {  # members that only other parts of the package use
     "Block": {"index_axes"},
     "Criterion": {"internal"},

@@ -15,6 +15,7 @@ from typing import Any
 
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project import schemas
+from kennfeld.project.design_table import CurveEntry, DesignEntry, ManoeuvreEntry
 from kennfeld.project.forms import entry_schema, form_of, keys_of, meaning_of
 from kennfeld.project.key_descriptions import default_text
 from kennfeld.project.schema import (
@@ -49,6 +50,9 @@ _TABLES: dict[str, Iterable[Field[Any]]] = {
     "[optimizer]": keys_of(OptimizerEntry).values(),
     "[cluster]": keys_of(ClusterEntry).values(),
     "[report]": keys_of(ReportEntry).values(),
+    "[design]": keys_of(DesignEntry).values(),
+    "curves of [design]": keys_of(CurveEntry).values(),
+    "manoeuvres of [design]": keys_of(ManoeuvreEntry).values(),
     "[surrogate]": [part for part in _SURROGATE if not part.metadata.get("dynamic")],
     "[surrogate], dynamic": [part for part in _SURROGATE if part.metadata.get("dynamic")],
 }

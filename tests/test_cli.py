@@ -110,6 +110,8 @@ class TestHelp:
             "calibrate",
             "simulate",
             "report",
+            "propose",
+            "design",
             "export",
             "info",
             "convert",
@@ -131,7 +133,21 @@ class TestHelp:
 
     @pytest.mark.parametrize(
         "command",
-        ["demo", "check", "calibrate", "simulate", "report", "export", "info", "convert", "diff", "merge", "surrogate"],
+        [
+            "demo",
+            "check",
+            "calibrate",
+            "simulate",
+            "report",
+            "propose",
+            "design",
+            "export",
+            "info",
+            "convert",
+            "diff",
+            "merge",
+            "surrogate",
+        ],
     )
     def test_every_command_explains_itself(self, command):
         done = CliRunner().invoke(cli.app, [command, "--help"])
@@ -165,7 +181,9 @@ class TestWrongUse:
         assert err.count("\n") == 1
         assert said in err
 
-    @pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report", "export", "info"])
+    @pytest.mark.parametrize(
+        "command", ["check", "calibrate", "simulate", "report", "propose", "design", "export", "info"]
+    )
     def test_a_folder_is_no_file(self, command, tmp_path, capsys):
         assert cli.run([command, str(tmp_path)]) == 2
         assert capsys.readouterr().err.startswith(str(tmp_path))

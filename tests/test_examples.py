@@ -58,6 +58,7 @@ LONG = {  # documents whose fits take several seconds
     *(
         "how-to/ci.md",
         "how-to/delay.md",
+        "how-to/missing-terms.md",
         "how-to/monotonic-maps.md",
         "how-to/review.md",
         "how-to/rounding.md",
@@ -69,7 +70,7 @@ LONG = {  # documents whose fits take several seconds
 }
 LONGEST = {  # documents with several fits
     *("commands.md", "get-started.md", "results.md", "simulink-example.md"),
-    *("how-to/delay.md", "how-to/smoothness.md"),
+    *("how-to/delay.md", "how-to/missing-terms.md", "how-to/smoothness.md"),
     *("tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md", "tutorials/torque.md"),
     *("how-to/ci.md", "how-to/monotonic-maps.md", "how-to/trust.md", "how-to/weights.md"),
 }

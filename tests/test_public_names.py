@@ -17,6 +17,7 @@ PROMISED = {
 }
 NEEDED_WITH_THEM = {
     *("Block", "Text", "Pin", "Region", "Settling", "Options", "Step", "Stop", "Expansion", "RBF", "cross_validate"),
+    *("Parameter", "TraceLine", "CrossValidation", "problem"),
     *("InputError", "InputWarning", "KennfeldError", "ArgumentError", "Finding"),
 }
 IN_THE_DOCUMENTS = {
@@ -31,6 +32,9 @@ IN_THE_DOCUMENTS = {
         "RecordingQuality",
         "residuals",
         "find_extrapolation",
+        "propose",
+        "TermProposal",
+        "TermProposals",
         "report",
     ),
     *(
@@ -43,6 +47,7 @@ IN_THE_DOCUMENTS = {
         "SurrogateSettings",
         "StaticSurrogate",
     ),
+    "design",
     "fmu",
     "function",
     *("DynamicSurrogate", "FilteredSurrogate", "read_surrogate", "write_surrogate", "compress_map"),

@@ -18,14 +18,18 @@ if TYPE_CHECKING:
     from kennfeld import report
     from kennfeld.analysis.cross_validation import cross_validate
     from kennfeld.analysis.extrapolation import find_extrapolation
+    from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
+    from kennfeld.analysis.missing.proposing import propose
     from kennfeld.analysis.residuals import residuals
+    from kennfeld.analysis.validation_result import CrossValidation
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.calfiles import read as read_parameters
+    from kennfeld.design import design
     from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
     from kennfeld.domain.criteria import Criterion, Region, Target
     from kennfeld.domain.dataset import Channel, Dataset, Settling
     from kennfeld.domain.parameter_set import ParameterSet
-    from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+    from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar, Text
     from kennfeld.domain.rbf import RBF, Expansion
     from kennfeld.export.api import Export, export_function
     from kennfeld.graph import Graph
@@ -46,10 +50,12 @@ if TYPE_CHECKING:
         Result,
         Step,
         Stop,
+        TraceLine,
         Trust,
         calibrate,
         simulate,
     )
+    from kennfeld.optimize.api import problem
     from kennfeld.project import Project
     from kennfeld.surrogate import DynamicSurrogate, FilteredSurrogate, StaticSurrogate, read_surrogate, write_surrogate
     from kennfeld.surrogate.rbf_fit import compress_map
@@ -62,6 +68,7 @@ __all__ = [
     "Block",
     "Channel",
     "Criterion",
+    "CrossValidation",
     "Cube",
     "Curve",
     "Dataset",
@@ -79,6 +86,7 @@ __all__ = [
     "Map",
     "Model",
     "Options",
+    "Parameter",
     "ParameterSet",
     "Pin",
     "Problem",
@@ -96,11 +104,15 @@ __all__ = [
     "SurrogateSettings",
     "Target",
     "Term",
+    "TermProposal",
+    "TermProposals",
     "Text",
+    "TraceLine",
     "Trust",
     "calibrate",
     "compress_map",
     "cross_validate",
+    "design",
     "esdl",
     "export_function",
     "find_extrapolation",
@@ -111,6 +123,8 @@ __all__ = [
     "import_simulink",
     "inspect_simulink",
     "onnx",
+    "problem",
+    "propose",
     "read",
     "read_parameters",
     "read_surrogate",
@@ -127,8 +141,12 @@ __version__ = "0.2.0"
 _NAMES = {
     "analysis.cross_validation": "cross_validate",
     "analysis.extrapolation": "find_extrapolation",
+    "analysis.missing.proposal": "TermProposal TermProposals",
+    "analysis.missing.proposing": "propose",
     "analysis.residuals": "residuals",
+    "analysis.validation_result": "CrossValidation",
     "calfiles": "read_parameters",
+    "design.api": "design",
     "domain.constraints": "Equality Limit Pin Shape Term",
     "domain.criteria": "Criterion Region Target",
     "domain.dataset": "Channel Dataset Settling",
@@ -144,9 +162,10 @@ _NAMES = {
     "importers.python.importing": "function",
     "importers.simulink.importable_subsystems": "inspect_simulink",
     "importers.simulink.importing": "import_simulink simulink",
-    "optimize": "Options Problem Quality RecordingQuality Result Step Stop Trust calibrate simulate",
+    "optimize": "Options Problem Quality RecordingQuality Result Step Stop TraceLine Trust calibrate simulate",
+    "optimize.api": "problem",
     "domain.parameter_set": "ParameterSet",
-    "domain.parameters": "Axis Block Cube Curve Map Scalar Text",
+    "domain.parameters": "Axis Block Cube Curve Map Parameter Scalar Text",
     "project": "Project",
     "domain.rbf": "RBF Expansion",
     "surrogate": "DynamicSurrogate FilteredSurrogate StaticSurrogate read_surrogate write_surrogate",

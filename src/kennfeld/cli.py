@@ -12,7 +12,15 @@ from kennfeld.base.errors import InputError, KennfeldError
 from kennfeld.base.task_runner import WorkersDiedError
 from kennfeld.base.threads import let_blas_threads_sleep
 from kennfeld.base.watch_folder import WATCHER
-from kennfeld.terminal import cache_commands, editor_commands, export_command, file_commands, project_commands
+from kennfeld.terminal import (
+    cache_commands,
+    design_commands,
+    editor_commands,
+    export_command,
+    file_commands,
+    project_commands,
+    proposal_commands,
+)
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import findings_json, print_findings, print_values
 from kennfeld.terminal.shell_completion import COMPLETE, register_powershell
@@ -50,7 +58,8 @@ def surrogate() -> None:
 
 for command in (
     *(project_commands.demo, project_commands.app, project_commands.check, project_commands.calibrate),
-    *(project_commands.simulate, project_commands.report, export_command.export),
+    *(project_commands.simulate, project_commands.report, proposal_commands.propose),
+    *(design_commands.design, export_command.export),
     *(file_commands.info, file_commands.convert, file_commands.diff, file_commands.merge),
 ):
     app.add_command(command)

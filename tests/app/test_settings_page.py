@@ -140,8 +140,9 @@ def test_a_criterion_is_added_selected_and_removed(torque: Path) -> None:
         assert page.is_disabled("#save")  # it has no target yet
         enter(page, "criterion.target channel", "Torque")
         page.wait_for_selector("[data-section=criterion] [data-entry='3']")
-        page.select_option("[aria-label='Criterion of the RMSE of the training data']", "trqOpt")
-        page.wait_for_function("first => document.querySelector('#rmse-training').innerText !== first", arg=first)
+        page.click("#more-errors")
+        page.click("[data-criterion=trqOpt] button")
+        page.wait_for_selector(".errs .nm:has-text('trqOpt')")
         page.click("[aria-label='Remove criterion 3']")
         page.wait_for_selector("[data-entry='3']", state="detached")
         page.wait_for_function("first => document.querySelector('#rmse-training').innerText === first", arg=first)

@@ -135,7 +135,9 @@ def test_a_data_file_is_written_likewise(tmp_path):
 def test_labels_and_variants_are_written(path, tmp_path):
     values = read(path)
     others = [item.with_values(9.0) if item.name == "Plant.T" else item for item in values.others]
-    new = ParameterSet(values.parameters, [Text("mode", "A&B", kind="enumeration")], values.axes, others, values.origin)
+    new = ParameterSet(
+        values.parameters, [Text("mode", "A&B", kind="enumeration")], values.axes, others, origin=values.origin
+    )
     write(new, tmp_path / "copy.axl")
     again = read(tmp_path / "copy.axl")
     assert again.texts[0].text == "A&B"

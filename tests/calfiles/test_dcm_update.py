@@ -199,7 +199,7 @@ def test_a_changed_text_changes_between_its_quotes(written, tmp_path):
         [parameters.texts[0].__class__("S", 'a "new" one')],
         parameters.axes,
         parameters.others,
-        parameters.origin,
+        origin=parameters.origin,
     )
     assert changed(path, moved, tmp_path / "b.dcm")[1] == '+   TEXT "a \\"new\\" one"\n'
     assert read(tmp_path / "b.dcm").texts[0].text == 'a "new" one'

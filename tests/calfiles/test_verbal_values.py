@@ -13,7 +13,7 @@ from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 TEXTS = (
     Text("Name", "true", unit="-"),
-    Text("Mode", "ON", "what runs", ("Idle",), "m", unit="-", kind="enumeration"),
+    Text("Mode", "ON", "what runs", ("Idle",), display_name="m", unit="-", kind="enumeration"),
     Text("Switch", "false", kind="boolean"),
 )
 SPEED = Axis([1, 2, 3], unit="rpm", name="AxisSpeed")

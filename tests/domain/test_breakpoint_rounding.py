@@ -110,7 +110,7 @@ def test_noise_around_zero_is_one_breakpoint():
 
 class TestAxis:
     def test_quantiles_of_data_are_rounded(self):
-        axis = Axis.of_quantiles([703.2, 805.9536, np.nan, 836.145, 1502.7], 4, "Speed", "rpm", "AxisSpeed")
+        axis = Axis.of_quantiles([703.2, 805.9536, np.nan, 836.145, 1502.7], 4, "Speed", "rpm", name="AxisSpeed")
         assert axis == Axis([700, 806, 836, 1520], "Speed", "rpm", "AxisSpeed")
 
     def test_quantiles_can_be_used_as_computed(self):

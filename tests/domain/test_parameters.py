@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kennfeld as kf
 from kennfeld.base.errors import ArgumentError
 from kennfeld.domain import parameter_set as module
 from kennfeld.domain.parameter_set import ParameterSet, use_writer
@@ -439,3 +440,34 @@ def test_a_name_and_a_variant_are_a_key():
     assert with_variants()["K", "Engine=2"].value == 2
     with pytest.raises(KeyError, match="K is not a parameter of this set in the variant 'Engine=3'"):
         with_variants()["K", "Engine=3"]
+
+
+@pytest.mark.parametrize("extrapolation", ["clip", "linear"])
+def test_a_table_is_looked_up_as_by_the_function(extrapolation):
+    rng = np.random.default_rng(3)
+    table = kf.Map("M", [0, 1, 3], [5], rng.random((3, 1)), extrapolation=extrapolation)
+    cube = kf.Cube("Q", [[0, 1], [0, 2, 3], [1, 2]], rng.random((2, 3, 2)), extrapolation=extrapolation)
+    x, y, z = (rng.uniform(-1, 4, 40) for _ in range(3))
+    x[0], x[1] = np.nan, 3.0
+    nodes = kf.simulate("a = M(x, y)\nb = Q(x, y, z)", {"x": x[1:], "y": y[1:], "z": z[1:]}, [table, cube])
+    np.testing.assert_allclose(table(x, y)[1:], nodes["a"].values, rtol=1e-13)
+    np.testing.assert_allclose(cube(x, y, z)[1:], nodes["b"].values, rtol=1e-12)
+    assert np.isnan(table(x, y)[0])
+    assert table(1.0, 5.0) == table.values[1, 0]
+
+
+def test_numpy_takes_a_parameter_for_its_values():
+    curve = kf.Curve("C", [0, 1], [2.0, 3.0])
+    assert np.asarray(curve).tolist() == [2.0, 3.0]
+    assert np.asarray(curve, dtype=np.float32).dtype == np.float32
+    assert float(kf.Scalar("K", 2.5)) == kf.Scalar("K", 2.5)() == 2.5
+
+
+def test_texts_of_values_are_short():
+    curve = kf.Curve("C", kf.Axis([0, 1], input="Speed"), [2.0, 3.0], unit="Nm")
+    assert repr(curve) == "Curve('C', 2 values over Speed, unit='Nm')"
+    many = kf.ParameterSet(kf.Scalar(f"K{i}", 1.0) for i in range(9))
+    assert repr(many) == "ParameterSet(9 values: K0, K1, K2, K3, K4, K5 and 3 more)"
+    data = kf.Dataset.of("bench", {"x": np.zeros(5000)}, time=np.arange(5000.0))
+    assert repr(data) == "Dataset('bench', 5000 samples over 4999 s: x)"
+    assert repr(kf.formula("y = a * x", parameters=["a"])) == "Model('formula', inputs: x; parameters: a; outputs: y)"

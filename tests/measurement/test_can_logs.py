@@ -2,6 +2,7 @@
 
 import base64
 import gzip
+import logging
 import re
 import sys
 from contextlib import suppress
@@ -242,3 +243,10 @@ def test_remote_and_error_frames_of_asammdf_hold_no_signals(tmp_path, database):
     rows = "".join(row.format(k=k, pairs=engine(1000 + k, 80).hex(" ")) for k in range(3))
     (tmp_path / "x.csv").write_text(head + rows + rows.replace("CAN Frame", "Error Frame"))
     assert read(tmp_path / "x.csv", dbc=database).samples == 3
+
+
+def test_reading_a_log_leaves_the_loggers_of_the_library_as_they_are(tmp_path, database):
+    path = write_log(tmp_path / "drive.trc", FRAMES)
+    level = logging.getLogger("can").level
+    assert read(path, ["EngineSpeed"], dbc=database).samples
+    assert logging.getLogger("can").level == level

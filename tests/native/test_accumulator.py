@@ -357,3 +357,16 @@ def test_samples_that_touch_a_value_are_those_with_a_slope(model, monkeypatch):
     assert summed.touched(code.values).tolist() == per_sample.sum(axis=0).tolist()
     monkeypatch.setattr(module, "TAPE_BYTES", 1)
     assert code.accumulator().touched(code.values).tolist() == per_sample.sum(axis=0).tolist()
+
+
+@pytest.mark.parametrize("model", ["static", "lag", "coupled"])
+@pytest.mark.parametrize("order", ["runs", "mixed"])
+def test_squares_are_those_of_the_rows_by_group(model, order):
+    code = compiled(case(MODELS[model](), 400, STARTS))
+    summed = code.accumulator()
+    _, jacobian = summed.rows(code.values)
+    count = summed.samples.count
+    groups = np.arange(count) // 60 - 1 if order == "runs" else np.random.default_rng(0).integers(-1, 4, count)
+    each = np.square(jacobian).reshape(count, -1, jacobian.shape[1]).sum(axis=1)
+    expected = np.array([each[groups == group].sum(axis=0) for group in range(6)])
+    np.testing.assert_allclose(summed.squares(code.values, groups, 6), expected, rtol=1e-12, atol=1e-300)

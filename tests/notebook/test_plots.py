@@ -26,7 +26,10 @@ def titles(figure):
 
 def test_convergence_is_the_default(result):
     (axes,) = result.plot().axes
-    assert sum(len(line.get_xdata()) for line in axes.get_lines()) == len(result.trace)
+    x = np.concatenate([line.get_xdata() for line in axes.get_lines()])
+    y = np.concatenate([line.get_ydata() for line in axes.get_lines()])
+    assert x.tolist() == list(range(len(result.trace) + 1))
+    assert y.tolist() == [result.cost_before, *(line.cost for line in result.trace)]
 
 
 def test_strips_show_measurement_and_model_with_the_error_below(result):

@@ -82,7 +82,8 @@ def curve_fit(random):
     bands = [(0.0, np.inf), (0.1, np.inf), (0.0, 1.0), (0.1, 1.0), (-np.inf, 0.0), (-np.inf, -0.1)]
     data = {"x": random.uniform(-0.5, size - 0.5, samples), "z": random.normal(0, 2, samples)}
     table = kf.Curve("C", np.arange(size), np.zeros(size))
-    return ConstrainedFit(data, table, (Shape("C", 0, "slope", *bands[random.integers(len(bands))]),))
+    lower, upper = bands[random.integers(len(bands))]
+    return ConstrainedFit(data, table, (Shape("C", 0, "slope", lower=lower, upper=upper),))
 
 
 def map_fit(random):
@@ -93,9 +94,9 @@ def map_fit(random):
     data["z"] = random.normal(0, 2, samples)
     lower, upper = ((-1.0, 1.5), (-np.inf, np.inf), (-np.inf, np.inf))[random.integers(3)]
     table = kf.Map("C", np.arange(nx), np.arange(ny), np.zeros((nx, ny)), lower=lower, upper=upper)
-    shapes = [Shape("C", 0, "slope", 0.0)]
-    shapes += [Shape("C", 1, "slope", 0.0)] if random.random() < 0.7 else []
-    shapes += [Shape("C", 0, "curvature", -np.inf, 0.0)] if random.random() < 0.3 else []
+    shapes = [Shape("C", 0, "slope", lower=0.0)]
+    shapes += [Shape("C", 1, "slope", lower=0.0)] if random.random() < 0.7 else []
+    shapes += [Shape("C", 0, "curvature", lower=-np.inf, upper=0.0)] if random.random() < 0.3 else []
     return ConstrainedFit(data, table, tuple(shapes))
 
 

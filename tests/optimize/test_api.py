@@ -86,9 +86,9 @@ def test_an_axis_may_stay_rough():
         (-1.0, "-1"),
         (float("nan"), "nan"),
         ({"M": (1.0, -2.0)}, "-2"),
-        ({"C": {"x": 1.0}}, "C"),
+        ({"C": {"y": 1.0}}, "it has no axis 'y', but x"),
     ],
-    ids=["unknown name", "too few", "too many", "negative", "nan", "negative on an axis", "a dict"],
+    ids=["unknown name", "too few", "too many", "negative", "nan", "negative on an axis", "an unknown axis"],
 )
 def test_invalid_smoothness_is_refused(smoothness, message):
     with pytest.raises(kf.KennfeldError, match=message):

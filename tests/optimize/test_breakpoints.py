@@ -225,7 +225,7 @@ def problem(*constraints, limits=()):
 
 
 def test_slope_limits_hold_between_breakpoints_that_move():
-    result = run(problem(Shape("C", 0, "slope", -1.0, 2.0)), kf.Options())
+    result = run(problem(Shape("C", 0, "slope", lower=-1.0, upper=2.0)), kf.Options())
     table = result.parameters["C"]
     slopes = np.diff(table.values) / np.diff(table.axes[0].breakpoints)
     assert slopes.min() >= -1.0 - 1e-8
@@ -235,7 +235,7 @@ def test_slope_limits_hold_between_breakpoints_that_move():
 
 
 def test_rows_of_slope_limits_agree_with_the_slopes():
-    posed = problem(Shape("C", 0, "slope", -1.0, 2.0))
+    posed = problem(Shape("C", 0, "slope", lower=-1.0, upper=2.0))
     compiled = CompiledProblem(posed)
     limits = linear_limits(posed, compiled.values)
     at = compiled.values.offsets["C"]
@@ -246,7 +246,7 @@ def test_rows_of_slope_limits_agree_with_the_slopes():
 
 
 def test_a_limit_of_the_curvature_requires_fixed_breakpoints():
-    posed = problem(Shape("C", 0, "curvature", 0.0))
+    posed = problem(Shape("C", 0, "curvature", lower=0.0))
     with pytest.raises(InputError, match="the breakpoints along this axis are free"):
         linear_limits(posed, CompiledProblem(posed).values)
 

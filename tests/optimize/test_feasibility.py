@@ -21,7 +21,7 @@ def seeds(unmarked, count):
 def test_a_rising_curve_with_few_data_rises():
     data = {"x": [0.98, 2.96, 0.96], "z": [-0.35, -2.31, -0.19]}
     start = kf.ParameterSet([kf.Curve("C", range(4), [0] * 4)])
-    result = kf.calibrate("m = C(x)", data, start, "z", constraints=[Shape("C", 0, "slope", 0)])
+    result = kf.calibrate("m = C(x)", data, start, "z", constraints=[Shape("C", 0, "slope", lower=0)])
     assert result.status == "converged"
     np.testing.assert_allclose(result.parameters["C"].values, np.mean(data["z"]), atol=1e-8)
 
@@ -46,7 +46,7 @@ def test_a_rising_map_with_an_empty_corner_rises():
     x, y = x[covered], y[covered]
     z = 3 * np.sqrt(x) + y**1.5 / 4 + random.normal(0, 1, x.size)
     start = kf.ParameterSet([kf.Map("C", range(12), range(12), np.zeros((12, 12)))])
-    rising = [Shape("C", 0, "slope", 0.0), Shape("C", 1, "slope", 0.0)]
+    rising = [Shape("C", 0, "slope", lower=0.0), Shape("C", 1, "slope", lower=0.0)]
     result = kf.calibrate("m = C(x, y)", {"x": x, "y": y, "z": z}, start, "z", constraints=rising)
     values = result.parameters["C"].values
     assert result.status == "converged"
@@ -59,7 +59,7 @@ def test_the_factors_of_a_product_respect_limits_of_very_different_sizes(seed):
     u, v = random.uniform(0, 5, (2, 12))
     z = 1e5 * (1 + u) * (1 - 0.1 * v) * random.uniform(0.5, 1.5, 12)
     start = kf.ParameterSet([kf.Curve("A", range(6), [1e5] * 6), kf.Curve("B", range(6), [1.0] * 6)])
-    limits = [Shape("A", 0, "slope", 0.0), Shape("B", 0, "slope", -np.inf, 0.0)]
+    limits = [Shape("A", 0, "slope", lower=0.0), Shape("B", 0, "slope", lower=-np.inf, upper=0.0)]
     result = kf.calibrate(
         "m = A(u)*B(v)", {"u": u, "v": v, "z": z}, start, "z", constraints=limits, pins=[Pin("B", (0,), 1.0)]
     )
@@ -84,7 +84,7 @@ def test_a_curve_that_limits_force_to_zero_does_not_hold_the_others_at_their_sta
         {"x": x, "u": u, "z": z},
         kf.ParameterSet([forced, kf.Curve("B", range(4), [0] * 4)]),
         "z",
-        constraints=[Shape("A", 0, "slope", 0.0)],
+        constraints=[Shape("A", 0, "slope", lower=0.0)],
     )
     alone = kf.calibrate("m = B(u)", {"u": u, "z": z}, kf.ParameterSet([kf.Curve("B", range(4), [0] * 4)]), "z")
     A = result.parameters["A"].values
@@ -113,7 +113,7 @@ def test_limits_do_not_slow_a_fit_whose_smoothness_outweighs_its_data(seed, unit
         start,
         "z",
         smoothness=smoothness,
-        constraints=[Shape("A", 0, "slope", 0.0), Shape("B", 0, "slope", 0.0)],
+        constraints=[Shape("A", 0, "slope", lower=0.0), Shape("B", 0, "slope", lower=0.0)],
         pins=[Pin("A", (float(x[3]),), -1.3)],
     ).problem()
     result = run(problem, kf.Options(continuation="off"))

@@ -77,7 +77,7 @@ class Fit:
 @pytest.mark.parametrize("seed", mostly_slow(range(4), 2))
 def test_a_monotonic_map_is_that_of_a_convex_solver(seed):
     fit = Fit(seed)
-    result = fit.fitted([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", 0.0, 1.5)])
+    result = fit.fitted([Shape("M", 0, "slope", lower=0.0), Shape("M", 1, "slope", lower=0.0, upper=1.5)])
     expected = fit.judged(lambda z: [fit.slopes(z, 0) >= 0, fit.slopes(z, 1) >= 0, fit.slopes(z, 1) <= 1.5])
     assert result.status == "converged"
     np.testing.assert_allclose(result.parameters["M"].values, expected, atol=1e-6)
@@ -91,7 +91,7 @@ def test_locks_and_bounds_hold_together_with_slopes():
     start = np.zeros((8, 6))
     start[2, 3], start[5, 1] = -0.7, 0.4
     table = kf.Map("M", *fit.axes, start).changed(locked=locked).with_bounds(-2.0, 2.5)
-    result = fit.fitted([Shape("M", 0, "slope", 0.0)], table)
+    result = fit.fitted([Shape("M", 0, "slope", lower=0.0)], table)
     values = result.parameters["M"].values
     expected = fit.judged(lambda z: [fit.slopes(z, 0) >= 0, z[2, 3] == -0.7, z[5, 1] == 0.4, z >= -2.0, z <= 2.5])
     np.testing.assert_allclose(values, expected, atol=1e-6)
@@ -103,7 +103,7 @@ def test_locks_and_bounds_hold_together_with_slopes():
 
 def test_a_convex_map_is_that_of_a_convex_solver():
     fit = Fit(3)
-    result = fit.fitted([Shape("M", 1, "curvature", 0.0), Shape("M", 0, "curvature", -5.0, 5.0)])
+    result = fit.fitted([Shape("M", 1, "curvature", lower=0.0), Shape("M", 0, "curvature", lower=-5.0, upper=5.0)])
 
     def curvature(z, axis):
         import cvxpy
@@ -143,7 +143,7 @@ def test_two_tables_on_a_group_axis_stay_monotonic():
         (Criterion("w", "z"),),
         smoothness={"A": 1e-3, "B": 1e-3},
         pins=(kf.Pin("A", (0.0,), 0.0),),
-        constraints=(Shape("A", 0, "slope", 0.0), Shape("B", 0, "slope", upper=0.5)),
+        constraints=(Shape("A", 0, "slope", lower=0.0), Shape("B", 0, "slope", upper=0.5)),
     )
     parameters = run(problem, Options()).parameters
     assert np.diff(parameters["A"].values).min() >= -1e-9
@@ -152,7 +152,7 @@ def test_two_tables_on_a_group_axis_stay_monotonic():
 
 def test_limits_hold_at_every_iterate():
     fit = Fit(1)
-    problem = fit.problem([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", -0.2, 0.9)])
+    problem = fit.problem([Shape("M", 0, "slope", lower=0.0), Shape("M", 1, "slope", lower=-0.2, upper=0.9)])
     running = FitRun(problem, Options(), None, Seconds())
     limits = linear_limits(problem, running.exact.values)
     violations = []
@@ -166,7 +166,9 @@ def test_limits_hold_at_every_iterate():
 @few_or_many(st.integers(0, 10_000), st.floats(-3, 0), st.floats(0, 3), few=5, many=20)
 def test_any_range_of_slopes_holds(seed, lower, upper):
     fit = Fit(seed, (5, 4), 60)
-    result = fit.fitted([Shape("M", 0, "slope", lower, upper), Shape("M", 1, "slope", lower, upper)])
+    result = fit.fitted(
+        [Shape("M", 0, "slope", lower=lower, upper=upper), Shape("M", 1, "slope", lower=lower, upper=upper)]
+    )
     assert result.status == "converged"
     for axis in (0, 1):
         slopes = np.diff(result.parameters["M"].values, axis=axis) / np.expand_dims(np.diff(fit.axes[axis]), 1 - axis)
@@ -180,7 +182,7 @@ def test_contradictory_limits_are_named():
     locked[0, 0] = locked[7, 0] = True
     start = np.zeros((8, 6))
     start[0, 0], start[7, 0] = 5.0, -5.0
-    result = fit.fitted([Shape("M", 0, "slope", 0.0)], kf.Map("M", *fit.axes, start).changed(locked=locked))
+    result = fit.fitted([Shape("M", 0, "slope", lower=0.0)], kf.Map("M", *fit.axes, start).changed(locked=locked))
     assert result.status == "infeasible"
     assert "slope of M along x between" in result.message
     assert np.array_equal(result.parameters["M"].values, start)
@@ -189,8 +191,8 @@ def test_contradictory_limits_are_named():
 @pytest.mark.parametrize(
     ("constraint", "message"),
     [
-        (Shape("M", 2, "slope", 0.0), "axis 2 does not exist"),
-        (Shape("N", 0, "slope", 0.0), "N is not free"),
+        (Shape("M", 2, "slope", lower=0.0), "axis 2 does not exist"),
+        (Shape("N", 0, "slope", lower=0.0), "N is not free"),
         (Equality([Term("M", (1.0,))]), "has 1 coordinates for 2 axes"),
         (Equality([Term("K")]), "K is not free"),
     ],
@@ -200,7 +202,7 @@ def test_constraints_of_missing_axes_and_parameters_are_refused(constraint, mess
         Fit(0).fitted([constraint])
 
 
-@pytest.mark.parametrize("make", [lambda: Shape("M", 0, "slope", 1.0, 0.0), lambda: Equality([])])
+@pytest.mark.parametrize("make", [lambda: Shape("M", 0, "slope", lower=1.0, upper=0.0), lambda: Equality([])])
 def test_constraints_without_meaning_are_refused(make):
     with pytest.raises(ArgumentError):
         make()

@@ -68,7 +68,10 @@ def fitted(of=float):
         smoothness=of(1),
         limits={"k": (of(0), of(9)), "m": (of(-50), of(50))},
         pins=[kf.Pin("C", (of(0),), of(1))],
-        constraints=[Shape("C", 0, "slope", of(-20), of(20)), Equality([Term("C", (of(6),), of(2))], of(40))],
+        constraints=[
+            Shape("C", 0, "slope", lower=of(-20), upper=of(20)),
+            Equality([Term("C", (of(6),), of(2))], of(40)),
+        ],
         options=kf.Options(tolerance=1e-10),
     )
 
@@ -123,8 +126,6 @@ def test_simulations_read_columns_of_any_type_and_layout(kind):
         lambda value: kf.Criterion("m", "z", delta=value),
         lambda value: kf.Region("x > 1", value),
         lambda value: kf.Settling(value),
-        lambda value: kf.Limit("m", upper=value),
-        lambda value: Shape("C", 0, "slope", value),
         lambda value: Equality([Term("C")], value),
         lambda value: Term("C", factor=value),
         lambda value: kf.Options(spread=value),
@@ -132,6 +133,16 @@ def test_simulations_read_columns_of_any_type_and_layout(kind):
 )
 def test_settings_other_than_numbers_are_refused(make, wrong):
     with pytest.raises(kf.KennfeldError, match=r"must be a (finite )?number"):
+        make(wrong)
+
+
+@pytest.mark.parametrize("wrong", ["1", np.array([1.0, 2.0]), np.array("1"), 1j])
+@pytest.mark.parametrize(
+    "make", [lambda value: kf.Limit("m", upper=value), lambda value: Shape("C", 0, "slope", lower=value)]
+)
+def test_bounds_other_than_numbers_and_none_are_refused(make, wrong):
+    assert make(None).upper == np.inf
+    with pytest.raises(kf.KennfeldError, match="must be a number"):
         make(wrong)
 
 

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import kennfeld as kf
 def result():
     data = {"x": [0.0, 1.0, 2.0], "y": [1.0, 3.0, 5.0]}
     return kf.calibrate(
-        "m = a + b * x", data, {"a": 0.0, "b": 0.0, "c": 9.0}, target="y", test={"x": [1.0], "y": [3.0]}
+        "scalar c\nm = a + b * x", data, {"a": 0.0, "b": 0.0, "c": 9.0}, target="y", test={"x": [1.0], "y": [3.0]}
     )
 
 
@@ -39,11 +40,12 @@ def test_numbers_that_are_not_finite_become_null(result):
 
 
 def test_the_text_has_the_message_and_a_line_for_each_dataset(result):
-    head, titles, training, test = str(result).splitlines()
+    head, titles, training, test, *values = str(result).splitlines()
     assert head.startswith("converged: ")
     assert titles.split()[:4] == ["criterion", "dataset", "use", "samples"]
     assert "training" in training
     assert "test" in test
+    assert [line.split()[:2] for line in values] == [["parameter", "value"], ["a", "1"], ["b", "2"]]
 
 
 def test_a_notebook_shows_a_table(result):
@@ -74,3 +76,32 @@ def test_seconds_are_parts_of_the_whole(result):
 def test_a_converged_result_has_the_cost_of_its_last_iteration(result):
     assert result.converged
     assert result.trace[-1].cost == result.cost_after
+
+
+def test_a_result_simulates_the_data_of_the_fit_and_others(result):
+    training, test = result.simulate()
+    assert (training.name, test.name) == ("training", "test")
+    np.testing.assert_allclose(training["m"].values, [1.0, 3.0, 5.0])
+    np.testing.assert_allclose(result.simulate({"x": [10.0]})["m"].values, [21.0])
+
+
+def test_a_result_has_its_residuals(result):
+    (rows,) = result.residuals(worst=2)
+    assert rows.criterion == "m"
+    assert len(rows.worst) == 2
+
+
+def test_a_frame_has_a_row_for_each_value_with_its_deviation(result):
+    pytest.importorskip("pandas")
+    frame = result.to_frame().set_index("parameter")
+    assert frame.loc["a", "value"] == pytest.approx(1)
+    assert frame.loc["a", "start"] == 0
+    assert frame.loc["a", "samples"] == result.trust.samples["a"] == 3
+    assert np.isnan(frame.loc["c", "deviation"])
+
+
+def test_a_result_without_its_data_asks_for_the_problem(result):
+    stripped = replace(result, inspection=None)
+    with pytest.raises(kf.ArgumentError, match=r"Pass problem=project.problem\(\)"):
+        stripped.residuals()
+    assert stripped.residuals(problem=result.inspection.problem)[0].criterion == "m"

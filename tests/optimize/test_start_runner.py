@@ -69,7 +69,7 @@ def test_an_equality_counts_fixed_values_of_a_step_as_constants():
 
 def test_another_weight_does_not_change_the_rest_of_a_criterion():
     regions = [kf.Region("q > 1", 4.0)]
-    own = kf.Criterion("m", "y", 3.0, "huber", 0.5, 2.0, weight_channel="q", regions=regions)
+    own = kf.Criterion("m", "y", 3.0, "huber", delta=0.5, scale=2.0, weight_channel="q", regions=regions)
     posed = problem()
     (criterion,) = step_problem(replace(posed, criteria=(own,)), Step(criteria={"m": 7.0})).criteria
     assert criterion == replace(own, weight=7.0)

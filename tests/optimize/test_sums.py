@@ -62,6 +62,9 @@ class TwoHalves:
     def rows_at(self, values, visits):
         return sum(part.rows_at(values, visits) for part in self._each())
 
+    def squares(self, values, groups, count):
+        return sum(part.squares(values, groups, count) for part in self._each())
+
     def touched(self, values, owners=None):
         return sum(part.touched(values, owners) for part in self._each())
 
@@ -102,7 +105,8 @@ def test_native_code_meets_the_protocol():
     compiled = CompiledProblem(torque_problem())
     sums: Sums = compiled.sums
     names = [name for name in vars(Sums) if not name.startswith("_")]
-    assert sorted(names) == sorted(["stateful", "prepare", "cost", "normal", "residual", "rows", "rows_at", "touched"])
+    expected = ["stateful", "prepare", "cost", "normal", "residual", "rows", "rows_at", "squares", "touched"]
+    assert sorted(names) == sorted(expected)
     assert all(hasattr(sums, name) for name in [*names, "widths"])
 
 

@@ -74,9 +74,97 @@ def test_the_time_that_a_dataset_has_counts_more_than_a_channel():
     np.testing.assert_array_equal(kf.simulate(SLOW, data, {"T": 0.7}).time, TIME)
 
 
-def test_a_dataset_without_time_stays_so_for_a_function_without_memory():
-    data = kf.Dataset.of("points", {"time": TIME, "u": STEP})
-    assert kf.simulate("y = 2 * u", data, {}).time is None
+def noisy():
+    """A line with noise that persists over many samples, at which deviations are larger than for points."""
+    rng, x = np.random.default_rng(2), np.linspace(0, 1, 400)
+    noise = np.convolve(rng.standard_normal(459), np.ones(60) / 60, "valid")
+    return {"x": x, "z": 2 * x + noise, "time": 0.1 * np.arange(400)}
+
+
+def as_xarray(columns):
+    return pytest.importorskip("xarray").Dataset({name: ("k", values) for name, values in columns.items()})
+
+
+WAYS = {
+    "dict": dict,
+    "frame": frame_of,
+    "index": lambda c: frame_of(c).set_index("time"),
+    "dates": lambda c: frame(pytest.importorskip("pandas").to_datetime(c["time"], unit="s"), x=c["x"], z=c["z"]),
+    "series": lambda c: dict(frame_of(c)),
+    "to_frame": lambda c: kf.Dataset.of("d", c).to_frame(),
+    "fields": lambda c: np.rec.fromarrays(list(c.values()), names=list(c)),
+    "arrow": lambda c: pytest.importorskip("pyarrow").table(c),
+    "polars": lambda c: pytest.importorskip("polars").DataFrame(c),
+    "xarray": as_xarray,
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("wrapped", [False, True], ids=["as it is", "Dataset.of"])
+def test_the_deviations_are_the_same_whatever_holds_the_columns(way, wrapped):
+    data = WAYS[way](noisy())
+    model, expected = kf.formula("y = a * x", parameters=["a"]), kf.Dataset.of("d", noisy())
+    assert expected.time is not None
+    result = kf.calibrate(model, kf.Dataset.of("d", data) if wrapped else data, {"a": 1.0}, "z")
+    trust = kf.calibrate(model, expected, {"a": 1.0}, "z").trust
+    assert trust.persistence["y"] > 10
+    assert result.trust.persistence == trust.persistence
+    assert result.trust.deviation["a"] == trust.deviation["a"]
+
+
+def test_a_recording_of_several_pieces_comes_back_from_a_frame():
+    pytest.importorskip("pandas")
+    columns = {"u": STEP, "z": RESPONSE}
+    data = kf.Dataset.of("drive", columns, time=np.tile(TIME[:20], 2), starts=[0, 20], units={"u": "V"})
+    for frame_ in (data.to_frame(), data.to_frame().reset_index()):
+        back = kf.Dataset.of("back", frame_)
+        assert back.starts.tolist() == [0, 20]
+        np.testing.assert_array_equal(back.time, data.time)
+        assert back["u"].unit == "V"
+        np.testing.assert_array_equal(
+            kf.simulate(SLOW, frame_, {"T": 0.7})["y"].values, kf.simulate(SLOW, data, {"T": 0.7})["y"].values
+        )
+
+
+def test_a_column_called_t_that_the_function_reads_is_not_time_in_a_dataset_either():
+    columns = {"t": TIME, "z": np.exp(-TIME)}
+    results = [
+        kf.calibrate("y = exp(-t / T)", data, {"T": 2.0}, "z") for data in (columns, kf.Dataset.of("d", columns))
+    ]
+    assert kf.Dataset.of("d", columns).time is not None
+    assert results[0].trust.persistence == results[1].trust.persistence
+    assert results[0].trust.deviation["T"] == results[1].trust.deviation["T"]
+
+
+def test_series_with_different_indexes_are_not_joined():
+    pandas = pytest.importorskip("pandas")
+    data = {"u": pandas.Series([1.0, 2.0, 3.0]), "z": pandas.Series([6.0, 2.0, 4.0], index=[2, 0, 1])}
+    message = "columns u and z are series with different indexes: pandas.DataFrame.data. joins them by index"
+    with pytest.raises(kf.ArgumentError, match=message):
+        kf.calibrate("y = k * u", data, {"k": 1.0}, "z")
+    joined = kf.calibrate("y = k * u", pandas.DataFrame(data), {"k": 1.0}, "z")
+    assert joined.parameters["k"].value == pytest.approx(2)
+
+
+def test_a_unit_of_an_unknown_column_is_refused():
+    with pytest.raises(kf.ArgumentError, match=r"units of dataset d: there is no column Sped\. Did you mean Speed\?"):
+        kf.Dataset.of("d", {"Speed": [1.0]}, units={"Sped": "rpm"})
+
+
+def test_columns_of_polars_keep_missing_values():
+    polars = pytest.importorskip("polars")
+    series = {"u": polars.Series([1, 2, None, 4]), "z": polars.Series([2.0, 4.0, 6.0, None])}
+    result = kf.calibrate("y = k * u", series, {"k": 1.0}, "z")
+    assert result.quality[0].samples == 2
+    assert result.parameters["k"].value == pytest.approx(2)
+
+
+def test_a_column_of_arrow_states_its_unit():
+    pyarrow = pytest.importorskip("pyarrow")
+    schema = pyarrow.schema([pyarrow.field("p", "float64", metadata={"unit": "kPa"})])
+    data = kf.Dataset.of("d", pyarrow.table({"p": [1.0, None]}, schema=schema))
+    assert data["p"].unit == "kPa"
+    assert np.isnan(data["p"].values[1])
 
 
 def test_rows_in_any_order_are_points_for_a_function_without_memory():
@@ -148,7 +236,7 @@ def test_a_function_may_read_dates_as_the_time_in_seconds():
     assert simulation["y"].values.tolist() == [0, 2, 6]
 
 
-@pytest.mark.parametrize("given", ["bench.csv", np.ones((3, 2)), None])
+@pytest.mark.parametrize("given", ["bench.csv", np.ones((3, 2)), 3])
 def test_data_without_named_columns_are_refused(given):
     with pytest.raises(kf.KennfeldError, match=f"a dict or a DataFrame, got {type(given).__name__}"):
         kf.calibrate("y = k * u", given, {"k": 1}, "z")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.domain.parameters import Scalar
+from kennfeld.domain.parameters import Curve, Scalar
 
 
 def test_formula_text_with_wrong_lines_gives_every_finding(shop):
@@ -111,3 +111,20 @@ def test_a_target_that_is_a_channel_and_a_node_is_a_warning(shop):
     shop.add('[[criterion]]\nnode = "Predict"\ntarget = "base"')
     assert "base is both a channel and a node; the channel is used" in shop.warning()
     assert shop.project.problem().criteria[1].target.kind == "channel"
+
+
+def test_a_name_that_is_an_initial_value_and_a_channel_is_refused(shop):
+    shop.text = shop.text.replace("input Speed[rpm]\ninput Load\n", "").replace("Gain(Speed)", "Gain(n)")
+    shop.change('[channels]\nSpeed = "n"\n', "")
+    shop.values("start.json", Curve("Gain", [1000, 2000, 3000], [1.0] * 3), Scalar("offset", 0), Scalar("Load", 7.0))
+    message = "Load is both a parameter of the initial values and a channel of dataset bench"
+    assert message in shop.error()
+    shop.add("[parameters.Load]")  # says that it is a parameter
+    assert shop.errors() == []
+
+
+def test_a_declared_input_is_not_hidden_by_a_parameter_of_the_initial_values(shop):
+    gain = Curve("Gain", [1000, 2000, 3000], [1.0] * 3)
+    shop.values("start.json", gain, Scalar("offset", 0), Scalar("Load", 7.0))
+    assert shop.errors() == []
+    assert shop.project.problem().model.graph.inputs == ("Speed", "Load")

@@ -37,7 +37,17 @@ def test_a_step_has_the_values_of_all_keys(shop):
         "name = 'coarse'\nfree = ['Gain', 'Ta*']\nsmoothness = 3\ngrid_reduction = 2\ncriteria = ['Predict']\n"
         "max_iterations = 7\ntolerance = 1e-4\ncontinuation = 'off'\nlock = { Gain = true }",
     )
-    assert step == Step("coarse", ("Gain", "Ta*"), {"Gain": True}, 3, 2, ("Predict",), 7, 1e-4, "off")
+    assert step == Step(
+        name="coarse",
+        free=("Gain", "Ta*"),
+        lock={"Gain": True},
+        smoothness=3,
+        grid_reduction=2,
+        criteria=("Predict",),
+        max_iterations=7,
+        tolerance=1e-4,
+        continuation="off",
+    )
 
 
 def test_a_step_may_be_empty(shop):

@@ -95,8 +95,20 @@ def test_every_key_is_read(training):
     file = read_training(training(DYNAMIC, ("[[dataset]]", f"{keys}[[dataset]]")))
     assert file.target.name == "t.json"
     assert file.settings == SurrogateSettings(
-        *("tank", ("u",), "level", "dynamic", "sparse", 12, 3, 2, 0.5),
-        *({"u": (0, 2)}, (1, 3), 7, (0.0, 10.0), False, True, 0.5, 4),
+        *("tank", ("u",), "level", "dynamic"),
+        method="sparse",
+        centres=12,
+        seed=3,
+        starts=2,
+        step=0.5,
+        lags={"u": (0, 2)},
+        output_lags=(1, 3),
+        longest_lag=7,
+        limits=(0.0, 10.0),
+        free_run=False,
+        moves_centres=True,
+        hold=0.5,
+        iterations=4,
         held=("u",),
         structure="narx",
         kinks=False,

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from kennfeld.domain.parameters import Axis, Curve, Scalar
+
 SPEED = np.array([1000.0, 1500, 2000, 2500, 3000, 1200])
 OMEGA = SPEED * np.pi / 30
 
@@ -220,3 +222,21 @@ def test_a_time_cannot_be_in_another_quantity(shop):
 def test_a_misspelt_name_of_the_time_is_a_finding(shop):
     error = lagging(shop).add('[units]\nTim = "ms"').error()
     assert error == "kennfeld.toml [units] Tim: channel Tim is not used. Did you mean Time?"
+
+
+def test_the_unit_of_an_axis_is_compared_with_that_of_the_function(shop):
+    shop.values(
+        "start.json", Curve("Gain", Axis([1, 2, 3], input="Speed", unit="rad/s"), [1.0] * 3), Scalar("offset", 0)
+    )
+    unit, outside = shop.warnings()
+    assert "axis x of Gain is in rad/s, but the input Speed of the function is in rpm. Correct the unit" in unit
+    assert "outside the axis" in outside
+
+
+def test_the_unit_of_an_axis_is_compared_with_that_of_a_channel(shop):
+    shop.text = shop.text.replace("input Speed[rpm]", "input Speed")
+    start = [Curve("Gain", Axis(OMEGA[:5], input="Speed", unit="rad/s"), [1.0] * 5), Scalar("offset", 0)]
+    shop.values("start.json", *start)
+    unit, _ = shop.warnings()
+    assert "axis x of Gain is in rad/s, but channel n of dataset bench is in rpm" in unit
+    assert "State the unit of Speed in the function, `input Speed[rad/s]`, so that the data are converted." in unit

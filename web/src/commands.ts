@@ -16,7 +16,7 @@ export interface Command {
   enabled?: () => boolean;
 }
 
-export const overlay = signal<"" | "palette" | "keys">("");
+export const overlay = signal<"" | "palette" | "keys" | "errors">("");
 
 const screens: [Screen, string, number | string][] = [
   ["data", "Data", 1],
@@ -99,6 +99,14 @@ export const COMMANDS: Command[] = [
     keys: ["Ctrl", ","],
     run: togglePanel,
     enabled: () => state.value.project !== null && screen.value in panel,
+  },
+  {
+    title: "Errors of all criteria",
+    keys: ["Alt", "R"],
+    run: () => {
+      overlay.value = "errors";
+    },
+    enabled: () => state.value.scores.length > 0,
   },
   { title: "Light or dark", keys: [], run: toggleTheme },
   {

@@ -3,12 +3,12 @@
 import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
 import { detail as written } from "./control-unit";
-import { count, MISSING, signed, significant } from "./drawing/numbers";
+import { count, MISSING } from "./drawing/numbers";
+import { Errors } from "./errors";
+import { shortened } from "./header-lines";
 import { Icon, Logo } from "./icons";
-import type { ScoreRow } from "./replies";
 import { run } from "./runs";
 import { save } from "./saving";
-import { scoped } from "./scope";
 import { valueAt } from "./settings";
 import {
   blocking,
@@ -29,117 +29,132 @@ export function Header() {
   const running = isRunning(job);
   return (
     <header>
-      <div class="brand">
-        <Logo />
-        Kennfeld
-      </div>
-      <div class="project">
-        <b class="cut">{project?.name ?? "No project"}</b>
-        <small class={unsaved.length ? "dirty" : ""} id="unsaved">
-          <span class="cut" title={unsaved.join("\n")}>
-            {unsaved.length
-              ? `${unsaved.length} unsaved change${unsaved.length > 1 ? "s" : ""}`
-              : (project?.path ?? "")}
+      <div class="bar0">
+        <div class="brand">
+          <Logo />
+          <span class="word">Kennfeld</span>
+          <span class="pj" aria-hidden="true">
+            <b title={project?.name}>{shortened(project?.name ?? "No project", 18)}</b>
+            <small class={unsaved.length ? "edits" : ""}>
+              {unsaved.length ? `${unsaved.length} unsaved` : project ? "saved" : "drop a file"}
+            </small>
           </span>
-        </small>
-      </div>
-      <Rmse use="training" />
-      <Rmse use="test" />
-      <div class="set">
-        <button
-          class="btn bare icon"
-          id="undo"
-          title={undo ? `Undo: ${undo} (Ctrl+Z)` : "Undo (Ctrl+Z)"}
-          aria-label="Undo"
-          disabled={!undo && waiting.length === 0}
-          onClick={() => move("undo")}
-        >
-          <Icon name="undo" />
-        </button>
-        <button
-          class="btn bare icon"
-          id="redo"
-          title={redo ? `Redo: ${redo} (Ctrl+Y)` : "Redo (Ctrl+Y)"}
-          aria-label="Redo"
-          disabled={!redo}
-          onClick={() => move("redo")}
-        >
-          <Icon name="redo" />
-        </button>
-      </div>
-      <div class="set">
-        <button
-          class="btn"
-          id="save"
-          title="Save kennfeld.toml (Ctrl+S)"
-          disabled={!unsaved.length}
-          onClick={() => void save()}
-        >
-          Save
-        </button>
-        <button
-          class="btn"
-          id="export"
-          title="Export values, report, script (Ctrl+E)"
-          onClick={() => {
-            screen.value = "results";
-          }}
-        >
-          Export
-        </button>
-      </div>
-      <div class="set" style={{ gap: "6px", marginLeft: "auto" }}>
-        <div class="job">
-          <div id="job-state" class={running ? "running" : job.state}>
-            {job.state}
-          </div>
-          {waiting.length > 0 ? (
-            <span
-              class="warn"
-              id="edits-wait"
-              title={`Applied to the values of the run at its end:\n${waiting.join("\n")}`}
-            >
-              {waiting.length === 1 ? "1 edit waits" : `${waiting.length} edits wait`}
-            </span>
-          ) : (
-            <span>{jobText(job, runs.length)}</span>
-          )}
         </div>
-        <button
-          class="btn primary"
-          id="run"
-          title={blocking.value ? `Cannot run: ${blocking.value.text}` : "Run (F5)"}
-          disabled={running || !project || blocking.value !== null}
-          onClick={run}
-        >
-          <Icon name="run" />
-          Run
-        </button>
-        <button
-          class="btn stop"
-          id="stop"
-          title="Stop and keep the best (Shift+F5)"
-          disabled={!running}
-          onClick={() => request("stop")}
-        >
-          <Icon name="stop" />
-          Stop
-        </button>
-      </div>
-      <div class="set" style={{ gap: 0, paddingRight: 0 }}>
-        <button
-          class="btn bare icon"
-          title="Find or do (Ctrl+K)"
-          aria-label="Find or do"
-          onClick={() => {
-            overlay.value = "palette";
-          }}
-        >
-          <Icon name="find" />
-        </button>
-        <button class="btn bare icon" id="theme" title="Light or dark" aria-label="Light or dark" onClick={toggleTheme}>
-          <Icon name="theme" />
-        </button>
+        <div class="project">
+          <b class="cut" title={project?.name}>
+            {shortened(project?.name ?? "No project", 26)}
+          </b>
+          <small class={unsaved.length ? "dirty" : ""} id="unsaved">
+            <span class="cut" title={unsaved.join("\n")}>
+              {unsaved.length
+                ? `${unsaved.length} unsaved change${unsaved.length > 1 ? "s" : ""}`
+                : (project?.path ?? "")}
+            </span>
+          </small>
+        </div>
+        <Errors />
+        <div class="set">
+          <button
+            class="btn bare icon"
+            id="undo"
+            title={undo ? `Undo: ${undo} (Ctrl+Z)` : "Undo (Ctrl+Z)"}
+            aria-label="Undo"
+            disabled={!undo && waiting.length === 0}
+            onClick={() => move("undo")}
+          >
+            <Icon name="undo" />
+          </button>
+          <button
+            class="btn bare icon"
+            id="redo"
+            title={redo ? `Redo: ${redo} (Ctrl+Y)` : "Redo (Ctrl+Y)"}
+            aria-label="Redo"
+            disabled={!redo}
+            onClick={() => move("redo")}
+          >
+            <Icon name="redo" />
+          </button>
+        </div>
+        <div class="set">
+          <button
+            class="btn"
+            id="save"
+            title="Save kennfeld.toml (Ctrl+S)"
+            disabled={!unsaved.length}
+            onClick={() => void save()}
+          >
+            Save
+          </button>
+          <button
+            class="btn wide"
+            id="export"
+            title="Export values, report, script (Ctrl+E)"
+            onClick={() => {
+              screen.value = "results";
+            }}
+          >
+            Export
+          </button>
+        </div>
+        <div class="set end">
+          <div class="job">
+            <div id="job-state" class={running ? "running" : job.state}>
+              {job.state}
+            </div>
+            {waiting.length > 0 ? (
+              <span
+                class="warn"
+                id="edits-wait"
+                title={`Applied to the values of the run at its end:\n${waiting.join("\n")}`}
+              >
+                {waiting.length === 1 ? "1 edit waits" : `${waiting.length} edits wait`}
+              </span>
+            ) : (
+              <span>{jobText(job, runs.length)}</span>
+            )}
+          </div>
+          <button
+            class="btn primary"
+            id="run"
+            title={blocking.value ? `Cannot run: ${blocking.value.text}` : "Run (F5)"}
+            disabled={running || !project || blocking.value !== null}
+            onClick={run}
+          >
+            <Icon name="run" />
+            <span class="text">Run</span>
+          </button>
+          <button
+            class="btn stop"
+            id="stop"
+            title="Stop and keep the best (Shift+F5)"
+            disabled={!running}
+            onClick={() => request("stop")}
+          >
+            <Icon name="stop" />
+            <span class="text">Stop</span>
+          </button>
+        </div>
+        <div class="set" style={{ gap: 0, paddingRight: 0 }}>
+          <button
+            class="btn bare icon"
+            title="Find or do (Ctrl+K)"
+            aria-label="Find or do"
+            onClick={() => {
+              overlay.value = "palette";
+            }}
+          >
+            <Icon name="find" />
+          </button>
+          <button
+            class="btn bare icon"
+            id="theme"
+            title="Light or dark"
+            aria-label="Light or dark"
+            onClick={toggleTheme}
+          >
+            <Icon name="theme" />
+          </button>
+        </div>
       </div>
     </header>
   );
@@ -149,63 +164,6 @@ function jobText(job: typeof state.value.job, runs: number): string {
   if (isRunning(job)) return `${job.message} · ${job.seconds.toFixed(1)} s`;
   if (job.validates) return `cross-validation · ${job.seconds.toFixed(1)} s`;
   return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
-}
-
-/** The criterion whose error the header shows; the first one that has samples, if it has none. */
-const criterion = scoped("");
-
-function Rmse({ use }: { use: "training" | "test" }) {
-  const scores = state.value.scores.filter((s) => s.use === use && s.samples > 0);
-  const score: ScoreRow | undefined = scores.find((s) => s.criterion === criterion.value) ?? scores[0];
-  const all = scores
-    .map((s) => `${s.criterion}: ${s.rmse === null ? MISSING : significant(s.rmse)} ${s.unit}`)
-    .join("\n");
-  const { rmse = null, before = null, last = null, unit = "" } = score ?? {};
-  const share = rmse !== null && before ? (rmse / before - 1) * 100 : null;
-  const edit = rmse !== null && last !== null && last !== rmse ? rmse - last : null;
-  return (
-    <div class="rmse" title={scores.length > 1 ? `RMSE of the ${use} data\n${all}` : undefined}>
-      {scores.length > 1 ? (
-        <span class="lab cut">
-          {use}{" "}
-          <select
-            aria-label={`Criterion of the RMSE of the ${use} data`}
-            value={score!.criterion}
-            onChange={(event) => {
-              criterion.value = event.currentTarget.value;
-            }}
-          >
-            {scores.map((s) => (
-              <option value={s.criterion}>{s.criterion}</option>
-            ))}
-          </select>
-        </span>
-      ) : (
-        <span class="lab cut">
-          {state.value.criteria.length > 1 && score ? (
-            <>
-              {use} <b>{score.criterion}</b>
-            </>
-          ) : (
-            `RMSE ${use}`
-          )}
-        </span>
-      )}
-      <span class={`last ${edit === null ? "" : edit > 0 ? "bad" : "good"}`} title="Change by the last edit">
-        {edit === null ? "" : `${scores.length > 1 ? "" : "last edit "}${signed(edit, 3)}`}
-      </span>
-      <div class="val">
-        <span class="from">{before === null ? MISSING : significant(before)}</span>
-        <span class="q">→</span>
-        <b id={`rmse-${use}`}>
-          {rmse === null ? MISSING : significant(rmse)} <i>{unit}</i>
-        </b>
-        {share !== null && Math.abs(share) >= 0.05 && (
-          <span class={`diff ${share > 0 ? "bad" : "good"}`}>{signed(share, 3)} %</span>
-        )}
-      </div>
-    </div>
-  );
 }
 
 interface Step {

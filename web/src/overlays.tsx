@@ -4,6 +4,7 @@ import { useComputed, useSignal } from "@preact/signals";
 import { CodeConsent } from "./code-consent";
 import { COMMANDS, type Command, overlay, searchable } from "./commands";
 import { Dialog } from "./dialog";
+import { ErrorList } from "./errors";
 import { Icon } from "./icons";
 import { proposals } from "./instruments/proposals";
 import { showFinding } from "./navigation";
@@ -20,6 +21,7 @@ export function Overlays() {
       <Leaving />
       {overlay.value === "palette" && <Palette />}
       {overlay.value === "keys" && <Keys />}
+      {overlay.value === "errors" && <ErrorList />}
     </>
   );
 }

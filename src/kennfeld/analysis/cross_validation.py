@@ -9,7 +9,7 @@ points at random.
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal, Unpack, get_args, overload
 
 import numpy as np
 
@@ -22,14 +22,17 @@ from kennfeld.base.portable_pickle import pickle_content
 from kennfeld.base.task_runner import TaskRunner, message_line
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.file_spans import short_names
+from kennfeld.models import Model
 from kennfeld.optimize.fit.result import Progress, Result, TraceLine
+from kennfeld.optimize.problem.arguments import ProblemArguments, Start, check_options
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition
 from kennfeld.optimize.problem.problem import Problem
-from kennfeld.optimize.problem.setup import ProblemSetup
+from kennfeld.optimize.problem.setup import problem_of
 from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.preprocessing.coercion import Data
 
 Kind = Literal["auto", "files", "blocks", "random"]
 GAP = 0.05  # share of a block that is not fitted on each side of it
@@ -175,10 +178,23 @@ def _hold_out_random_samples(datasets: Sequence[Dataset], count: int, seed: int)
     return folds
 
 
+@overload
 def cross_validate(
-    model: Any,
-    data: Any = None,
-    start: Any = None,
+    model: Problem,
+    *,
+    folds: int = 5,
+    kind: Kind = "auto",
+    seed: int = 0,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> CrossValidation: ...
+
+
+@overload
+def cross_validate(
+    model: Model | str,
+    data: Data | Sequence[Data],
+    start: Start,
     target: str | float | None = None,
     *,
     folds: int = 5,
@@ -186,7 +202,22 @@ def cross_validate(
     seed: int = 0,
     options: Options | None = None,
     progress: Progress | None = None,
-    **arguments: Any,
+    **arguments: Unpack[ProblemArguments],
+) -> CrossValidation: ...
+
+
+def cross_validate(
+    model: Model | str | Problem,
+    data: Data | Sequence[Data] | None = None,
+    start: Start | None = None,
+    target: str | float | None = None,
+    *,
+    folds: int = 5,
+    kind: Kind = "auto",
+    seed: int = 0,
+    options: Options | None = None,
+    progress: Progress | None = None,
+    **arguments: Unpack[ProblemArguments],
 ) -> CrossValidation:
     """Cross-validate a problem, or a model with the arguments of `calibrate`.
 
@@ -215,12 +246,9 @@ def cross_validate(
     >>> round(result.mean("model"), 9)
     0.0
     """
-    if not isinstance(model, Problem):
-        problem = ProblemSetup(model, data, start, target, **arguments).problem()
-    elif arguments or data is not None or start is not None or target is not None:
-        raise ArgumentError("cross_validate(problem) accepts only folds, kind, seed, options and progress")
-    else:
-        problem = model
+    check_options(options, progress)
+    check_folds(folds, kind, seed)
+    problem = problem_of(model, data, start, target, arguments, "cross_validate")
     options = options or Options()
     held: Sequence[Fold | PartitionFold]
     if problem.partitions is not None:
@@ -231,11 +259,20 @@ def cross_validate(
             return CrossValidation(tuple(_folds_on_cluster(options.cluster, problem, options, held, progress)))
     rows: list[FoldQuality] = []
     for number, fold in enumerate[Fold | PartitionFold](held, 1):
-        result = run(_fold_problem(problem, fold), options, _name_fold(progress, number))
+        result = run(fold_problem(problem, fold), options, _name_fold(progress, number))
         rows += _fold_quality(number, fold, result)
         if result.status == "stopped":
             break
     return CrossValidation(tuple(rows))
+
+
+def check_folds(folds: object, kind: object, seed: object) -> None:
+    """Raise `ArgumentError` for folds that cannot be made."""
+    for name, value, least in (("folds", folds, 2), ("seed", seed, 0)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            raise ArgumentError(f"{name} must be an integer >= {least}, got {value!r}")
+    if kind not in get_args(Kind):
+        raise ArgumentError(f"kind must be {', '.join(get_args(Kind))}, got {kind!r}")
 
 
 def _folds_on_cluster(
@@ -277,11 +314,11 @@ def run_fold(shared: bytes, item: bytes, arguments: bytes) -> list[FoldQuality]:
 
     if line.is_stopping():
         return []
-    result = run(_fold_problem(problem, fold), options, _name_fold(report, number))
+    result = run(fold_problem(problem, fold), options, _name_fold(report, number))
     return list(_fold_quality(number, fold, result))
 
 
-def _fold_problem(problem: Problem, fold: Fold | PartitionFold) -> Problem:
+def fold_problem(problem: Problem, fold: Fold | PartitionFold) -> Problem:
     """Return the problem of one fold, with the held-out samples as test datasets."""
     if isinstance(fold, PartitionFold):
         return _without_partitions(problem, fold)

@@ -14,7 +14,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import KW_ONLY, replace
 from pathlib import Path
 from types import FrameType
 from typing import Literal
@@ -117,6 +117,7 @@ class Finding(NotebookDisplay):
     message: str
     remedy: str = ""
     excerpt: str = ""
+    _: KW_ONLY
     severity: Severity = "error"
 
     def __str__(self) -> str:

@@ -65,7 +65,10 @@ def array(source: Any, label: str) -> Float:
     if type(source) is float:
         return np.array(source)
     if hasattr(source, "to_numpy") and hasattr(source, "dtype") and not isinstance(source.dtype, np.dtype):
-        source = source.to_numpy(dtype=object)  # pandas' own types keep missing values apart from the others
+        try:
+            source = source.to_numpy(dtype=object)  # pandas' own types keep missing values apart from the others
+        except TypeError:
+            source = source.to_numpy()  # polars knows missing values of all types
     masked = _mask(source)
     try:
         values = np.asarray(source)

@@ -1,4 +1,4 @@
-"""Pickles that other processes read, also of the read-only mappings of a model."""
+"""Pickles that other processes read, also of the read-only mappings in models that importers of others make."""
 
 import copyreg
 import io

@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import ArgumentError
-from kennfeld.base.formatting import size_text
+from kennfeld.base.formatting import count_noun, size_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
@@ -94,6 +94,10 @@ class Comparison:
 
     differences: tuple[Difference, ...]
     compared: int
+
+    def __str__(self) -> str:
+        lines = [f"{each.name}: {each.aspect} {each.left} -> {each.right}" for each in self.differences]
+        return "\n".join(lines) or f"{count_noun(self.compared, 'label')} without a difference"
 
     @property
     def equal(self) -> bool:

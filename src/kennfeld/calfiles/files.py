@@ -13,6 +13,7 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import nearest
 from kennfeld.base.garbage_collection import no_collection
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.streams import Source, local_file
 from kennfeld.calfiles.format import CalibrationSource, Item, ReadResult, WriteResult
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Parameter, Text
@@ -57,11 +58,11 @@ def endings() -> tuple[str, ...]:
     return tuple(ending for known in calibration_formats() for ending in _endings(known))
 
 
-def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
+def read(path: Source, a2l: str | Path | None = None) -> ParameterSet:
     """Read the parameters of a calibration file of any format, which is recognised by its content.
 
     Args:
-        path: The file.
+        path: The file, or an open stream such as `io.BytesIO`.
         a2l: The A2L file that describes an image (Intel HEX, S-records). By default the one with the same name in its
             folder, or the only one there.
 
@@ -76,8 +77,11 @@ def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
     >>> values["MapOptTorque"].values.shape, values["MapOptTorque"].unit
     ((19, 13), 'Nm')
     """
-    parameters = _read_content(Path(path), a2l).parameters
-    # formats that keep the rest of a file state an origin of their own
+    with local_file(path) as file:
+        parameters = _read_content(Path(file), a2l).parameters
+    # formats that keep the rest of a file state an origin of their own; a stream has none to return to
+    if not isinstance(path, str | Path):
+        return parameters
     return parameters if parameters.origin is not None else parameters.from_origin(Path(path).absolute())
 
 

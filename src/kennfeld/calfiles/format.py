@@ -124,4 +124,5 @@ def build_set(items: dict[Key, Item], axes: Iterable[Axis], origin: object | Non
     chosen = [items[key] for key in items if first[key[0]] == key]
     members = [item for item in chosen if isinstance(item, Parameter)]
     texts = [item for item in chosen if isinstance(item, Text)]
-    return ParameterSet(members, texts, axes, [item for key, item in items.items() if first[key[0]] != key], origin)
+    others = [item for key, item in items.items() if first[key[0]] != key]
+    return ParameterSet(members, texts, axes, others, origin=origin)

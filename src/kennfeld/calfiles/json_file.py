@@ -288,7 +288,9 @@ class _JsonReader:
             parts.append(numbers)
         slopes, weights, positions, widths, hinges = parts[1:]
         kernel = entry.get("kernel", "gaussian")
-        expansion = Expansion(float(parts[0]), slopes, weights, positions, widths, kernel, hinges.tolist())
+        expansion = Expansion(
+            float(parts[0]), slopes, weights, positions, widths, kernel=kernel, hinges=hinges.tolist()
+        )
         return RBF(name, expansion, labels, **attributes)
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:

@@ -68,7 +68,7 @@ def merge(sources: Sequence[tuple[str, ParameterSet]]) -> Merged:
     parameters = [item for item in chosen.values() if isinstance(item, Parameter)]
     texts = [item for item in chosen.values() if isinstance(item, Text)]
     origin = sources[0][1].origin  # the result is a change of the first file
-    merged = ParameterSet(parameters, texts, [axis for axis, _ in axes.values()], variants, origin)
+    merged = ParameterSet(parameters, texts, [axis for axis, _ in axes.values()], variants, origin=origin)
     return Merged(merged, tuple(changes))
 
 

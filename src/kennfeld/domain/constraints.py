@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Literal
+from numbers import Integral
+from typing import Literal, get_args
 
 from kennfeld.base.arrays import ArrayLike
 from kennfeld.base.errors import ArgumentError
@@ -10,6 +11,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import array, number
 from kennfeld.domain.parameters import AXIS_LETTERS
 
+AxisLetter = Literal["x", "y", "z", "w"]
 UNBOUNDED = float("inf")
 
 
@@ -19,7 +21,7 @@ class Limit:
 
     Attributes:
         node: a node, or an expression over nodes, inputs and channels.
-        lower: lower bound, in the unit of the node.
+        lower: lower bound, in the unit of the node; None stands for no bound.
         upper: upper bound.
         where: a condition over inputs and channels; the limit applies to samples at which it is not 0.
 
@@ -35,8 +37,10 @@ class Limit:
     upper: float = UNBOUNDED
     where: str = ""
 
-    def __post_init__(self) -> None:
-        _set_range(self, f"limit of {self.node}")
+    def __init__(self, node: str, lower: float | None = None, upper: float | None = None, where: str = "") -> None:
+        object.__setattr__(self, "node", node)
+        object.__setattr__(self, "where", where)
+        _set_range(self, f"limit of {node}", lower, upper)
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Shape:
 
     Attributes:
         parameter: name of the table.
-        axis: number of the axis from 0: 0 is x, 1 is y.
+        axis: `x`, `y`, `z` or `w`, or its number from 0.
         kind: `slope` is dz/dx between neighbours, in units of z per unit of x: monotonic if >= 0. `curvature` is
             d2z/dx2 between three neighbours: convex if >= 0.
         lower: lower bound.
@@ -90,10 +94,29 @@ class Shape:
     upper: float = UNBOUNDED
     where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        owner = f"{self.kind} of {self.parameter}"
-        _set_range(self, owner)
-        object.__setattr__(self, "where", {axis: _ends(ends, axis, owner) for axis, ends in self.where.items()})
+    def __init__(
+        self,
+        parameter: str,
+        axis: int | AxisLetter,
+        kind: Literal["slope", "curvature"],
+        *,
+        lower: float | None = None,
+        upper: float | None = None,
+        where: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        if isinstance(axis, str) and axis in get_args(AxisLetter):
+            axis = get_args(AxisLetter).index(axis)
+        elif isinstance(axis, bool) or not isinstance(axis, Integral):
+            message = f"axis={axis!r} of a shape of {parameter} must be x, y, z or w, or its number from 0"
+            raise ArgumentError(message)
+        if kind not in ("slope", "curvature"):
+            raise ArgumentError(f"kind={kind!r} of a shape of {parameter} must be slope or curvature")
+        for name, value in (("parameter", parameter), ("axis", int(axis)), ("kind", kind)):
+            object.__setattr__(self, name, value)
+        owner = f"{kind} of {parameter}"
+        _set_range(self, owner, lower, upper)
+        ranges = {letter: _ends(ends, letter, owner) for letter, ends in (where or {}).items()}
+        object.__setattr__(self, "where", ranges)
 
 
 @dataclass(frozen=True)
@@ -167,9 +190,11 @@ def _ends(ends: tuple[float, float], axis: str, owner: str) -> tuple[float, floa
     return first, last
 
 
-def _set_range(limit: Limit | Shape, owner: str) -> None:
-    lower, upper = (number(getattr(limit, side), side, owner, infinite=True) for side in ("lower", "upper"))
-    if not lower <= upper:
-        raise ArgumentError(f"{owner}: lower limit {lower:g} exceeds upper limit {upper:g}")
-    object.__setattr__(limit, "lower", lower)
-    object.__setattr__(limit, "upper", upper)
+def _set_range(limit: Limit | Shape, owner: str, lower: float | None, upper: float | None) -> None:
+    """Set the bounds of a limit; None stands for none."""
+    low = -UNBOUNDED if lower is None else number(lower, "lower", owner, infinite=True)
+    high = UNBOUNDED if upper is None else number(upper, "upper", owner, infinite=True)
+    if not low <= high:
+        raise ArgumentError(f"{owner}: lower limit {low:g} exceeds upper limit {high:g}")
+    object.__setattr__(limit, "lower", low)
+    object.__setattr__(limit, "upper", high)

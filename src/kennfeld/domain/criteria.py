@@ -112,6 +112,7 @@ class Criterion:
         target: Target | str | float,
         weight: float = 1.0,
         loss: Loss = "square",
+        *,
         delta: float = 1.0,
         scale: float = 1.0,
         weight_channel: str = "",

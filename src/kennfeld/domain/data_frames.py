@@ -1,7 +1,7 @@
-"""DataFrames of pandas, which is imported only here and only when it is needed."""
+"""DataFrames of pandas, which is imported only here and only when it is needed, and the types of other tables."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -11,6 +11,23 @@ from kennfeld.base.optional_packages import optional_package
 
 _CALL = Location("to_frame")
 GridAxis = tuple[str, Float]  # its label and its breakpoints
+
+
+@runtime_checkable
+class ArrowTable(Protocol):
+    """A table that other libraries can read as a stream of Arrow, as those of polars, PyArrow and DuckDB."""
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> object: ...
+
+
+@runtime_checkable
+class InterchangeTable(Protocol):
+    """A table that offers the DataFrame interchange protocol, as those of pandas, polars and vaex."""
+
+    def __dataframe__(self, nan_as_null: bool = False, allow_copy: bool = True) -> Any: ...
+
+
+Table = Mapping[str, ArrayLike] | ArrowTable | InterchangeTable
 
 
 def pandas_module() -> Any:
@@ -53,11 +70,12 @@ def column_frame(columns: Mapping[str, ArrayLike]) -> Any:
     return pandas_module().DataFrame({name: np.array(values) for name, values in columns.items()})
 
 
-def sample_frame(columns: Mapping[str, Float], time: Float | None, starts: Int) -> Any:
+def sample_frame(columns: Mapping[str, Float], units: Mapping[str, str], time: Float | None, starts: Int) -> Any:
     """Return channels of a recording over their time, or over the number of the sample.
 
     Args:
         columns: Float[samples] by channel.
+        units: of channels; `attrs["units"]` of the frame.
         time: in s, Float[samples]; None for steady-state points.
         starts: the first sample of each piece. Several pieces are a level `piece` of the index, counted from 0.
     """
@@ -68,4 +86,6 @@ def sample_frame(columns: Mapping[str, Float], time: Float | None, starts: Int) 
         # the last piece that begins at or before a sample
         pieces = np.searchsorted(starts, np.arange(count), side="right") - 1
         index = pandas.MultiIndex.from_arrays([pieces, index], names=["piece", index.name])
-    return pandas.DataFrame({name: np.array(values) for name, values in columns.items()}, index=index)
+    frame = pandas.DataFrame({name: np.array(values) for name, values in columns.items()}, index=index)
+    frame.attrs["units"] = dict(units)
+    return frame

@@ -1,26 +1,30 @@
 """Datasets: recorded channels of equal length, with or without time stamps, in one or more pieces."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import KW_ONLY, field, replace
 from datetime import datetime
+from importlib import import_module
 from typing import Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kennfeld.base.arrays import ArrayLike, Bool, Float, Int, readonly
-from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.base.formatting import nearest
+from kennfeld.base.errors import ArgumentError, Finding, Location
+from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.base.numeric import array, number, truths
-from kennfeld.domain.data_frames import sample_frame
+from kennfeld.domain.data_frames import Table, sample_frame
 from kennfeld.domain.file_spans import FileSpans
 
 Use = Literal["training", "test"]
 
 PAUSE = 20.0  # usual steps; a longer one is a pause of the recording
+_COLUMNS = "kennfeld.preprocessing.coercion"  # in a higher layer, which knows how files name their time
 _USUAL = 0.75  # quantile of the steps
 _ROUNDING = 1e-6  # relative, of differences of time stamps
+MAX_NAMES = 6  # of channels that a text shows
 SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow with the data
 
 
@@ -55,6 +59,14 @@ class Channel(NotebookDisplay):
 
     def __len__(self) -> int:
         return self.values.size
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the values for NumPy, `np.asarray(channel)`."""
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        unit = f", unit={self.unit!r}" if self.unit else ""
+        return f"Channel({self.name!r}, {count_noun(len(self), 'value')}{unit})"
 
 
 @dataclass(frozen=True)
@@ -137,6 +149,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
     channels: tuple[Channel, ...]
     time: Float | None = None  # Float[samples]
     starts: Int = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # Int[pieces]
+    _: KW_ONLY
     weight: float = 1.0
     use: Use = "training"
     scored: Bool | None = None  # Bool[samples]
@@ -204,36 +217,84 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
 
     @classmethod
     def of(
-        cls, name: str, columns: Mapping[str, ArrayLike], *, units: Mapping[str, str] | None = None, **attributes: Any
+        cls,
+        name: str,
+        columns: Table,
+        *,
+        units: Mapping[str, str] | None = None,
+        time: ArrayLike | None = None,
+        starts: ArrayLike | None = None,
+        settling: Settling | None = None,
+        weight: float = 1.0,
+        use: Use = "training",
+        scored: ArrayLike | None = None,
+        max_gap: float = 0.0,
+        weight_channel: str = "",
+        warmup: float = 0.0,
+        files: FileSpans | None = None,
+        start_time: datetime | None = None,
+        recorded: ArrayLike | None = None,
     ) -> Self:
         """Return a dataset of named columns.
 
+        A column `time`, one of dates, or such an index of a DataFrame becomes the time of the samples, unless `time` or
+        `settling` is given; without it, the samples are steady-state points. A column or a level of the index called
+        `piece` then begins a new piece where its value changes. Columns of time and pieces remain channels; those of
+        other dates are left out.
+
         Args:
             name: how messages name it.
-            columns: numbers by name: a dict of arrays, or a pandas DataFrame.
+            columns: numbers by name: a dict of arrays, a DataFrame of pandas, polars or PyArrow, or a Dataset of
+                xarray. Attributes `units` of pandas and xarray state units.
             units: the units of channels, by name.
-            attributes: further attributes of the dataset.
+            time: time stamps in s, Float[samples].
+            starts: first sample of each piece, Int[pieces].
+            settling: simulation of steady-state points by a model with memory.
+            weight: multiplies the loss of all samples.
+            use: "training" or "test".
+            scored: samples that are scored, Bool[samples].
+            max_gap: longest gap of NaN in an input that is interpolated, in s.
+            weight_channel: channel that multiplies the loss of each sample.
+            warmup: time from the start of each piece that is simulated but not scored, in s.
+            files: the files that the samples come from.
+            start_time: the instant of time stamp 0.
+            recorded: samples that were recorded, Bool[samples].
 
         Raises:
             InputError: columns do not hold numbers; reports all of them.
             ArgumentError: lengths or attributes are inconsistent.
         """
-        units, channels, findings = units or {}, [], []
-        for column in columns:
-            try:
-                values = array(columns[column], f"channel {column}")
-                channels.append(Channel(str(column), values, units.get(column, "")))
-            except ArgumentError as error:
-                remedy = "Omit it, or replace it by numbers."
-                findings.append(Finding(Location(f"dataset {name}"), str(error), remedy))
-        if findings:
-            raise InputError(findings)
-        return cls(name, tuple(channels), **attributes).without_infinite()
+        timed = time is None and settling is None
+        held = import_module(_COLUMNS).read_recording(name, columns, units, timed=timed)
+        pieces = held.starts if starts is None else np.asarray(starts)
+        return cls(
+            name,
+            held.channels,
+            held.time if time is None else array(time, f"time of dataset {name}"),
+            np.zeros(1, dtype=np.int64) if pieces is None else pieces,
+            weight=weight,
+            use=use,
+            scored=_truths_or_none(scored, f"scored of dataset {name}"),
+            max_gap=max_gap,
+            weight_channel=weight_channel,
+            settling=settling,
+            warmup=warmup,
+            clock=held.clock,
+            files=files,
+            start_time=start_time,
+            recorded=_truths_or_none(recorded, f"recorded of dataset {name}"),
+        ).without_infinite()
 
     @property
     def samples(self) -> int:
         """Number of samples of every channel."""
         return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
+
+    def __repr__(self) -> str:
+        pieces = f" in {self.starts.size} pieces" if self.starts.size > 1 else ""
+        kind = f" over {self.time[-1] - self.time[0]:g} s" if self.time is not None and self.starts.size == 1 else ""
+        channels = join_names(list(self), MAX_NAMES)
+        return f"Dataset({self.name!r}, {count_noun(self.samples, 'sample')}{pieces}{kind}: {channels})"
 
     @property
     def is_fitted(self) -> bool:
@@ -255,6 +316,10 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         """Return the same dataset with channels added, or replaced where the name is taken."""
         by_name = {channel.name: channel for channel in (*self.channels, *added)}
         return replace(self, channels=tuple(by_name.values()))
+
+    def with_findings(self, *added: Finding) -> Self:
+        """Return the same dataset with further findings."""
+        return replace(self, findings=(*self.findings, *added)) if added else self
 
     def without_infinite(self) -> Self:
         """Return the dataset with NaN for infinite values, and a warning for each channel that has some."""
@@ -278,12 +343,14 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         """Return the channels as the columns of a DataFrame of pandas.
 
         The index is the time in s, or the number of the sample for steady-state points; several pieces are a level
-        `piece` before it.
+        `piece` before it. `attrs["units"]` has the units. `Dataset.of` reads all of them back.
 
         Raises:
             InputError: pandas is not installed; the message has the command that installs it.
         """
-        return sample_frame({channel.name: channel.values for channel in self.channels}, self.time, self.starts)
+        units = {channel.name: channel.unit for channel in self.channels if channel.unit}
+        values = {channel.name: channel.values for channel in self.channels}
+        return sample_frame(values, units, self.time, self.starts)
 
     def select(self, samples: ArrayLike) -> Self:
         """Return the samples of a steady-state dataset that an index array or a mask picks, in that order."""
@@ -309,6 +376,10 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
 
     def __len__(self) -> int:
         return len(self.channels)
+
+
+def _truths_or_none(source: ArrayLike | None, label: str) -> Bool | None:
+    return None if source is None else truths(source, label)
 
 
 def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tuple[int, Float]]:

@@ -10,14 +10,17 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
-from kennfeld.base.formatting import nearest
+from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.domain.data_frames import column_frame
 from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
 
+MAX_NAMES = 6  # of members that a text shows
+
 _Member = TypeVar("_Member", Parameter, Text, Parameter | Text)
 
+_COMPARISON = "kennfeld.calfiles.comparison"  # in a higher layer
 _FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only when needed: the import takes time
 
 
@@ -62,6 +65,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         texts: Iterable[Text] = (),
         axes: Iterable[Axis] = (),
         others: Iterable[Parameter | Text] = (),
+        *,
         origin: object | None = None,
         unstated: Iterable[str] = (),
     ) -> None:
@@ -111,6 +115,10 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     def __len__(self) -> int:
         return len(self.parameters)
+
+    def __repr__(self) -> str:
+        values = sum(member.size for member in self.parameters)
+        return f"ParameterSet({count_noun(values, 'value')}: {join_names(list(self), MAX_NAMES)})"
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ParameterSet):
@@ -193,7 +201,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             others.pop((member.name, member.variant), None)
         # an empty set takes over the file of the other one
         origin = (self if self.chosen else other).origin
-        return ParameterSet(merged.parameters, merged.texts, merged.axes, others.values(), origin)
+        return ParameterSet(merged.parameters, merged.texts, merged.axes, others.values(), origin=origin)
 
     def with_parameters(self, *changed: Parameter) -> "ParameterSet":
         """Return the set with some parameters replaced or added."""
@@ -208,13 +216,13 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     def from_origin(self, origin: object | None) -> "ParameterSet":
         """Return the set with another origin: the file that a save is to update."""
-        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin)
+        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin=origin)
 
     def read_without(self, unstated: Iterable[str]) -> "ParameterSet":
         """Return the set as one that was read from a format which cannot state some aspects."""
         aspects = frozenset(unstated)
         members, others = _read_without(self.parameters, aspects), _read_without(self.others, aspects)
-        return ParameterSet(members, self.texts, self.axes, others, self.origin)
+        return ParameterSet(members, self.texts, self.axes, others, origin=self.origin)
 
     def completed(self, known: "ParameterSet") -> "ParameterSet":
         """Return the set with what its files cannot state taken from the parameters of the same names in another set.
@@ -228,14 +236,33 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             _completed(each, known[each.name]) if each.unstated and each.name in known else each
             for each in self.parameters
         ]
-        return ParameterSet(members, self.texts, self.axes, self.others, self.origin)
+        return ParameterSet(members, self.texts, self.axes, self.others, origin=self.origin)
+
+    def compare(self, other: "ParameterSet", *, absolute: float = 0.0, relative: float = 0.0) -> Any:
+        """Compare values, axes, units, kinds, texts and names with those of another set, as `kennfeld diff` does.
+
+        Args:
+            other: the other set.
+            absolute: differences of numbers up to `absolute + relative * max(|a|, |b|)` count as equal.
+            relative: see `absolute`.
+
+        Returns:
+            The differences; its text is a line for each.
+
+        >>> from kennfeld import Scalar
+        >>> before, after = ParameterSet([Scalar("K", 1.0)]), ParameterSet([Scalar("K", 1.5)])
+        >>> [difference.name for difference in before.compare(after).differences]
+        ['K']
+        """
+        module = import_module(_COMPARISON)
+        return module.compare(self, other, module.Tolerance(absolute, relative))
 
     def without(self, names: Collection[str]) -> "ParameterSet":
         """Return all but the named parameters; group axes stay."""
         removed = frozenset(names)
         kept = [member for member in self.parameters if member.name not in removed]
         others = [item for item in self.others if item.name not in removed]
-        return ParameterSet(kept, self.texts, self.axes, others, self.origin)
+        return ParameterSet(kept, self.texts, self.axes, others, origin=self.origin)
 
     def to_frame(self) -> Any:
         """Return all values as a DataFrame of pandas, one row per value.

@@ -4,14 +4,16 @@ All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpo
 """
 
 from collections.abc import Iterable
-from dataclasses import field, fields
-from typing import Any, ClassVar, Literal, Self, get_args
+from dataclasses import KW_ONLY, field, fields
+from importlib import import_module
+from typing import Any, ClassVar, Literal, Self, TypedDict, Unpack, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.base.arrays import ArrayLike, Bool, Float, readonly
 from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import size_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.base.numeric import array, truths
@@ -95,8 +97,8 @@ class Axis:
         count: int,
         input: str = "",  # noqa: A002
         unit: str = "",
-        name: str = "",
         *,
+        name: str = "",
         round: bool = True,  # noqa: A002
     ) -> "Axis":
         """Return an axis whose breakpoints are quantiles of data, including both ends.
@@ -191,6 +193,32 @@ class Axis:
         return hash((self.breakpoints.tobytes(), self.name))
 
 
+_LOOKUP = "kennfeld.graph.interpolation"  # in a higher layer
+
+
+class ParameterAttributes(TypedDict, total=False):
+    """The attributes that parameters of all kinds have besides their name, values and axes; see `Parameter`."""
+
+    unit: str
+    description: str
+    lower: ArrayLike | None
+    upper: ArrayLike | None
+    locked: ArrayLike
+    extrapolation: Extrapolation
+    functions: Iterable[str]
+    display_name: str
+    variant: str
+    unstated: Iterable[str]
+
+
+class ParameterChanges(ParameterAttributes, total=False):
+    """The attributes of a parameter that a copy may have otherwise."""
+
+    name: str
+    values: ArrayLike
+    axes: tuple[Axis, ...]
+
+
 _ASPECTS = {"extrapolation": "extrapolation", "lower": "bounds", "upper": "bounds", "locked": "locks"}  # by attribute
 
 
@@ -208,18 +236,25 @@ class Parameter(NotebookDisplay):
         axes: its axes x, y, z and w.
         unit: unit of the values.
         description: free text.
-        lower: lower bounds, in the shape of `values`; a single number is broadcast.
+        lower: lower bounds, in the shape of `values`; a single number is broadcast, None stands for no bound.
         upper: upper bounds.
         locked: True for values that a calibration does not change.
         extrapolation: `clip` holds the values at the ends of the axes, `linear` continues their slope.
         functions: the parts of the ECU software that use it.
         display_name: its short name.
         variant: the variant (`Engine=2`) that the values belong to; empty if there is just one.
+        kind: `scalar`, `block`, `curve`, `map`, `cube` or `rbf`.
         unstated: the aspects that the format of its file cannot state, of "extrapolation", "bounds", "locks" and "free
             axes". It plays no part in comparisons, and an aspect that `changed` sets is stated.
 
     Raises:
         ArgumentError: shapes, bounds or axes are inconsistent.
+
+    A parameter can be called with coordinates, and NumPy takes it for its values.
+
+    >>> gain = Curve("Gain", [0, 10, 20], [1.0, 1.2, 1.6])
+    >>> gain(15), np.asarray(gain)
+    (1.4, array([1. , 1.2, 1.6]))
     """
 
     kind: ClassVar[str] = ""
@@ -248,7 +283,8 @@ class Parameter(NotebookDisplay):
             raise ArgumentError(f"{self.name} has values of shape {values.shape}, its axes require {shape}")
         if self.extrapolation not in ("clip", "linear"):
             raise ArgumentError(f"extrapolation={self.extrapolation!r} of {self.name} must be clip or linear")
-        for side in ("lower", "upper"):
+        for side, unbounded in (("lower", -np.inf), ("upper", np.inf)):
+            attributes[side] = unbounded if attributes[side] is None else attributes[side]
             attributes[side] = self._spread(side, array(attributes[side], f"{side} bounds of {self.name}"))
         attributes["locked"] = self._spread("locked", truths(self.locked, f"locked of {self.name}"))
         # false for NaN, too, which is refused as well
@@ -278,6 +314,16 @@ class Parameter(NotebookDisplay):
     def size(self) -> int:
         """Number of values."""
         return self.values.size
+
+    @property
+    def value(self) -> float:
+        """The number, if it is a single one; `ArgumentError` for tables."""
+        if self.size != 1:
+            raise ArgumentError(f"{self.name} has {self.size} values; `values` holds them")
+        return float(self.values.item())
+
+    def __float__(self) -> float:
+        return self.value
 
     @property
     def limited(self) -> bool:
@@ -331,15 +377,49 @@ class Parameter(NotebookDisplay):
             raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, got {numbers.shape}")
         return self.changed(values=numbers.reshape(self.values.shape))
 
-    def with_bounds(self, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> Self:
-        """Return the same parameter within other bounds, each a number or an array of its shape."""
+    def with_bounds(self, lower: ArrayLike | None = None, upper: ArrayLike | None = None) -> Self:
+        """Return the same parameter within other bounds, each a number, an array of its shape, or None for none."""
         return self.changed(lower=lower, upper=upper)
 
-    def changed(self, **changes: Any) -> Self:
+    def __call__(self, *coordinates: ArrayLike) -> Any:
+        """Look the parameter up, as the function does: `C(1.5)`, `M(1200, 50)`.
+
+        Args:
+            coordinates: one for each axis, numbers or arrays of the same shape.
+
+        Returns:
+            A number, or Float of the shape of the coordinates; NaN where a coordinate is NaN.
+
+        Raises:
+            ArgumentError: more or fewer coordinates than axes.
+        """
+        if len(coordinates) != self.coordinates:
+            message = f"{self.name} takes {self.coordinates} coordinates, got {len(coordinates)}"
+            raise ArgumentError(message)
+        points = [array(each, f"coordinates of {self.name}") for each in coordinates]
+        looked_up = self._look_up(list(np.broadcast_arrays(*points))) if points else self.values
+        return float(looked_up) if np.ndim(looked_up) == 0 else looked_up
+
+    def _look_up(self, points: list[Float]) -> Float:
+        result: Float = import_module(_LOOKUP).look_up(self.values, self.index_axes, points, self.extrapolation)
+        return result
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the values for NumPy, `np.asarray(curve)`."""
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        numbers = f"{float(self.values):g}" if self.values.ndim == 0 else f"{size_text(self.values.shape)} values"
+        over = ", ".join(axis.label for axis in self.axes if axis.name or axis.input)
+        parts = [repr(self.name), numbers + (f" over {over}" if over else "")]
+        parts += [f"unit={self.unit!r}"] if self.unit else []
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+    def changed(self, **changes: Unpack[ParameterChanges]) -> Self:
         """Return the same parameter with some of its attributes replaced."""
         # not the constructor of the kind, which takes other arguments
         copy = object.__new__(type(self))
-        Parameter.__init__(copy, **self._attributes(changes))
+        Parameter.__init__(copy, **self._attributes({**changes}))
         return copy
 
     def read_without(self, unstated: Iterable[str]) -> Self:
@@ -381,13 +461,8 @@ class Scalar(Parameter):
 
     kind: ClassVar[str] = "scalar"
 
-    def __init__(self, name: str, value: ArrayLike, **attributes: Any) -> None:
-        super().__init__(name=name, values=array(value, f"value of {name}"), **attributes)
-
-    @property
-    def value(self) -> float:
-        """The number itself."""
-        return float(self.values)
+    def __init__(self, name: str, value: ArrayLike, **attributes: Unpack[ParameterAttributes]) -> None:
+        super().__init__(name=name, values=array(value, f"value of {name}"), **attributes)  # type: ignore[arg-type]
 
 
 class Block(Parameter):
@@ -399,8 +474,8 @@ class Block(Parameter):
 
     kind: ClassVar[str] = "block"
 
-    def __init__(self, name: str, values: ArrayLike, **attributes: Any) -> None:
-        super().__init__(name=name, values=array(values, f"values of {name}"), **attributes)
+    def __init__(self, name: str, values: ArrayLike, **attributes: Unpack[ParameterAttributes]) -> None:
+        super().__init__(name=name, values=array(values, f"values of {name}"), **attributes)  # type: ignore[arg-type]
 
     def _expected_shape(self, values: Float) -> tuple[int, ...]:
         if values.ndim == 0 or values.ndim > 4:
@@ -421,8 +496,11 @@ class Curve(Parameter):
 
     kind: ClassVar[str] = "curve"
 
-    def __init__(self, name: str, x: Axis | ArrayLike, values: ArrayLike, **attributes: Any) -> None:
-        super().__init__(name=name, axes=(_axis(x),), values=array(values, f"values of {name}"), **attributes)
+    def __init__(
+        self, name: str, x: Axis | ArrayLike, values: ArrayLike, **attributes: Unpack[ParameterAttributes]
+    ) -> None:
+        numbers = array(values, f"values of {name}")
+        super().__init__(name=name, axes=(_axis(x),), values=numbers, **attributes)  # type: ignore[arg-type]
 
 
 class Map(Parameter):
@@ -436,9 +514,15 @@ class Map(Parameter):
     kind: ClassVar[str] = "map"
 
     def __init__(
-        self, name: str, x: Axis | ArrayLike, y: Axis | ArrayLike, values: ArrayLike, **attributes: Any
+        self,
+        name: str,
+        x: Axis | ArrayLike,
+        y: Axis | ArrayLike,
+        values: ArrayLike,
+        **attributes: Unpack[ParameterAttributes],
     ) -> None:
-        super().__init__(name=name, axes=(_axis(x), _axis(y)), values=array(values, f"values of {name}"), **attributes)
+        numbers = array(values, f"values of {name}")
+        super().__init__(name=name, axes=(_axis(x), _axis(y)), values=numbers, **attributes)  # type: ignore[arg-type]
 
 
 class Cube(Parameter):
@@ -450,11 +534,18 @@ class Cube(Parameter):
 
     kind: ClassVar[str] = "cube"
 
-    def __init__(self, name: str, axes: Iterable[Axis | ArrayLike], values: ArrayLike, **attributes: Any) -> None:
+    def __init__(
+        self,
+        name: str,
+        axes: Iterable[Axis | ArrayLike],
+        values: ArrayLike,
+        **attributes: Unpack[ParameterAttributes],
+    ) -> None:
         converted = tuple(_axis(axis) for axis in axes)
         if len(converted) not in (3, 4):
             raise ArgumentError(f"cube {name} needs 3 or 4 axes, got {len(converted)}")
-        super().__init__(name=name, axes=converted, values=array(values, f"values of {name}"), **attributes)
+        numbers = array(values, f"values of {name}")
+        super().__init__(name=name, axes=converted, values=numbers, **attributes)  # type: ignore[arg-type]
 
 
 def _axis(axis: Axis | ArrayLike) -> Axis:
@@ -486,6 +577,7 @@ class Text:
     text: str
     description: str = ""
     functions: tuple[str, ...] = ()
+    _: KW_ONLY
     display_name: str = ""
     variant: str = ""
     unit: str = ""
@@ -499,7 +591,9 @@ class Text:
 _KINDS: tuple[type[Parameter], ...] = (Scalar, Curve, Map, Cube, Cube)
 
 
-def parameter(name: str, values: ArrayLike, axes: Iterable[Axis] = (), **attributes: Any) -> Parameter:
+def parameter(
+    name: str, values: ArrayLike, axes: Iterable[Axis] = (), **attributes: Unpack[ParameterAttributes]
+) -> Parameter:
     """Return the scalar, curve, map or cube with these axes.
 
     >>> parameter("K", 2.0).kind, parameter("C", [1, 2], [Axis([0, 1])]).kind
@@ -509,5 +603,6 @@ def parameter(name: str, values: ArrayLike, axes: Iterable[Axis] = (), **attribu
     if len(own) >= len(_KINDS):
         raise ArgumentError(f"{name} has {len(own)} axes; tables have at most 4")
     table = object.__new__(_KINDS[len(own)])
-    Parameter.__init__(table, name=name, values=array(values, f"values of {name}"), axes=own, **attributes)
+    numbers = array(values, f"values of {name}")
+    Parameter.__init__(table, name=name, values=numbers, axes=own, **attributes)  # type: ignore[arg-type]
     return table

@@ -4,17 +4,17 @@
 its values, so that they can be calibrated, for example in place of a large map.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from numbers import Real
-from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, Self, Unpack, get_args
 
 import numpy as np
 
 from kennfeld.base.arrays import ArrayLike, Float, readonly
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.parameters import Axis, Parameter
+from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes
 
 BELLS_PER_BLOCK = 1 << 18  # 2 MB, which stays in the cache
 MAX_DISTANCE = 1e3  # widths from a centre; the bell is exactly 0 long before
@@ -86,7 +86,22 @@ class Expansion:
     kernel: Kernel = "gaussian"
     hinges: tuple[Hinge, ...] = ()
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        offset: float,
+        slopes: ArrayLike,
+        weights: ArrayLike,
+        centres: ArrayLike,
+        widths: ArrayLike,
+        kernel: Kernel = "gaussian",
+        hinges: Sequence[Sequence[float]] = (),
+    ) -> None:
+        tables = {"slopes": slopes, "weights": weights, "centres": centres, "widths": widths}
+        for name, value in {"offset": offset, **tables, "kernel": kernel, "hinges": hinges}.items():
+            object.__setattr__(self, name, value)
+        self._check()
+
+    def _check(self) -> None:
         check_kernel(self.kernel)
         object.__setattr__(self, "offset", float(self.offset))
         if not np.isfinite(self.offset):
@@ -147,8 +162,8 @@ class Expansion:
     @property
     def without_hinges(self) -> "Expansion":
         """The plane and the bells alone."""
-        parts = (self.offset, self.slopes, self.weights, self.centres, self.widths, self.kernel)
-        return Expansion(*parts) if self.hinges else self
+        parts = (self.offset, self.slopes, self.weights, self.centres, self.widths)
+        return Expansion(*parts, kernel=self.kernel) if self.hinges else self
 
     def _points(self, x: Float) -> tuple[Float, tuple[int, ...]]:
         """Return the points one after another, and the shape that their values have."""
@@ -284,8 +299,14 @@ class RBF(Parameter):
     kernel: Kernel = "gaussian"
     hinges: tuple[Hinge, ...] = ()
 
-    def __init__(self, name: str, expansion: Expansion, inputs: ArrayLike = (), **attributes: Any) -> None:
-        labels = tuple(map(str, np.atleast_1d(np.asarray(inputs)))) or ("",) * expansion.inputs
+    def __init__(
+        self,
+        name: str,
+        expansion: Expansion,
+        inputs: str | Iterable[str] = (),
+        **attributes: Unpack[ParameterAttributes],
+    ) -> None:
+        labels = ((inputs,) if isinstance(inputs, str) else tuple(map(str, inputs))) or ("",) * expansion.inputs
         if len(labels) != expansion.inputs:
             raise ArgumentError(f"{name} has {expansion.inputs} inputs, got inputs={list(labels)}")
         object.__setattr__(self, "inputs", labels)
@@ -294,7 +315,7 @@ class RBF(Parameter):
         # by input: all centres of the first one, then of the next
         tables = (expansion.centres.T.ravel(), expansion.widths.T.ravel())
         values = np.concatenate([[expansion.offset], expansion.slopes, expansion.weights, *tables])
-        super().__init__(name=name, values=values, **attributes)
+        super().__init__(name=name, values=values, **attributes)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -334,7 +355,12 @@ class RBF(Parameter):
             self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths)
         )
         slopes, weights = self.values[at.slopes], self.values[at.weights]
-        return Expansion(float(self.values[0]), slopes, weights, centres, widths, self.kernel, self.hinges)
+        return Expansion(
+            float(self.values[0]), slopes, weights, centres, widths, kernel=self.kernel, hinges=self.hinges
+        )
+
+    def _look_up(self, points: list[Float]) -> Float:
+        return self.expansion(np.stack(points, axis=-1))
 
     @property
     def packed(self) -> Float:

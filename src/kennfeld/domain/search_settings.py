@@ -8,7 +8,7 @@ from kennfeld.domain.file_keys import key
 MAX_STARTS = 10_000  # each keeps its values until the end
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SearchSettings:
     """`[optimizer]` of a project file; `optimize.Options` adds what only the Python API sets."""
 

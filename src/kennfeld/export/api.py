@@ -11,13 +11,14 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.export.c_code import write_c
-from kennfeld.export.comparison import Comparison, compare
+from kennfeld.export.comparison import CodeComparison, compare
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.prepared import Precision, PreparedFunction, prepare
 from kennfeld.models import Model
 from kennfeld.models.model import bind_scalars
+from kennfeld.optimize.problem.arguments import Start, parameters_of
 from kennfeld.optimize.problem.problem import Problem
-from kennfeld.optimize.problem.setup import Start, start_parameters
+from kennfeld.optimize.problem.setup import start_parameters
 from kennfeld.project import Project
 from kennfeld.project.folder_replacement import move, scratch_folder
 from kennfeld.project.simulation import replace_parameters
@@ -77,7 +78,7 @@ class Export:
 
     files: tuple[Path, ...]
     findings: tuple[Finding, ...] = ()
-    comparison: Comparison | None = None
+    comparison: CodeComparison | None = None
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def _model(function: Model | str, parameters: Start | None) -> Model:
         return function
     from kennfeld.models.formula import formula
 
-    return formula(function, parameters=list(parameters or ()))
+    return formula(function, parameters=[*parameters_of(parameters or {})])
 
 
 def _contents(
@@ -215,7 +216,7 @@ def _checked(
     problem: Problem | None,
     location: Location,
     findings: Findings,
-) -> Comparison | None:
+) -> CodeComparison | None:
     if problem is None:
         return None
     compiler = HostCompiler.find()

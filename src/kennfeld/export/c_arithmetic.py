@@ -20,10 +20,10 @@ MAX_SHORT_POWER = 16  # exponent up to which a whole power is written as product
 
 
 @dataclass(frozen=True)
-class Arithmetic:
+class CArithmetic:
     """Numbers and functions of the C library in one precision.
 
-    >>> Arithmetic("float").literal(0.1), Arithmetic("double").literal(-2.0), Arithmetic("float").library("sqrt")
+    >>> CArithmetic("float").literal(0.1), CArithmetic("double").literal(-2.0), CArithmetic("float").library("sqrt")
     ('0.1f', '-2.0', 'sqrtf')
     """
 

@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Sequence
 from textwrap import wrap
 
-from kennfeld.export.c_arithmetic import Arithmetic
+from kennfeld.export.c_arithmetic import CArithmetic
 from kennfeld.export.c_functions import CFunctions
 from kennfeld.export.c_step import StepWriter
 from kennfeld.export.c_tangent import tangent_declaration, write_tangent
-from kennfeld.export.prepared import ParameterValues, Precision, PreparedFunction, Signal, comment_text
+from kennfeld.export.prepared import ExportedSignal, ParameterValues, Precision, PreparedFunction, comment_text
 
 WIDTH = 100
 
@@ -17,12 +17,12 @@ def write_c(function: PreparedFunction, precision: Precision = "double", *, tang
 
     With `tangent`, there is a function of directional derivatives.
     """
-    name, arithmetic = function.name, Arithmetic(precision)
+    name, arithmetic = function.name, CArithmetic(precision)
     header, source = _header(function, arithmetic, tangent), _source(function, arithmetic, tangent)
     return {f"{name}.h": header, f"{name}.c": source}
 
 
-def _header(function: PreparedFunction, arithmetic: Arithmetic, tangent: bool) -> str:
+def _header(function: PreparedFunction, arithmetic: CArithmetic, tangent: bool) -> str:
     name, kind = function.name, arithmetic.precision
     guard = f"{name.upper()}_H"
     lines = [
@@ -79,7 +79,7 @@ def _parameter_member(parameter: ParameterValues, kind: str) -> str:
     return f"    {kind} {parameter.member}{size};" + (f" /* {note} */" if note else "")
 
 
-def _signal_member(signal: Signal, kind: str) -> str:
+def _signal_member(signal: ExportedSignal, kind: str) -> str:
     named = "" if signal.name == signal.member else f"{signal.name} "
     note = comment_text(", ".join(filter(None, [f"{named}[{signal.unit}]" if signal.unit else named, signal.remark])))
     return f"    {kind} {signal.member};" + (f" /* {note} */" if note else "")
@@ -97,7 +97,7 @@ def _state_members(function: PreparedFunction, kind: str) -> list[str]:
     return [*lines, "    int32_t fresh; /* 1 before the first step */"] if lines else []
 
 
-def _source(function: PreparedFunction, arithmetic: Arithmetic, tangent: bool) -> str:
+def _source(function: PreparedFunction, arithmetic: CArithmetic, tangent: bool) -> str:
     name = function.name
     functions = CFunctions(name, arithmetic)
     # written first, as they say which functions they call
@@ -127,7 +127,7 @@ def _source(function: PreparedFunction, arithmetic: Arithmetic, tangent: bool) -
     return "\n".join(lines) + "\n" + functions.text + "\n".join([*start, *_init(function), *step]) + "\n"
 
 
-def _axes(function: PreparedFunction, arithmetic: Arithmetic) -> list[str]:
+def _axes(function: PreparedFunction, arithmetic: CArithmetic) -> list[str]:
     """Define the breakpoints of axes that are not among the parameters."""
     searched = {
         function.nodes[at].payload.number
@@ -158,7 +158,7 @@ def _numbers(values: Sequence[str]) -> list[str]:
     return wrap(", ".join(values), WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
 
-def _defaults(function: PreparedFunction, arithmetic: Arithmetic) -> list[str]:
+def _defaults(function: PreparedFunction, arithmetic: CArithmetic) -> list[str]:
     lines = [f"const {function.name}_parameters {function.name}_defaults = {{"]
     for parameter in function.parameters:
         values = [arithmetic.literal(x) for x in parameter.values.ravel()]
@@ -176,7 +176,7 @@ def _defaults(function: PreparedFunction, arithmetic: Arithmetic) -> list[str]:
     return [*lines, *([] if function.parameters else ["    0"]), "};", ""]
 
 
-def _start(function: PreparedFunction, arithmetic: Arithmetic, functions: CFunctions) -> list[str]:
+def _start(function: PreparedFunction, arithmetic: CArithmetic, functions: CFunctions) -> list[str]:
     """Write the function that sets all states to their first values."""
     writer = StepWriter(function, arithmetic, functions)
     writer.compute(function.start_order)
@@ -208,7 +208,7 @@ def _init(function: PreparedFunction) -> list[str]:
     return [head, "{", "    (void)memset(s, 0, sizeof(*s));", *fresh, "}", ""]
 
 
-def _step(function: PreparedFunction, arithmetic: Arithmetic, functions: CFunctions) -> list[str]:
+def _step(function: PreparedFunction, arithmetic: CArithmetic, functions: CFunctions) -> list[str]:
     writer, name = StepWriter(function, arithmetic, functions), function.name
     writer.compute(function.step_order)
     outputs = [

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Mapping
 
 from kennfeld.domain.rbf import MAX_DISTANCE
-from kennfeld.export.c_arithmetic import Arithmetic
+from kennfeld.export.c_arithmetic import CArithmetic
 
 _PLAIN: Mapping[str, str] = {
     "min": """\
@@ -248,7 +248,7 @@ static void N_layer_{activation}_tangent(
 class CFunctions:
     """The functions that the code of one exported function calls, in an order in which they can be defined."""
 
-    def __init__(self, name: str, arithmetic: Arithmetic) -> None:
+    def __init__(self, name: str, arithmetic: CArithmetic) -> None:
         self._name, self._arithmetic = name, arithmetic
         self._texts: dict[str, str] = {}
 

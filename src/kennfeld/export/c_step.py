@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from kennfeld.export.c_arithmetic import COMPARISONS, MAX_SHORT_POWER, Arithmetic, power_products
+from kennfeld.export.c_arithmetic import COMPARISONS, MAX_SHORT_POWER, CArithmetic, power_products
 from kennfeld.export.c_functions import WITH_ALPHA, CFunctions, counts_points
 from kennfeld.export.prepared import PreparedFunction
 from kennfeld.graph.dense_layer import DenseLayer
@@ -14,7 +14,7 @@ _TRUTHS = (*COMPARISONS, "and", "or", "not")
 class StepWriter:
     """The lines of one C function that computes nodes; `p`, `s` and `u` point to parameters, states and inputs."""
 
-    def __init__(self, function: PreparedFunction, arithmetic: Arithmetic, functions: CFunctions) -> None:
+    def __init__(self, function: PreparedFunction, arithmetic: CArithmetic, functions: CFunctions) -> None:
         self._function, self._arithmetic, self._functions = function, arithmetic, functions
         self._type = arithmetic.precision
         self._numbers: set[int] = set()  # conditions that have been written as numbers

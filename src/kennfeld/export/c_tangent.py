@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from kennfeld.export.c_arithmetic import Arithmetic
+from kennfeld.export.c_arithmetic import CArithmetic
 from kennfeld.export.c_functions import CFunctions
 from kennfeld.export.c_step import StepWriter
 from kennfeld.export.prepared import PreparedFunction
@@ -22,7 +22,7 @@ def tangent_declaration(name: str) -> list[str]:
     ]
 
 
-def write_tangent(function: PreparedFunction, arithmetic: Arithmetic, functions: CFunctions) -> list[str]:
+def write_tangent(function: PreparedFunction, arithmetic: CArithmetic, functions: CFunctions) -> list[str]:
     """Return the definition of the function."""
     tangents, name = with_tangents(function), function.name
     writer = TangentWriter(tangents.function, arithmetic, functions)

@@ -26,7 +26,7 @@ class OutputDeviation:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class CodeComparison:
     """Deviations of compiled code from the simulation."""
 
     compiler: str
@@ -45,7 +45,9 @@ class Comparison:
         return head + f"differs from the simulation in {', '.join(map(str, self.outputs))}"
 
 
-def compare(function: PreparedFunction, precision: Precision, compiler: HostCompiler, problem: Problem) -> Comparison:
+def compare(
+    function: PreparedFunction, precision: Precision, compiler: HostCompiler, problem: Problem
+) -> CodeComparison:
     """Compile a function and run it over all datasets of a problem.
 
     Raises:
@@ -67,7 +69,7 @@ def compare(function: PreparedFunction, precision: Precision, compiler: HostComp
         samples += bound.count
     spans = np.where(high > low, high - low, 0.0)
     rows = zip(function.outputs, largest, spans, strict=True)
-    return Comparison(
+    return CodeComparison(
         compiler.name, samples, tuple(OutputDeviation(y.name, y.unit, float(d), float(r)) for y, d, r in rows)
     )
 

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from kennfeld.base.formatting import one_line
-from kennfeld.export.fmu_variables import Variable, input_dependencies, naming_convention
+from kennfeld.export.fmu_variables import ExportedVariable, input_dependencies, naming_convention
 from kennfeld.export.prepared import PreparedFunction
 
 
 def fmi2_description(
-    function: PreparedFunction, variables: tuple[Variable, ...], token: str, rule: str, step: float, fixed: bool
+    function: PreparedFunction, variables: tuple[ExportedVariable, ...], token: str, rule: str, step: float, fixed: bool
 ) -> str:
     """Return the description; value references are positions among the variables."""
     root = Element(
@@ -61,7 +61,7 @@ def _add_sources(interface: Element, function: PreparedFunction) -> None:
         SubElement(sources, "File", name=name)
 
 
-def add_units(root: Element, variables: Sequence[Variable]) -> None:
+def add_units(root: Element, variables: Sequence[ExportedVariable]) -> None:
     """Declare the units of variables."""
     units = dict.fromkeys(variable.unit for variable in variables if variable.unit)
     if units:
@@ -70,7 +70,7 @@ def add_units(root: Element, variables: Sequence[Variable]) -> None:
             SubElement(definitions, "Unit", name=unit)
 
 
-def _add_variable(entries: Element, variable: Variable, reference: int) -> None:
+def _add_variable(entries: Element, variable: ExportedVariable, reference: int) -> None:
     attributes = {"name": variable.name, "valueReference": str(reference)}
     if variable.description:
         attributes["description"] = variable.description
@@ -85,7 +85,7 @@ def _add_variable(entries: Element, variable: Variable, reference: int) -> None:
         real.set("start", repr(float(variable.start)))
 
 
-def _add_structure(root: Element, function: PreparedFunction, variables: Sequence[Variable]) -> None:
+def _add_structure(root: Element, function: PreparedFunction, variables: Sequence[ExportedVariable]) -> None:
     structure = SubElement(root, "ModelStructure")
     index = {(v.name, v.causality): number for number, v in enumerate(variables, start=1)}
     outputs = SubElement(structure, "Outputs")

@@ -5,12 +5,12 @@ from xml.etree.ElementTree import Element, SubElement
 
 from kennfeld.base.formatting import one_line
 from kennfeld.export.fmi2_description import add_units, offers_model_exchange, xml_text
-from kennfeld.export.fmu_variables import Variable, input_dependencies, naming_convention
+from kennfeld.export.fmu_variables import ExportedVariable, input_dependencies, naming_convention
 from kennfeld.export.prepared import PreparedFunction
 
 
 def fmi3_description(
-    function: PreparedFunction, variables: tuple[Variable, ...], token: str, rule: str, step: float, fixed: bool
+    function: PreparedFunction, variables: tuple[ExportedVariable, ...], token: str, rule: str, step: float, fixed: bool
 ) -> str:
     """Return the description; value references are positions among the variables."""
     root = Element(
@@ -49,7 +49,7 @@ def build_description(name: str) -> str:
     return xml_text(root)
 
 
-def _add_variable(entries: Element, variable: Variable, reference: int) -> None:
+def _add_variable(entries: Element, variable: ExportedVariable, reference: int) -> None:
     attributes = {"name": variable.name, "valueReference": str(reference)}
     if variable.description:
         attributes["description"] = variable.description
@@ -66,7 +66,7 @@ def _add_variable(entries: Element, variable: Variable, reference: int) -> None:
         SubElement(entry, "Dimension", start=str(size))
 
 
-def _add_structure(root: Element, function: PreparedFunction, variables: Sequence[Variable]) -> None:
+def _add_structure(root: Element, function: PreparedFunction, variables: Sequence[ExportedVariable]) -> None:
     structure = SubElement(root, "ModelStructure")
     reference = {(v.name, v.causality): number for number, v in enumerate(variables)}
     for at, signal in enumerate(function.outputs):

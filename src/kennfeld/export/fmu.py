@@ -19,7 +19,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.export.c_code import write_c
 from kennfeld.export.fmi2_description import fmi2_description
 from kennfeld.export.fmi3_description import build_description, fmi3_description
-from kennfeld.export.fmu_variables import Variable, interface_of
+from kennfeld.export.fmu_variables import ExportedVariable, interface_of
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.prepared import PreparedFunction
 
@@ -98,7 +98,7 @@ def is_fixed_step(function: PreparedFunction) -> bool:
     return not reads or any(state.latency > 1 for state in function.states)
 
 
-def _check(variables: tuple[Variable, ...], location: Location) -> None:
+def _check(variables: tuple[ExportedVariable, ...], location: Location) -> None:
     names = [variable.name for variable in variables]
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     findings = Findings()
@@ -127,7 +127,7 @@ def _runtime(name: str) -> str:
 
 
 def _model_header(
-    function: PreparedFunction, variables: tuple[Variable, ...], settings: FmuSettings, token: str
+    function: PreparedFunction, variables: tuple[ExportedVariable, ...], settings: FmuSettings, token: str
 ) -> str:
     name = function.name
     structs = {"input": "inputs", "output": "outputs", "parameter": "parameters"}

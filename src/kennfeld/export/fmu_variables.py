@@ -18,7 +18,7 @@ TIME = "time"
 _STRUCTURED = re.compile(r"(der\()?[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)*\])?)*\)?", re.ASCII)
 
 
-class Variable(NamedTuple):
+class ExportedVariable(NamedTuple):
     """A variable of an FMU.
 
     Attributes:
@@ -40,31 +40,31 @@ class Variable(NamedTuple):
     description: str = ""
 
 
-def interface_of(function: PreparedFunction, *, arrays: bool) -> tuple[Variable, ...]:
+def interface_of(function: PreparedFunction, *, arrays: bool) -> tuple[ExportedVariable, ...]:
     """Return the variables; with `arrays`, a table is one variable, else each of its values is."""
     inputs = [
-        Variable(u.name, "input", u.member, start=np.zeros(()), unit=one_line(u.unit))
+        ExportedVariable(u.name, "input", u.member, start=np.zeros(()), unit=one_line(u.unit))
         for u in function.inputs
         if u.name not in CLOCK
     ]
-    outputs = [Variable(y.name, "output", y.member, unit=one_line(y.unit)) for y in function.outputs]
+    outputs = [ExportedVariable(y.name, "output", y.member, unit=one_line(y.unit)) for y in function.outputs]
     # FMI 3.0 requires a variable for the time, FMI 2.0 does not
-    time = [Variable(TIME, "independent", "", unit="s")] if arrays else []
+    time = [ExportedVariable(TIME, "independent", "", unit="s")] if arrays else []
     return (*inputs, *outputs, *_parameters(function, arrays), *time)
 
 
-def _parameters(function: PreparedFunction, arrays: bool) -> Iterator[Variable]:
+def _parameters(function: PreparedFunction, arrays: bool) -> Iterator[ExportedVariable]:
     for p in function.parameters:
         size, texts = p.values.size, (one_line(p.unit), one_line(p.remark))
         if not p.shape:
-            yield Variable(p.name, "parameter", p.member, 1, p.values, *texts)
+            yield ExportedVariable(p.name, "parameter", p.member, 1, p.values, *texts)
         elif arrays:
-            yield Variable(p.name, "parameter", p.member, size, p.values, *texts)
+            yield ExportedVariable(p.name, "parameter", p.member, size, p.values, *texts)
         else:
             # rows first, as the standard counts them and as the values lie in memory
             for at, index in enumerate(product(*(range(count) for count in p.shape))):
                 name = f"{p.name}[{','.join(str(i + 1) for i in index)}]"
-                yield Variable(name, "parameter", f"{p.member}[{at}]", 1, p.values[index], *texts)
+                yield ExportedVariable(name, "parameter", f"{p.member}[{at}]", 1, p.values[index], *texts)
 
 
 def input_dependencies(function: PreparedFunction, output: int) -> tuple[str, ...]:
@@ -74,6 +74,6 @@ def input_dependencies(function: PreparedFunction, output: int) -> tuple[str, ..
     return tuple(u.name for u in function.inputs if u.name in used and u.name not in CLOCK)
 
 
-def naming_convention(variables: tuple[Variable, ...]) -> Literal["structured", "flat"]:
+def naming_convention(variables: tuple[ExportedVariable, ...]) -> Literal["structured", "flat"]:
     """Return the naming convention that all names follow."""
     return "structured" if all(_STRUCTURED.fullmatch(v.name) for v in variables) else "flat"

@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.export.c_arithmetic import MAX_SHORT_POWER, power_products
 from kennfeld.export.matlab_functions import OF_REAL_NUMBERS, MatlabFunctions
-from kennfeld.export.prepared import PreparedFunction, Signal
+from kennfeld.export.prepared import ExportedSignal, PreparedFunction
 from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, TableRef
 
@@ -28,11 +28,11 @@ _UNCHANGED = (
 def write_matlab(function: PreparedFunction) -> dict[str, str]:
     """Return the texts of both files by their names."""
     function, functions = _renamed(function), MatlabFunctions()
-    name, step = function.name, _Writer(function, functions)
+    name, step = function.name, _MatlabWriter(function, functions)
     body = step.body()
     used = functions.text
     if function.states:
-        lines = _Writer(function, functions).start()
+        lines = _MatlabWriter(function, functions).start()
         used = functions.text + "\n" + "\n".join(lines) + "\n"
     head = f"function [y, s] = {name}(u, s, p)"
     text = "\n".join([head, *_help(function), *body, "end"]) + "\n" + used
@@ -71,7 +71,7 @@ def _help(function: PreparedFunction) -> list[str]:
     return [*lines, *defaults, *(memory if function.states else nothing)]
 
 
-def _described(signal: Signal) -> str:
+def _described(signal: ExportedSignal) -> str:
     parts = [signal.member, *([signal.name] if signal.name != signal.member else []), signal.remark]
     text = ", ".join(part for part in parts if part)
     return _plain(f"{text} [{signal.unit}]" if signal.unit else text)
@@ -116,7 +116,7 @@ def _array(values: Float) -> str:
     return f"reshape([{column}], [{', '.join(map(str, values.shape))}])"
 
 
-class _Writer:
+class _MatlabWriter:
     """Writes the statements of nodes."""
 
     def __init__(self, function: PreparedFunction, functions: MatlabFunctions) -> None:

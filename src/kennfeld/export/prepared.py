@@ -26,7 +26,7 @@ UNIT_OF_CLOCK = {"dt": "step that ends here", "dt_next": "step that begins here"
 
 
 @dataclass(frozen=True)
-class Signal:
+class ExportedSignal:
     """An input or output: its name in the function and in C, and its unit."""
 
     name: str
@@ -73,8 +73,8 @@ class PreparedFunction:
     nodes: tuple[Node, ...]
     states: tuple[State, ...]
     starts: tuple[int, ...]
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
+    inputs: tuple[ExportedSignal, ...]
+    outputs: tuple[ExportedSignal, ...]
     roots: tuple[int, ...]
     parameters: tuple[ParameterValues, ...]
     axes: tuple[Float, ...]
@@ -203,17 +203,17 @@ def _title(model: Model) -> str:
 
 def _signals(
     kind: str, names: tuple[str, ...], graph: Graph, location: Location, findings: Findings
-) -> tuple[Signal, ...]:
+) -> tuple[ExportedSignal, ...]:
     members = member_names(NameSpace(kind, names), location, findings)
-    return tuple(Signal(name, members[name], graph.units.get(name, "")) for name in names)
+    return tuple(ExportedSignal(name, members[name], graph.units.get(name, "")) for name in names)
 
 
-def _inputs(whole: Graph, graph: Graph, location: Location, findings: Findings) -> tuple[Signal, ...]:
+def _inputs(whole: Graph, graph: Graph, location: Location, findings: Findings) -> tuple[ExportedSignal, ...]:
     clocks = [name for name in CLOCK if name in graph.clocks]
-    timed = tuple(Signal(name, name, "s", UNIT_OF_CLOCK[name]) for name in clocks)
+    timed = tuple(ExportedSignal(name, name, "s", UNIT_OF_CLOCK[name]) for name in clocks)
     names = tuple(name for name in whole.inputs if name in graph.inputs)
     members = member_names(NameSpace("input", names, tuple(clocks)), location, findings)
-    signals = (Signal(name, members[name], graph.units.get(name, "")) for name in names)
+    signals = (ExportedSignal(name, members[name], graph.units.get(name, "")) for name in names)
     return (*signals, *timed)
 
 

@@ -13,11 +13,11 @@ first sample, they decide when the condition changes.
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from types import MappingProxyType
 
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.node import Graph, Node
 from kennfeld.graph.operations import OPERATIONS
@@ -194,7 +194,7 @@ class _Step:
         return sizes
 
     def _evaluate(
-        self, points: Float, cone: Sequence[int], opposite: Mapping[int, slice] = MappingProxyType({})
+        self, points: Float, cone: Sequence[int], opposite: Mapping[int, slice] = FrozenDict({})
     ) -> dict[int, Float]:
         """Evaluate these nodes; a lookup is its random value plus a smooth function of its coordinates; a call too.
 

@@ -116,6 +116,30 @@ def table_weights(sides: Sequence[Float], shape: tuple[int, ...]) -> Float:
     return flat.reshape(samples, int(np.prod(shape)))
 
 
+def look_up(values: Float, axes: Sequence[Axis], coordinates: Sequence[Float], extrapolation: Extrapolation) -> Float:
+    """Look a table up at coordinates of any shape: Float[points of each axis] -> Float of that shape.
+
+    >>> look_up(np.array([1.0, 3.0]), [Axis([0.0, 10.0])], [np.array([5.0, 20.0])], "clip")
+    array([2., 3.])
+    """
+    total: Float = np.zeros(np.shape(coordinates[0]))
+    places = [position(np.atleast_1d(x), a.breakpoints, extrapolation) for x, a in zip(coordinates, axes, strict=True)]
+    places = [place.reshape(total.shape) for place in places]
+    # the last cell goes up to its end; a single breakpoint has no cell
+    last = [max(len(axis) - 2, 0) for axis in axes]
+    cells = [np.clip(np.nan_to_num(np.floor(p)), 0, end).astype(int) for p, end in zip(places, last, strict=True)]
+    for corner in product((0, 1), repeat=len(axes)):
+        if any(bit and len(axis) == 1 for bit, axis in zip(corner, axes, strict=True)):
+            continue
+        weight: Float = np.ones(total.shape)
+        for bit, place, cell in zip(corner, places, cells, strict=True):
+            weight = weight * (place - cell if bit else 1.0 - (place - cell))
+        at = tuple(cell + bit for cell, bit in zip(cells, corner, strict=True))
+        # a value without weight must not leak, though it is NaN
+        total = total + np.where(weight == 0.0, 0.0, weight * values[at])
+    return total
+
+
 def interpolate(values: Float, sides: Sequence[Float]) -> Float:
     """Interpolate a table with weights Float[samples, count] along each axis; returns Float[samples].
 

@@ -4,11 +4,11 @@ Axes with equal breakpoints are merged, so tables over the same axes share their
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from types import MappingProxyType
 from typing import NamedTuple
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.free_axes import AxisKey, free_axes, key_of
 from kennfeld.domain.parameter_set import ParameterSet
@@ -103,7 +103,7 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
         return b.node("interpolate", places, TableRef(payload, refs, smoothed))
 
     shapes = {name: parameters[name].values.shape for name in graph.parameters}
-    return LoweredGraph(rewrite(graph, resolve), tuple(kept), MappingProxyType(shapes))
+    return LoweredGraph(rewrite(graph, resolve), tuple(kept), FrozenDict(shapes))
 
 
 def _with_hinges(b: GraphBuilder, y: int, hinges: Sequence[Hinge], args: tuple[int, ...]) -> int:

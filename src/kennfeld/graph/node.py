@@ -15,9 +15,9 @@ On even time both are the same number.
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import field
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 
 STEP = "dt"
@@ -105,7 +105,7 @@ class Graph:
     nodes: tuple[Node, ...]
     names: Mapping[str, int]
     states: tuple[State, ...] = ()
-    units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    units: Mapping[str, str] = field(default_factory=lambda: FrozenDict({}))
     outputs: tuple[str, ...] = ()
 
     @property
@@ -155,9 +155,9 @@ def extract(
     memories = tuple(State(number[states[w].init], number[states[w].next], states[w].latency) for w in order.states)
     return Graph(
         tuple(order.kept),
-        MappingProxyType(renamed),
+        FrozenDict(renamed),
         memories,
-        MappingProxyType(dict(units)),
+        FrozenDict(dict(units)),
         tuple(outputs) or _sinks(order.kept, memories, renamed),
     )
 

@@ -102,3 +102,20 @@ def _sources(graph: Graph, root: int, names: Mapping[int, str]) -> tuple[str, ..
                 seen.add(at)
                 stack.append(at)
     return tuple(sources)
+
+
+def coordinates_of(graph: Graph, parameter: str) -> Sequence[str]:
+    """Return the name of each coordinate of a lookup, empty for expressions without a name.
+
+    >>> from kennfeld.models.formula import formula
+    >>> coordinates_of(formula("y = M(Speed, a + b)").graph, "M")
+    ['Speed', '']
+    """
+    # of several names of a node, the first one counts
+    names: Mapping[int, str] = {at: name for name, at in reversed(list(graph.names.items()))}
+    for node in graph.nodes:
+        if node.op == "lookup" and node.payload == parameter:
+            return [
+                str(graph.nodes[at].payload) if graph.nodes[at].op == "input" else names.get(at, "") for at in node.args
+            ]
+    return []

@@ -114,7 +114,9 @@ class _ScriptSession:
         self, location: Location, message: str, remedy: str = "", severity: Severity = "warning", once: str = ""
     ) -> None:
         """Add a finding, unless it or another one with the key `once` is known."""
-        self.findings.setdefault(once or (str(location), message), Finding(location, message, remedy, "", severity))
+        self.findings.setdefault(
+            once or (str(location), message), Finding(location, message, remedy, severity=severity)
+        )
 
 
 class _JumpError(Exception):

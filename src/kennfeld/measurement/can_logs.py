@@ -4,7 +4,6 @@ The frames of text logs are read by python-can, of the extra `bus`.
 """
 
 import io
-import logging
 import re
 from array import array
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ import numpy as np
 from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.formatting import count_noun, reason_of
 from kennfeld.base.optional_packages import optional_package
+from kennfeld.base.quiet_loggers import quiet_loggers
 from kennfeld.files.encoding import decode
 from kennfeld.files.recordings import ASC, ASC_HEADER, BLF, CAN_CSV, CANDUMP, TRC
 from kennfeld.measurement import blf, can_csv
@@ -124,7 +124,11 @@ def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
         base, is_relative = _asc_header(source)
         header = {"base": base}
     columns, problems = _Columns(source.format in _FROM_ZERO), list[str]()
-    with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as text:
+    with (
+        quiet_loggers("can"),
+        source.open() as raw,
+        io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as text,
+    ):
         reader = reader_class(text, **header)
         # an exception ends the library's generator; the next one reads on from the following line of the text
         while not (done := _collect(reader, columns, problems)):
@@ -167,7 +171,6 @@ def _load(source: MeasurementFile) -> Any:
     """Return the class of the library that reads the frames."""
     with optional_package(source.location, "bus"):
         import can
-    logging.getLogger("can").setLevel(logging.CRITICAL + 1)
     reader = getattr(can, _READERS[source.format])
     # its own search for the header takes the first frame for a line of it, also after a damaged line
     return type("Reader", (reader,), {"_extract_header": lambda self: None}) if source.format is ASC else reader

@@ -1,11 +1,11 @@
 """Databases of a bus as AUTOSAR (.arxml), Kayak (.kcd) and PEAK (.sym) write them, converted to DBC by canmatrix."""
 
 import io
-import logging
 
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.formatting import reason_of
 from kennfeld.base.optional_packages import optional_package
+from kennfeld.base.quiet_loggers import quiet_loggers
 from kennfeld.measurement.peak_symbols import with_whole_signals
 
 
@@ -23,12 +23,12 @@ def to_dbc(file: str, content: bytes, kind: str) -> tuple[list[str], list[str]]:
     location = Location(file)
     with optional_package(location, "bus"):
         import canmatrix.formats
-    logging.getLogger("canmatrix").setLevel(logging.CRITICAL + 1)
     try:
         content, problems = with_whole_signals(content) if kind == "sym" else (content, [])
-        buses = canmatrix.formats.loads(content, import_type=kind, encoding="utf-8")
-        problems += [reason_of(error) for matrix in buses.values() for error in matrix.load_errors]
-        return [_written(matrix) for matrix in buses.values() if len(matrix.frames)], problems
+        with quiet_loggers("canmatrix"):
+            buses = canmatrix.formats.loads(content, import_type=kind, encoding="utf-8")
+            problems += [reason_of(error) for matrix in buses.values() for error in matrix.load_errors]
+            return [_written(matrix) for matrix in buses.values() if len(matrix.frames)], problems
     except Exception as error:  # of many kinds: the library trusts what it reads
         message = f"the database ({kind}) cannot be read ({reason_of(error)})"
         raise InputError.of(location, message, "Export it again, or convert it to DBC.") from None

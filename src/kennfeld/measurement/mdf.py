@@ -1,7 +1,6 @@
 """Reader of MDF files, versions 2 to 4: one table for each channel group."""
 
 import gc
-import logging
 import math
 import sys
 import traceback
@@ -23,6 +22,7 @@ from kennfeld.base.formatting import count_noun, join_names, reason_of
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.library_process import LibraryProcess
 from kennfeld.base.optional_packages import optional_package
+from kennfeld.base.quiet_loggers import quiet_loggers
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
 from kennfeld.measurement.claimed_values import check_claimed
@@ -202,9 +202,8 @@ def _description(
 @contextmanager
 def _open(source: MeasurementFile, temporary: str) -> Iterator[Any]:
     """Yield the open file; all errors of the library for damaged files become an `InputError`."""
-    # the library logs what is reported as a finding here
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
-    with warnings.catch_warnings():
+    # in a process of its own, but in a program without an interpreter, where this concerns all threads
+    with warnings.catch_warnings(), quiet_loggers("asammdf"):
         warnings.simplefilter("ignore")
         try:
             from asammdf import MDF

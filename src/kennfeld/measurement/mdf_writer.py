@@ -3,7 +3,6 @@
 Missing values are marked by invalidation bits, and are NaN as well, for tools that ignore these.
 """
 
-import logging
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from importlib.util import find_spec
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from kennfeld.base.errors import Location
 from kennfeld.base.optional_packages import optional_package
+from kennfeld.base.quiet_loggers import quiet_loggers
 from kennfeld.domain.dataset import Dataset
 from kennfeld.measurement.mdf_start_time import HeaderTime
 from kennfeld.measurement.writable_recording import WritableRecording
@@ -59,9 +59,9 @@ def write_mdf(recordings: Iterable[WritableRecording], path: Path, comment: str)
     """
     with optional_package(Location(path.name), "mdf"):
         from asammdf import MDF
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     begins: dict[datetime, None] = {}
     with (
+        quiet_loggers("asammdf"),
         TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as folder,
         MDF(version=_VERSION, temporary_folder=folder) as file,
         path.open("w+b") as stream,

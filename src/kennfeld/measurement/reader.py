@@ -8,6 +8,7 @@ from pathlib import Path
 
 from kennfeld.base.errors import ArgumentError, Finding, InputError
 from kennfeld.base.formatting import join_names, nearest
+from kennfeld.base.streams import Source, local_file, stream_name
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.file_spans import FileSpans
 from kennfeld.files.file_format import Role, call
@@ -28,7 +29,7 @@ from kennfeld.measurement.time_column import drop_untimed, with_date_doubts, wit
 
 
 def read(
-    path: str | Path,
+    path: Source,
     channels: Sequence[str] | None = None,
     raster: float | None = None,
     *,
@@ -43,7 +44,8 @@ def read(
     the time they share. Infinite values become NaN; the dataset's `findings` count them.
 
     Args:
-        path: the file; a sheet of a workbook may be named after a `#`, `bench.xlsx#Data`.
+        path: the file, or an open stream such as `io.BytesIO`; a sheet of a workbook may be named after a `#`,
+            `bench.xlsx#Data`.
         channels: the channels to read, in any order; all by default.
         raster: step in s; resamples to even time stamps, linearly between valid samples (channels that jump between
             levels are held), without extrapolation.
@@ -69,9 +71,10 @@ def read(
         raise ArgumentError(f"raster={raster} must be a time in s > 0")
     if isinstance(channels, str):
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
-    with _readable(path, sheet, to_databases(dbc)) as source:
+    with local_file(path) as file, _readable(file, sheet, to_databases(dbc)) as source:
         recording = _read(source, channels, raster, units or {}, strict=True)
-    name = f"{path}#{sheet}" if sheet else str(path)
+    whole = str(path) if isinstance(path, str | Path) else stream_name(path)
+    name = f"{whole}#{sheet}" if sheet else whole
     return replace(recording, files=FileSpans.joined([name], [recording.samples], [recording.start_time]))
 
 

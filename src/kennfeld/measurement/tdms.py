@@ -1,6 +1,5 @@
 """Reader of TDMS files of National Instruments: LabVIEW, FlexLogger, VeriStand."""
 
-import logging
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
@@ -13,6 +12,7 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.optional_packages import optional_package
+from kennfeld.base.quiet_loggers import quiet_loggers
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.source import MeasurementFile
@@ -36,10 +36,8 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """
     with optional_package(source.location, "tdms"):
         from nptdms import TdmsFile
-        from nptdms.log import log_manager
-    log_manager.set_level(logging.CRITICAL)  # it logs what is reported as a finding here
     try:
-        with source.path.open("rb") as stream, TdmsFile.open(stream) as file:
+        with quiet_loggers("nptdms"), source.path.open("rb") as stream, TdmsFile.open(stream) as file:
             missing = _missing_values(file)
             unscaled = dict(_unknown_scales(file))
             groups = list(_groups(file, missing, unscaled))

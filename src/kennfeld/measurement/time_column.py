@@ -35,9 +35,8 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
         return table.clock
     for column in table.columns:
         named = time_unit(column.name, column.unit) is not None
-        sure = column.name.casefold() != "t" or plain_unit(column.unit) not in ("", "-")
         guessed = column.name not in asked and _rises(column.values)
-        if named and _is_usable(column) and (sure or guessed):
+        if named and _is_usable(column) and (guessed or is_named_time(column.name, column.unit)):
             return column
     first = next((name for name in table.names if name), None)
     for column in table.columns[:1]:
@@ -48,6 +47,15 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
     # stamps of whole seconds repeat, so they are the time only if no column has finer ones
     rising = next((c for c in dates if _rises(c.values)), None)
     return rising or next((c for c in dates if _does_not_fall(c)), None)
+
+
+def is_named_time(name: str, unit: str) -> bool:
+    """Return whether a column is time by its name, even if a function reads it; just `t` may be any quantity.
+
+    >>> is_named_time("time", ""), is_named_time("t", "s"), is_named_time("t", ""), is_named_time("delay", "s")
+    (True, True, False, False)
+    """
+    return time_unit(name, unit) is not None and (name.casefold() != "t" or plain_unit(unit) not in ("", "-"))
 
 
 def _is_usable(column: Column) -> bool:

@@ -13,7 +13,7 @@ from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
 
-CallableSources = Mapping[str, str | Path | Model | Callable[..., Any]] | Collection[ModelFunction]
+CallableSources = Mapping[str, str | Path | Model | Callable[..., Any]] | tuple[ModelFunction, ...]
 
 
 def split_reference(reference: str) -> tuple[str, str]:

@@ -1,14 +1,15 @@
 """`Model`: the graph of one time step together with the name, step and parameters of its source."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Location
+from kennfeld.base.formatting import join_names
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
@@ -20,8 +21,11 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 
+MAX_NAMES = 6  # of inputs and the like that a text shows
+
+
 def _nothing() -> Mapping[str, Any]:
-    return MappingProxyType({})
+    return FrozenDict({})
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,7 @@ class Model:
         equations: the graph before the solver is applied, with the derivatives of continuous states; None if there are
             none.
         solver: solver of the continuous states, `ode1` to `ode5` or `ode8`; "" if the source declares none.
+        undeclared: names of formula text that are a parameter if one of that name is known, and else an input.
 
     >>> from kennfeld import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -63,6 +68,13 @@ class Model:
     stepped: bool = False
     equations: Graph | None = None
     solver: str = ""
+    undeclared: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        graph = self.graph
+        shown = {"inputs": graph.inputs, "parameters": list(graph.parameters), "outputs": graph.outputs}
+        parts = [f"{label}: {join_names(names, MAX_NAMES)}" for label, names in shown.items() if names]
+        return f"Model({self.name!r}, {'; '.join(parts)})"
 
     @property
     def carried(self) -> ParameterSet:
@@ -119,10 +131,17 @@ def _bound(own: Parameter, side: str, other: Parameter) -> Float | None:
     return bound.ravel()[0] if bound.size and np.all(bound == bound.ravel()[0]) else None
 
 
-def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
-    """Turn inputs of the model that are scalar parameters of the set into lookups."""
+def bind_scalars(model: Model, parameters: ParameterSet, channels: Collection[str] = ()) -> Model:
+    """Turn inputs of the model that are scalar parameters of the set into lookups.
+
+    Args:
+        model: the model.
+        parameters: its parameters, perhaps among all those of a control unit.
+        channels: inputs that the data hold, which stay inputs.
+    """
     # formula text that was read without known parameters takes a bare name for an input
-    names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
+    known = (name for name in model.graph.inputs if name not in channels)
+    names = {name for name in known if name in parameters and not parameters[name].coordinates}
     if not names:
         return model
 
@@ -133,3 +152,21 @@ def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
         return b.node(op, args, payload)
 
     return replace(model, graph=rewrite(model.graph, resolve))
+
+
+def ambiguous_names(model: Model, parameters: ParameterSet, channels: Collection[str]) -> list[str]:
+    """Return the names of formula text that are scalar parameters as well as channels of the data, and not declared.
+
+    >>> from kennfeld import Scalar, formula
+    >>> ambiguous_names(formula("y = a * x"), ParameterSet([Scalar("a", 1.0), Scalar("x", 2.0)]), ["x", "y"])
+    ['x']
+    """
+    scalars = (name for name in model.undeclared if name in parameters and not parameters[name].coordinates)
+    return sorted(name for name in scalars if name in channels)
+
+
+def ambiguity(model: Model, name: str, parameters: str, data: str) -> Finding:
+    """Return the error about an ambiguous name; `parameters` and `data` say where it is a parameter and a channel."""
+    location = model.locations.get(name, Location.of_file(model.source))
+    remedy = f"Declare what it is, `input {name}` or `scalar {name}`; a text that declares inputs declares all of them."
+    return Finding(location, f"{name} is both a parameter of {parameters} and a channel of {data}", remedy)

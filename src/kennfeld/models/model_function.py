@@ -3,11 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
-from types import MappingProxyType
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from kennfeld.base.errors import ArgumentError, Finding
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
@@ -91,7 +91,7 @@ class ModelFunction:
     def calls(self) -> Mapping[str, int]:
         """The names by which formula text calls the outputs, with their numbers."""
         names = {f"{self.name}.{output.name}": number for number, output in enumerate(self.outputs)}
-        return MappingProxyType(names | ({self.name: 0} if len(self.outputs) == 1 else {}))
+        return FrozenDict(names | ({self.name: 0} if len(self.outputs) == 1 else {}))
 
 
 def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
@@ -116,8 +116,8 @@ def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
     known = {*graph.inputs, *graph.names}
     units = {name: unit for name, unit in stated.items() if unit and name in known}
     return Model(
-        graph=replace(graph, units=MappingProxyType(units)),
-        equations=replace(equations, units=MappingProxyType(units)) if continuous else None,
+        graph=replace(graph, units=FrozenDict(units)),
+        equations=replace(equations, units=FrozenDict(units)) if continuous else None,
         solver=solver if continuous else "",
         stepped=continuous,
         name=function.name,

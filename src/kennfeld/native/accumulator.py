@@ -12,7 +12,7 @@ threads.
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from kennfeld.native.workspace import Workspace, stores_blocks
 TAPE_BYTES = 512 * 1024  # of a chunk; of half of it, the calls take a tenth of the time
 SHARES = 4
 MIN_LENGTH = 64  # samples of a chunk
+FEW = 512  # visits that one chunk has, as calls take longer than their work
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,8 @@ class Accumulator:
         self.length = _chunk_length(kernel, self.sparse)
         if not self.stateful:  # a chunk for each share
             visits = sum(piece.last - piece.first for piece in samples.pieces)
-            self.length = max(MIN_LENGTH, min(self.length, -(-visits // SHARES)))
+            share = visits if visits <= FEW else -(-visits // SHARES)
+            self.length = max(MIN_LENGTH, min(self.length, share))
         self.chunks = samples.chunks(self.length)
         self._shares = self._deal()
         self._workspaces = [Workspace(kernel, samples, self.widths, self.length) for _ in self._shares]
@@ -207,9 +209,35 @@ class Accumulator:
             self._linearise(space, chunk)
             yield space.rows(chunk)
 
+    def each_tape(self, values: Float, work: Callable[[int, Workspace, Chunk, bool], None]) -> None:
+        """Linearise all samples and call `work(share, workspace, chunk, begins)` for each chunk.
+
+        The workspace holds the tape of the chunk. Shares run on threads, the chunks of a share in their order, with
+        states those of a piece after each other; `begins` is true for the first of them, at which the states start.
+        """
+        values, _ = self._visit_states(values)
+
+        def visit(item: tuple[int, Workspace, list[Run]]) -> None:
+            share, space, runs = item
+            space.use(values)
+            for run in runs:
+                for chunk in run:
+                    self._linearise(space, chunk)
+                    work(share, space, chunk, chunk is run[0])
+
+        items = zip(range(len(self._shares)), self._workspaces, self._shares, strict=True)
+        run = map if self._pool is None else self._pool.map
+        list(run(visit, items))
+
     def residual(self, values: Float) -> Float:
-        """Compute the residuals of `rows`, Float[samples * outputs]."""
-        return self.rows(values)[0]
+        """Compute the residuals of `rows`, Float[samples * outputs], without their derivatives."""
+        _, space = self._visit_states(values)
+        m = len(self.kernel.outputs)
+        residual = np.zeros(self.samples.count * m)
+        for chunk in (chunk for share in self._shares for run in share for chunk in run):
+            self._linearise(space, chunk)
+            residual[chunk.first * m : chunk.last * m] = space.residuals(chunk)
+        return residual
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Compute residuals and Jacobian, both multiplied by the square root of the weight, for all samples.
@@ -241,6 +269,25 @@ class Accumulator:
                 at = np.arange(*np.searchsorted(visits, [chunk.first, chunk.last]))
                 counts[at] = jacobian.reshape(chunk.length, m, -1)[visits[at] - chunk.first]
         return counts
+
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """Sum the squares of the rows of the Jacobian as in `rows` over groups of visits, shape (count, free).
+
+        `groups` assigns each visit to a group from 0 to `count` - 1, or to none by -1.
+        """
+        values, _ = self._visit_states(values)
+        totals = [np.zeros((count, self.kernel.values.free)) for _ in self._shares]
+        own = {id(space): total for space, total in zip(self._workspaces, totals, strict=True)}
+
+        def work(space: Workspace, runs: list[Run]) -> None:
+            space.use(values)
+            for run in runs:
+                for chunk, (_, jacobian) in zip(run, self._row_blocks(space, run), strict=True):
+                    _add_squares(jacobian, groups[chunk.first : chunk.last], own[id(space)])
+
+        self._each_share(work)
+        # in the order of the shares, so that the sum does not depend on the number of threads
+        return np.asarray(np.sum(totals, axis=0))
 
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """Count for each free value the scored samples whose step depends on it, shape (free,).
@@ -277,6 +324,22 @@ class Accumulator:
 
         self._each_share(work)
         return np.asarray(np.sum(counts, axis=0))
+
+
+def _add_squares(jacobian: Float, groups: Int, total: Float) -> None:
+    """Add the squares of rows, Float[visits * outputs, free], to the sums of their groups, Float[groups, free]."""
+    if not groups.size:
+        return
+    outputs = len(jacobian) // groups.size
+    if np.any(groups[1:] < groups[:-1]):
+        order = np.argsort(groups, kind="stable")
+        jacobian = jacobian.reshape(groups.size, outputs, -1)[order].reshape(jacobian.shape)
+        groups = groups[order]
+    edges = [0, *(np.flatnonzero(np.diff(groups)) + 1).tolist(), groups.size]
+    for first, last in pairwise(edges):
+        if groups[first] >= 0:
+            block = jacobian[first * outputs : last * outputs]
+            total[groups[first]] += np.einsum("ij,ij->j", block, block)
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

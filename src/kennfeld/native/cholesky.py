@@ -14,7 +14,7 @@ Systems, 1981):
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Factor:
         array([0., 2.])
         """
         size = len(lower)
-        result = cls.empty(Envelope.full(size))
+        result = cls.empty(_full(size))
         # a factor as it stands needs only the reciprocals of its diagonal; those of the padding are 1
         result.load(lower, np.zeros(size))
         result.inverse[:] = 1.0
@@ -128,10 +128,9 @@ class Factor:
     @cached_property
     def pointers(self) -> tuple[int, ...]:
         """The arguments `FACTOR` of generated code."""
-        start, first, blocks = self.envelope.start, self.envelope.first, self.envelope.blocks
-        panels = address(self.panels, int(start[-1]))
-        places = (address(start, blocks + 1, INT64), address(first, blocks, INT64))
-        return (panels, *places, address(self.inverse, blocks * BLOCK), blocks)
+        blocks = self.envelope.blocks
+        panels = address(self.panels, int(self.envelope.start[-1]))
+        return (panels, *self.envelope.addresses, address(self.inverse, blocks * BLOCK), blocks)
 
 
 class Cholesky:
@@ -237,6 +236,12 @@ def divide(f: FunctionWriter, panel: str, other: str, j: str, rest: list[str]) -
         solved.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
     for c, column in enumerate(solved):
         v.store(column, column_of(f, panel, f.add(at, c)))
+
+
+@lru_cache(64)
+def _full(size: int) -> Envelope:
+    """Return the full envelope, which factors of one size share."""
+    return Envelope.full(size)
 
 
 @cache

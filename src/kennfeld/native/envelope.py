@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Int, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.native.addresses import INT64, address
 
 BLOCK = 8
 BUSY = (np.inf, 4.0, 2.0)  # times the median number of neighbours from which a value comes last; the best is taken
@@ -82,6 +83,11 @@ class Envelope:
         """Cost of a factorisation, up to a factor."""
         # each of the w blocks of a block row is reduced by those left of it: w^2 / 2 products of blocks
         return float(np.sum(np.square(np.arange(1.0, self.blocks + 1) - self.first)))
+
+    @cached_property
+    def addresses(self) -> tuple[int, int]:
+        """The addresses of `start` and `first` for compiled code."""
+        return address(self.start, self.blocks + 1, INT64), address(self.first, self.blocks, INT64)
 
     @cached_property
     def place(self) -> Int:

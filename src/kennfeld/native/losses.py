@@ -5,11 +5,11 @@ Robust Statistics (1981), sections 7.6 and 7.7, for the part that it has in the 
 """
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.machine_code.ir import ONE, ZERO, FunctionWriter, literal
 from kennfeld.domain.criteria import Loss
@@ -84,7 +84,7 @@ def _excess_influence(r: Float, delta: float) -> Influence:
     return above, above
 
 
-LOSS_RULES: Mapping[Loss, LossRule] = MappingProxyType(
+LOSS_RULES: Mapping[Loss, LossRule] = FrozenDict(
     {
         "square": LossRule(_square_code, _square_influence),
         "huber": LossRule(_huber_code, _huber_influence),

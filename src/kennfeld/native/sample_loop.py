@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from types import MappingProxyType
 
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.machine_code.ir import ZERO, FunctionWriter, literal
 from kennfeld.domain.criteria import Loss
@@ -16,7 +16,7 @@ from kennfeld.native.losses import LOSS_RULES
 
 RANGE = (("i64", "first"), ("i64", "last"))
 ROW = ("i64", "row")
-NOTHING: Mapping[int, CodeItem] = MappingProxyType({})
+NOTHING: Mapping[int, CodeItem] = FrozenDict({})
 
 Items = Sequence[CodeItem]
 Arguments = Sequence[tuple[str, str]]

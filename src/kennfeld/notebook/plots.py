@@ -69,7 +69,10 @@ def _convergence(result: Result) -> Any:
     axes = figure.subplots()
     stages = dict.fromkeys((line.start, line.stage) for line in result.trace)
     for start, stage in stages:
-        lines = [(i, line.cost) for i, line in enumerate(result.trace) if (line.start, line.stage) == (start, stage)]
+        # the steps count from 1, and 0 is the start
+        lines = [(i, line.cost) for i, line in enumerate(result.trace, 1) if (line.start, line.stage) == (start, stage)]
+        if lines[0][0] == 1 and np.isfinite(result.cost_before):
+            lines.insert(0, (0, result.cost_before))
         label = f"start {start}: {stage}" if len(result.starts) > 1 else stage
         axes.semilogy(*zip(*lines, strict=True), label=label)
     axes.set(xlabel="iteration", ylabel="cost")

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
-from types import MappingProxyType
 
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.domain.parameter_set import ParameterSet
@@ -105,7 +105,7 @@ def parse_calculated(settings: DataSettings) -> Calculated:
             graphs = {name: graph for name, graph in graphs.items() if name not in loop}
         else:
             broken = frozenset(settings.calculated.keys() - ordered.keys())
-            return Calculated(MappingProxyType(ordered), broken, tuple(findings))
+            return Calculated(FrozenDict(ordered), broken, tuple(findings))
 
 
 def parse_expression(text: str, location: Location) -> tuple[Graph | None, tuple[Finding, ...]]:

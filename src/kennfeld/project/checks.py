@@ -23,7 +23,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.external_function import CodeNotRunError, function_remarks
 from kennfeld.graph.factors import factors
 from kennfeld.graph.node import NEXT_STEP, STEP, TIME
-from kennfeld.graph.traversal import dependents
+from kennfeld.graph.traversal import coordinates_of, dependents
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
 from kennfeld.optimize.ends.equal_neurons import REMEDY, describe, equal_neurons
@@ -33,6 +33,7 @@ from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem.doubtful_arguments import find_crossed
 from kennfeld.optimize.problem.problem import Problem, difference
+from kennfeld.optimize.problem.unit_conflicts import axis_unit_conflicts, unit_conflicts
 from kennfeld.optimize.problem.validation import unbounded
 from kennfeld.optimize.quality.lookup_coverage import Coverage
 from kennfeld.optimize.quality.quality import NodeSimulator
@@ -45,8 +46,7 @@ from kennfeld.preprocessing.model_step import clock_findings
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.preprocessing.sample_weights import weight_findings
 from kennfeld.preprocessing.settling import is_settled, plan_hold
-from kennfeld.preprocessing.units import compare_units, is_unit_missing
-from kennfeld.project.model import coordinates_of, read_function
+from kennfeld.project.model import read_function
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.seen_data import seen_test_data
 from kennfeld.project.simulation_files import SIMULATIONS
@@ -283,7 +283,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
     Checks for which code of other files would have to run, and may not, are named in remarks.
     """
     problems = [
-        *_units(problem, locations),
+        *_units(file, problem, locations),
         *_channels(problem, locations),
         *_unscored_files(problem, locations),
         *_axes(file, problem),
@@ -344,24 +344,18 @@ def _restarts(problem: Problem, locations: Mapping[str, Location]) -> Iterator[F
             yield Finding(locations[data.name], message, remedy, severity="remark")
 
 
-def _units(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:
-    """Yield channels whose unit differs from that of the function's input or node."""
-    units = problem.model.graph.units
-    pairs = [(name, problem.channels.get(name, name), "input") for name in problem.model.graph.inputs]
-    pairs += [(c.node, c.target.name, "node") for c in problem.criteria if c.target.kind == "channel"]
-    for data in problem.datasets:
-        for name, channel, kind in dict.fromkeys(pairs):
-            own, recorded = units.get(name, ""), data[channel].unit if channel in data else ""
-            if is_unit_missing(own) or is_unit_missing(recorded):
-                continue
-            if (relation := compare_units(recorded, own)) == "same":
-                continue
-            message = f"channel {channel} is in {recorded}, but the {kind} {name} of the function is in {own}"
-            if relation == "contrary":
-                remedy = f"Name another channel, or state its unit: [units] {quoted(channel)} = {toml_text(own)}."
-                yield locations[data.name], f"{message}, a different quantity", remedy
-            else:
-                yield locations[data.name], message, "Convert it in [calculated], or correct the unit."
+def _units(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:
+    """Yield channels whose unit differs from that of the function's input or node, and axes that differ from these."""
+    graph = problem.model.graph
+    criteria = [criterion for criterion in problem.criteria if criterion.target.kind == "channel"]
+    for conflict in unit_conflicts(graph, problem.datasets, problem.channels, criteria):
+        remedy = "Convert it in [calculated], or correct the unit."
+        if conflict.contrary:
+            stated = f"[units] {quoted(conflict.channel)} = {toml_text(conflict.unit)}"
+            remedy = f"Name another channel, or state its unit: {stated}."
+        yield locations[conflict.dataset.name], conflict.message, remedy
+    for name, at, message, remedy in axis_unit_conflicts(graph, problem.parameters, problem.datasets, problem.channels):
+        yield file.location("parameters", name, DIRECTIONS[at]), message, remedy
 
 
 def _channels(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:

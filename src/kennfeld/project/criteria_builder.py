@@ -102,7 +102,7 @@ class _ConstraintBuilder:
                     report = self.findings.error if is_error else self.findings.warning
                     report(entry.location.within(f"{place} {direction}"), message, remedy)
                 else:
-                    yield Shape(entry.name, DIRECTIONS.index(direction), kind, lower, upper, where)
+                    yield Shape(entry.name, DIRECTIONS.index(direction), kind, lower=lower, upper=upper, where=where)
 
     def _shape_fault(self, table: Parameter, direction: str, where: Range, width: int) -> tuple[str, str, bool] | None:
         """Return why a table cannot have limits on differences of `width` points: message, remedy, if an error."""

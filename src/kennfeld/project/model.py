@@ -1,7 +1,7 @@
 """Reads the model of a project and its surrogates, and adds the expressions of criteria as nodes."""
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.files.formats import named_format
 from kennfeld.graph import Graph
 from kennfeld.graph.factors import factors
+from kennfeld.graph.traversal import coordinates_of
 from kennfeld.models import Model
 from kennfeld.models.formula import extend, read, spell_name
 from kennfeld.models.formula.functions import FUNCTIONS
@@ -330,20 +331,3 @@ def initial_level(graph: Graph, parameter: str) -> float:
     (1.0, 0.0)
     """
     return 1.0 if parameter in factors(graph) else 0.0
-
-
-def coordinates_of(graph: Graph, parameter: str) -> Sequence[str]:
-    """Return the name of each coordinate of a lookup, empty for expressions without a name.
-
-    >>> from kennfeld.models.formula import formula
-    >>> coordinates_of(formula("y = M(Speed, a + b)").graph, "M")
-    ['Speed', '']
-    """
-    # of several names of a node, the first one counts
-    names: Mapping[int, str] = {at: name for name, at in reversed(list(graph.names.items()))}
-    for node in graph.nodes:
-        if node.op == "lookup" and node.payload == parameter:
-            return [
-                str(graph.nodes[at].payload) if graph.nodes[at].op == "input" else names.get(at, "") for at in node.args
-            ]
-    return []

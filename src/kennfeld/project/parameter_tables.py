@@ -4,7 +4,6 @@ import glob
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
 from fnmatch import fnmatchcase
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import ArgumentError, Findings
 from kennfeld.base.formatting import nearest
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.file_keys import KeyProblem
 from kennfeld.domain.parameter_set import ParameterSet
@@ -19,10 +19,11 @@ from kennfeld.domain.parameters import Axis, Parameter, parameter
 from kennfeld.domain.rbf import RBF
 from kennfeld.domain.table_parts import Range, grid_points_within, missing_directions
 from kennfeld.graph.interpolation import regrid
+from kennfeld.graph.traversal import coordinates_of
 from kennfeld.project.axes import Axes, free_breakpoints
 from kennfeld.project.initial_calibration import describe_parameter, format_shape
 from kennfeld.project.label_selection import expand_lists
-from kennfeld.project.model import ProjectModel, axis_count_finding, coordinates_of, initial_level
+from kennfeld.project.model import ProjectModel, axis_count_finding, initial_level
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import Factor, ParameterEntry
 from kennfeld.project.value_forms import DIRECTIONS, Around
@@ -74,7 +75,7 @@ class Tables:
 
     parameters: ParameterSet
     free: tuple[str, ...] = ()
-    smoothness: Mapping[str, tuple[Factor, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    smoothness: Mapping[str, tuple[Factor, ...]] = field(default_factory=lambda: FrozenDict({}))
     locked_without_data: tuple[str, ...] = ()
 
     @property

@@ -16,11 +16,12 @@ from kennfeld.domain.constraints import Limit
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.external_function import CodeNotRunError
-from kennfeld.models import bind_scalars, merge_start_values
+from kennfeld.models import ambiguity, ambiguous_names, bind_scalars, merge_start_values
 from kennfeld.optimize.limits.projection import infeasible
 from kennfeld.optimize.problem.limit_nodes import channels_of
 from kennfeld.optimize.problem.options import Step
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.unit_conflicts import wanted_units
 from kennfeld.optimize.problem.validation import (
     check_limits,
     delay_findings,
@@ -33,7 +34,6 @@ from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import Calculated, parse_calculated
 from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets
 from kennfeld.preprocessing.recordings import ChannelRequest
-from kennfeld.preprocessing.units import is_unit_missing
 from kennfeld.project.axes import Axes, axis_location, check_free_axes
 from kennfeld.project.checks import check_method, check_settling, check_weights, weight_channels
 from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
@@ -73,10 +73,16 @@ class ProjectProblem:
     steps: tuple[Step, ...] = ()
 
 
-def assemble(file: ProjectFile, load: Loader = load_datasets) -> ProjectProblem:
-    """Read all files that a project file names and build the problem; `load` reads the recordings."""
+def assemble(file: ProjectFile, load: Loader = load_datasets, further: Sequence[str] = ()) -> ProjectProblem:
+    """Read all files that a project file names and build the problem.
+
+    Args:
+        file: the project file.
+        load: reads the recordings.
+        further: channels that are read as well, if recordings have them.
+    """
     began = time.perf_counter()
-    builder = ProblemBuilder(file, load)
+    builder = ProblemBuilder(file, load, further)
     problem, steps = None, tuple[Step, ...]()
     try:
         problem = builder.problem()
@@ -99,8 +105,8 @@ def failed(findings: Sequence[Finding]) -> ProjectProblem:
 class ProblemBuilder:
     """Builds a problem from a project file, adding to `findings`."""
 
-    def __init__(self, file: ProjectFile, load: Loader = load_datasets) -> None:
-        self._load = load
+    def __init__(self, file: ProjectFile, load: Loader = load_datasets, further: Sequence[str] = ()) -> None:
+        self._load, self._further = load, further
         self.file = file
         self.findings = Findings()
         self.loaded = LoadedData()
@@ -118,7 +124,7 @@ class ProblemBuilder:
         location = self.file.location("calibration", "initial")
         self.findings.add(Finding(location, message, severity="warning"))
         texts = [text for text in initial.texts if text.name not in values]
-        return ParameterSet(initial.parameters, texts, initial.axes, initial.others, initial.origin)
+        return ParameterSet(initial.parameters, texts, initial.axes, initial.others, origin=initial.origin)
 
     def _check_results(self) -> None:
         """Report formats of the simulation whose package is missing, before a search rather than after it."""
@@ -148,6 +154,7 @@ class ProblemBuilder:
         self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
         # after the data: an undefined name that is a channel of theirs is a missing declaration
         self._report_undefined()
+        self._report_ambiguous(initial or ParameterSet())
         findings.add(*calculated.findings, *self.loaded.findings)
         # quantiles of a part of the data would be wrong breakpoints
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
@@ -207,7 +214,7 @@ class ProblemBuilder:
         self, function: ProjectModel, tables: Tables, criteria: tuple[Criterion, ...], constraints: Constraints
     ) -> Problem:
         return Problem(
-            model=bind_scalars(function.model, tables.parameters),
+            model=bind_scalars(function.model, tables.parameters, self._recorded_inputs(function)),
             datasets=tuple(self.loaded.datasets),
             parameters=tables.parameters,
             criteria=criteria,
@@ -243,6 +250,19 @@ class ProblemBuilder:
                 remedy = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
                 self.findings.error(self.file.location("channels", name), f"unknown input {name}", remedy)
         return function
+
+    def _recorded_inputs(self, function: ProjectModel) -> set[str]:
+        channels = {name for data in self.loaded.datasets for name in data}
+        return {name for name in function.graph.inputs if self.file.channels.get(name, name) in channels}
+
+    def _report_ambiguous(self, initial: ParameterSet) -> None:
+        """Report names that are parameters because of the initial values, but channels of the data as well."""
+        if self.function is None:
+            return
+        model, unstated = self.function.model, initial.without(self.file.parameters)
+        for data in self.loaded.datasets:
+            for name in ambiguous_names(model, unstated, data):
+                self.findings.add(ambiguity(model, name, "the initial values", f"dataset {data.name}"))
 
     def _report_undefined(self) -> None:
         """Report undefined names, those of channels of the data as undeclared inputs."""
@@ -292,6 +312,7 @@ class ProblemBuilder:
         optional = {**regions, **targets}
         optional = dict.fromkeys(self._undeclared(), "an input that the function does not declare") | optional
         optional |= {name: why for name, why in quantiles.items() if name not in nodes}
+        optional |= dict.fromkeys(self._further, "a channel that may be missing in the function")
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
             optional, needed = {**needed, **optional}, {}
@@ -308,21 +329,21 @@ class ProblemBuilder:
         )
 
     def _undeclared(self) -> list[str]:
-        """Return the undefined names without coordinates, which may be inputs that the function does not declare."""
-        return [name for name in self.undefined if self.function and not self.function.graph.parameters[name]]
+        """Return the names without coordinates that may be inputs, although they are parameters or undefined."""
+        if self.function is None:
+            return []
+        axes, undeclared = self.function.graph.parameters, self.function.model.undeclared
+        undefined = [name for name in self.undefined if not axes[name]]
+        # a section of the project says that a name is a parameter
+        stated = {*undefined, *self.file.parameters}
+        return [*undefined, *(name for name in axes if name in undeclared and name not in stated)]
 
     def _units(self) -> dict[str, tuple[str, str]]:
-        """Return the units of channels in the function; those of inputs precede those of nodes with a target."""
-        file, graph = self.file, self.function.graph if self.function else None
-        if graph is None:
+        """Return the units of channels in the function."""
+        if self.function is None:
             return {}
-        inputs = [(file.channels.get(name, name), name, "input") for name in graph.inputs]
-        nodes = [(e.target.name, e.node, "node") for e in file.criteria if e.target.kind in ("channel", "name")]
-        units: dict[str, tuple[str, str]] = {}
-        for channel, name, kind in [*inputs, *nodes]:
-            if not is_unit_missing(unit := graph.units.get(name, "")):
-                units.setdefault(channel, (unit, f"the {kind} {name}"))
-        return units
+        targets = ((e.node, e.target.name) for e in self.file.criteria if e.target.kind in ("channel", "name"))
+        return wanted_units(self.function.graph, self.file.channels, targets)
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of unused calculated channels."""

@@ -1,8 +1,9 @@
 """A project: a file that defines the function, its data, and how to calibrate it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, fields, replace
 from functools import cached_property, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -18,6 +19,8 @@ from kennfeld.models.importer_registry import importer_of
 from kennfeld.project.schema import ProjectFile, read_project
 
 if TYPE_CHECKING:
+    from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
+    from kennfeld.analysis.missing.terms import Kind
     from kennfeld.base.dask_runner import ClusterAddress
     from kennfeld.base.task_runner import TaskRunner
     from kennfeld.optimize.fit.result import Result
@@ -29,6 +32,12 @@ if TYPE_CHECKING:
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
     from kennfeld.project.simulation import Simulation
+
+_DESIGN = "kennfeld.design"  # lies above this package, and is loaded by its name when it is first used
+
+
+def _ignore(line: str) -> None:
+    """Take a line about progress that nobody reads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +54,7 @@ class Project:
         load: reads the recordings.
         report: called with lines of text on the progress.
         watch: receives the progress of reading recordings.
+        further_channels: channels that are read although the function does not need them, if recordings have them.
 
     >>> project = Project.read("kennfeld.toml")
     >>> project.check()
@@ -58,8 +68,9 @@ class Project:
     formats: tuple[str, ...]
     file: ProjectFile = field(repr=False)
     load: "Loader | None" = field(default=None, repr=False)
-    report: Callable[[str], None] = field(default=lambda line: None, repr=False)
+    report: Callable[[str], None] = field(default=_ignore, repr=False)
     watch: "ReadingWatch | None" = field(default=None, repr=False)  # of the reading of recordings
+    further_channels: tuple[str, ...] = field(default=(), repr=False)
 
     @classmethod
     def read(cls, path: str | Path, unsaved: Mapping[str, str] | None = None, load: "Loader | None" = None) -> Self:
@@ -75,6 +86,10 @@ class Project:
         """
         file = read_project(Path(path), unsaved)
         return cls(file.path, file.name, file.calibration.output, file, load)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # files that were read are kept, processes that evaluate partitions are not
+        return {name: value for name, value in self.__dict__.items() if name != "_runner"}
 
     @property
     def options(self) -> "Options":
@@ -128,12 +143,12 @@ class Project:
         from kennfeld.project.problem_builder import assemble
 
         if self.load is not None:
-            return assemble(self.file, self.load)
+            return assemble(self.file, self.load, self.further_channels)
         if self.is_partitioned:
             return self._assembled_in_partitions()
         from kennfeld.preprocessing.pipeline import load_datasets
 
-        return assemble(self.file, partial(load_datasets, watch=self.watch))
+        return assemble(self.file, partial(load_datasets, watch=self.watch), self.further_channels)
 
     def _assembled_in_partitions(self) -> "ProjectProblem":
         from kennfeld.project.partitioned_loading import PartitionedLoading
@@ -144,7 +159,7 @@ class Project:
             loading = PartitionedLoading(self.file.path.name, self._runner, self.prepared_files, size)
         except InputError as error:
             return failed(error.findings)
-        return assemble(self.file, loading)
+        return assemble(self.file, loading, self.further_channels)
 
     @property
     def prepared_files(self) -> "PreparedFiles":
@@ -200,7 +215,7 @@ class Project:
         self,
         scheduler: str | None = None,
         workers: int | None = None,
-        report: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = _ignore,
     ) -> Self:
         """Return the same project on another cluster than `[cluster]` names.
 
@@ -306,6 +321,71 @@ class Project:
         )
         findings = [*points.findings, *([saves.missed] if saves.missed else [])]
         return replace(result, message=" ".join([result.message, *(f"{finding}." for finding in findings)]))
+
+    def propose(
+        self,
+        *,
+        channels: Sequence[str] = ("*",),
+        nodes: Sequence[str] = ("*",),
+        kinds: "Sequence[Kind]" = ("add", "multiply", "lag", "delay"),
+        least: float = 0.0,
+        report: Callable[[str], None] | None = None,
+    ) -> "TermProposals":
+        """Find terms that the function lacks: which channel of the recordings or lag, and at which node.
+
+        The values are those of the last run in `results`, if there are any; else the project is calibrated first.
+        Nothing is written.
+
+        Args:
+            channels: glob patterns of the channels that take part; by default all of the recordings.
+            nodes: glob patterns of the nodes that take part.
+            kinds: `add`, `multiply`, `lag`, `delay`.
+            least: effect that a proposal must explain on held-out data, in the unit of the target.
+            report: called with lines of text on the progress.
+
+        Returns:
+            The proposals, the best one first, each with a patch of the formula text and the project file.
+
+        Raises:
+            InputError: the project has errors.
+        """
+        from kennfeld.analysis.missing.proposing import SearchScope
+        from kennfeld.project.missing_terms import propose
+
+        return propose(self, SearchScope(channels, nodes, kinds, least), report or (lambda line: None))
+
+    def apply(self, proposal: "TermProposal") -> tuple[Path, ...]:
+        """Write a proposal of `propose` into the formula text and the project file; returns both paths.
+
+        Raises:
+            InputError: the function is not formula text, or a file cannot be written.
+        """
+        from kennfeld.project.missing_terms import apply
+
+        return apply(self, proposal)
+
+    def reading(self, names: tuple[str, ...]) -> Self:
+        """Return the same project with further channels read from its recordings, if these have them."""
+        return replace(self, further_channels=names)
+
+    def problem_or_none(self) -> "Problem | None":
+        """Return the calibration problem; None if the project has errors."""
+        return self._assembly.problem
+
+    def design(self, **words: Any) -> Any:
+        """Calibrate the project and find out what to measure next.
+
+        Args:
+            words: the arguments of `kennfeld.design` after the first one: `n`, `segments` or `reduce`, `candidates`
+                and others, and settings that override `[design]`.
+
+        Returns:
+            The `kennfeld.design.Design`.
+
+        Raises:
+            InputError: the project has errors, or candidates cannot be used.
+        """
+        return import_module(_DESIGN).design(self, **words)
 
     def saves(self, folder: str | Path | None = None) -> "Saves":
         """Return the checkpoints in a results folder, by default `results` next to the project file."""

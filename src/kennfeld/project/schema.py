@@ -25,6 +25,7 @@ from kennfeld.models.function_files import split_reference
 from kennfeld.models.importer import ImportOptions, ImportRequest
 from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.project.design_table import DesignEntry
 from kennfeld.project.forms import (
     EitherForm,
     EntriesForm,
@@ -568,6 +569,7 @@ class ProjectFile(SectionsFile):
     optimizer: OptimizerEntry = key("the search", OptimizerEntry())
     cluster: ClusterEntry = key("[large data and several machines](cluster.md)", ClusterEntry())
     report: ReportEntry = key("the head of the report", ReportEntry())
+    design: DesignEntry = key("[what to measure next](how-to/measure-next.md)", factory=DesignEntry)
 
     @property
     def name(self) -> str:

@@ -16,13 +16,13 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
+from kennfeld.graph.traversal import coordinates_of
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.quality.quality import Quality, Scorer
 from kennfeld.optimize.quality.recording_quality import RecordingQuality
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.project import Project
-from kennfeld.project.model import coordinates_of
 from kennfeld.project.schema import ReportEntry
 from kennfeld.report.drawings import Drawing, draw
 from kennfeld.report.stored_result import TrustSummary, summarise_trust

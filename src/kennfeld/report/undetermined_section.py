@@ -16,6 +16,10 @@ from kennfeld.report.report_data import ReportData
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
+SETTLE = (
+    "kennfeld design PROJECT --direction 1 finds the points that settle the first of the directions, 2 the second, or "
+    "says that no point does, and what does."
+)
 MAX_LISTED = 8  # values in a row
 
 
@@ -35,6 +39,7 @@ def render_undetermined(report: ReportData) -> Html:
         "div",
         note(trust.remark) if trust.remark else None,
         element("ul", lines, class_="directions") if lines else None,
+        note(SETTLE) if trust.directions else None,
         table(head, rows, class_="wide") if rows else None,
         note("Coupled, but determined:") if trust.coupled else None,
         element("ul", [element("li", sentence) for sentence in trust.coupled], class_="remarks")

@@ -1,6 +1,7 @@
 """Training of a data-driven model from datasets, as `kennfeld surrogate train` does it."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY
 from typing import Literal
 
 import numpy as np
@@ -65,6 +66,7 @@ class SurrogateSettings:
     inputs: tuple[str, ...]
     output: str
     kind: Literal["static", "dynamic"] = "static"
+    _: KW_ONLY
     method: Literal["auto", "exact", "sparse", "expansion"] = "auto"
     centres: int | None = None
     seed: int = 0

@@ -194,7 +194,7 @@ class Scaling:
             self.height * weights,
             self.centre + self.spread * centres,
             np.broadcast_to(self.spread * lengths, centres.shape),
-            kernel,
+            kernel=kernel,
         )
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, InputError, KennfeldError, Location
 from kennfeld.base.formatting import count_noun
 from kennfeld.terminal.command_line import (
     DONE,
@@ -246,7 +246,8 @@ def _calibrate(
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:
         return _stop()
-    _print_result(result, findings, extrapolations, by_file)
+    _print_result(result, findings, extrapolations, by_file, project.path)
+    print_lines(*_hints(project, result))
     print_findings(*write_findings)
     _print_paths(project, result, written)
     if interrupt.pressed:
@@ -256,13 +257,23 @@ def _calibrate(
     return DONE if result.converged else NOT_CONVERGED
 
 
+def _hints(project: "Project", result: "Result") -> Sequence[str]:
+    """Return lines on what the function or the search lacks; none if that cannot be computed."""
+    from kennfeld.analysis.missing.hints import hints
+
+    # a result is never lost over this
+    with suppress(ArithmeticError, ValueError, KennfeldError):
+        return hints(project.problem(), result)
+    return ()
+
+
 def _stop() -> int:
     print_findings("Stopped before there was anything to write.")
     return INTERRUPTED
 
 
 def _print_result(
-    result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool
+    result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool, path: Path
 ) -> None:
     """Print a result, without the warnings that the check before it has told already."""
     from kennfeld.optimize.trust.undetermined import undetermined_lines
@@ -283,7 +294,8 @@ def _print_result(
     print_findings(*(each for each in result.warnings if each.message not in reported))
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
-    print_lines(*undetermined_lines(result.trust, MORE), *extrapolation_lines(extrapolations))
+    settle = f"kennfeld design {Location.of_file(path)} --direction 1"
+    print_lines(*undetermined_lines(result.trust, MORE, settle), *extrapolation_lines(extrapolations))
 
 
 def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) -> None:

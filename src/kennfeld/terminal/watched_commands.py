@@ -6,7 +6,7 @@ from pathlib import Path
 
 from kennfeld.base.watch_folder import DEFAULT_LIMIT
 
-COMMANDS = ("check", "calibrate", "simulate", "report", "export")  # that evaluate a project
+COMMANDS = ("check", "calibrate", "simulate", "report", "export", "design")  # that evaluate a project
 APP = "app"
 _UNEVALUATED = ("-h", "--help", "--no-run")
 

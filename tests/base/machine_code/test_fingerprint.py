@@ -35,6 +35,7 @@ DATA = {
         "domain/criteria",
         "base/errors",
         "base/exit_status",
+        "base/frozen_dict",
         "domain/free_axes",
         "base/lazy_dataclass",
         "base/lazy_names",

@@ -58,7 +58,7 @@ def test_bounds_locks_slopes_and_pins_hold_after_rounding():
     parameters = start().with_parameters(
         kf.Map("M", SPEEDS, LOADS, values, locked=locked, lower=1.0, upper=[[207.0] * 5] * 6)
     )
-    rising = Shape("M", 1, "slope", 0.0, np.inf)
+    rising = Shape("M", 1, "slope", lower=0.0)
     with pytest.warns(kf.InputWarning, match="1 locked value of M is between two steps of 5, such as 73"):
         result = calibrate(parameters, constraints=[rising], pins=[Pin("M", (1000.0, 10.0), 15.0)])
     fitted = result.parameters["M"].values
@@ -72,7 +72,8 @@ def test_bounds_locks_slopes_and_pins_hold_after_rounding():
 
 def test_a_pin_and_a_sum_between_steps_hold_as_far_as_storage_allows_and_say_so():
     total = Equality([Term("M", (3000.0, 55.0)), Term("M", (4000.0, 55.0))], 233.0)
-    result = calibrate(pins=[Pin("M", (1000.0, 10.0), 13.0)], constraints=[total])
+    with pytest.warns(kf.InputWarning, match="the pin of M at 1000, 10 to 13 lies between two steps of 5"):
+        result = calibrate(pins=[Pin("M", (1000.0, 10.0), 13.0)], constraints=[total])
     fitted = result.parameters["M"].values
     assert fitted[0, 0] == 15.0
     assert abs(fitted[2, 2] + fitted[3, 2] - 233.0) <= 2.5
@@ -82,7 +83,7 @@ def test_a_pin_and_a_sum_between_steps_hold_as_far_as_storage_allows_and_say_so(
 
 
 def test_limits_that_no_storable_values_keep_leave_the_values_of_their_group_as_fitted():
-    tight = Shape("M", 1, "slope", 0.09, 0.12)  # 2.0 to 2.7 per cell, less than a step of 5
+    tight = Shape("M", 1, "slope", lower=0.09, upper=0.12)  # 2.0 to 2.7 per cell, less than a step of 5
     result = calibrate(constraints=[tight])
     assert not on_grid(result.parameters["M"].values)
     assert "30 of 30 values of M not rounded: no storable values near the fit keep the limits" in str(result)

@@ -16,8 +16,8 @@ from kennfeld.app.session.taking import evaluate_with, find_belonging, take, val
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter
+from kennfeld.graph.traversal import coordinates_of
 from kennfeld.optimize.quality.quality import Quality
-from kennfeld.project.model import coordinates_of
 
 MAX_CHANGES = 400  # grid points of a table that are listed
 

@@ -325,6 +325,7 @@ SCREENS: Mapping[str, Screen] = {
     "optimizer": "optimization",
     "cluster": "optimization",
     "report": "results",
+    "design": "data",
 }
 
 

@@ -9,7 +9,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.value_edits import ValueEdit
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter
-from kennfeld.project.model import coordinates_of
+from kennfeld.graph.traversal import coordinates_of
 
 
 @dataclass(frozen=True)

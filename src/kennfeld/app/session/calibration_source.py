@@ -145,5 +145,5 @@ def part_of(parameters: ParameterSet, names: Collection[str]) -> ParameterSet:
         [text for text in parameters.texts if text.name in names],
         [axis for axis in parameters.axes if axis.name in names or axis.name in used],
         [item for item in parameters.others if item.name in names],
-        parameters.origin,
+        origin=parameters.origin,
     )

@@ -6,10 +6,10 @@ from typing import Any
 
 from kennfeld.base.errors import InputError
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.graph.traversal import coordinates_of
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.models.model_function import ModelFunction
-from kennfeld.project.model import coordinates_of
 from kennfeld.project.value_forms import DIRECTIONS
 
 SMOOTHNESS = 0.1  # so that values beside the data follow their neighbours
@@ -50,7 +50,7 @@ class Proposal:
 def read_function(text: str, functions: Collection[ModelFunction] = ()) -> Model | None:
     """Return the function with every unknown name as table or input; None if the text has errors."""
     try:
-        return formula(text, functions=functions)
+        return formula(text, functions=tuple(functions))
     except InputError:
         return None
 

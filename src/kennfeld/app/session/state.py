@@ -7,12 +7,12 @@ computed from a state; nothing else is edited.
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Parameter
 from kennfeld.project.document import ProjectDocument
@@ -22,7 +22,7 @@ Values = Mapping[str, Float]
 
 
 def _nothing() -> Mapping[str, str]:
-    return MappingProxyType({})
+    return FrozenDict({})
 
 
 @dataclass(frozen=True, eq=False)

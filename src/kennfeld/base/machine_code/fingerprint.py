@@ -10,6 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from kennfeld.base.frozen_dict import FrozenDict
+
 WRITERS = ("base/machine_code", "graph", "native")  # packages whose functions write code
 OTHERS = ("domain/rbf.py",)  # modules from which they have constants
 
@@ -42,7 +44,9 @@ def fingerprint_of_text(text: str) -> str | None:
 class _ArgumentPickler(pickle.Pickler):
     """Stores numbers and arrays bit for bit, and read-only mappings as dictionaries."""
 
-    dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda mapping: (dict, (dict(mapping),))}
+    dispatch_table = copyreg.dispatch_table | dict.fromkeys(
+        (FrozenDict, MappingProxyType), lambda mapping: (dict, (dict(mapping),))
+    )
 
 
 @cache

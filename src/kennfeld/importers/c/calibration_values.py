@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.domain.parameters import Axis, Parameter, parameter
+from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes, parameter
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.c.interface import CNumbers
 from kennfeld.models.imperative.node_arrays import Nodes
@@ -19,7 +19,8 @@ def parameter_of(numbers: CNumbers, values: list[float], prefix: str = "") -> Pa
         prefix: text that precedes the name.
     """
     axes = [Axis(np.arange(float(size))) for size in numbers.leaf.sizes]
-    word, attributes = numbers.leaf.type.word, {}
+    word = numbers.leaf.type.word
+    attributes: ParameterAttributes = {}
     if word is not None:  # a switch rather than a quantity, whose derivative is 0
         limits = (0.0, 1.0) if numbers.leaf.type.truth else (float(word.least), float(word.most))
         attributes = {"lower": limits[0], "upper": limits[1], "locked": np.True_}

@@ -14,7 +14,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, parameter
+from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes, parameter
 from kennfeld.importers.fmu.description import FmuVariable
 
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6}(?:,\s*\d{1,6}){0,3})\]")
@@ -57,8 +57,8 @@ def parameters_of(variables: Sequence[FmuVariable], prefix: str = "") -> FmuPara
     parameters: list[Parameter] = []
     values: list[ParameterValue] = []
     for group in parameter_groups(variables):
-        limits = {"lower": group.lower, "upper": group.upper}
-        parameters.append(parameter(prefix + group.name, group.values, _axes(group.shape), unit=group.unit, **limits))
+        limits: ParameterAttributes = {"lower": group.lower, "upper": group.upper, "unit": group.unit}
+        parameters.append(parameter(prefix + group.name, group.values, _axes(group.shape), **limits))
     for variable, (name, index) in _named(variables):
         if index or not variable.shape:
             values.append(ParameterValue(prefix + name, tuple(map(float, index))))

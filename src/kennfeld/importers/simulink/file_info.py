@@ -29,7 +29,8 @@ def describe_simulink(file: DescribedFile) -> FileInfo:
         from kennfeld.importers.simulink.importable_subsystems import inspect_simulink  # all block types
 
         part = options.subsystem or None
-        return inspect_simulink(file.path, part, options.parameters, options.folders, dict(options.bind), options.step)
+        found = options.parameters, options.folders
+        return inspect_simulink(file.path, part, *found, bind=dict(options.bind), step=options.step)
 
     return describe_import(info, inspect, chosen=options.chosen(IMPORTER.keys), is_part=bool(options.subsystem))
 

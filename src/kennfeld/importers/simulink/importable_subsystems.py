@@ -32,6 +32,7 @@ def inspect_simulink(
     subsystem: str | None = None,
     parameters: Iterable[ParameterSource] = (),
     folders: Iterable[str | Path] = (),
+    *,
     bind: Mapping[str, str] | None = None,
     step: float | None = None,
 ) -> SimulinkReport:

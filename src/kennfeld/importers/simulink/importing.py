@@ -25,6 +25,7 @@ def simulink(
     subsystem: str | None = None,
     parameters: Iterable[ParameterSource] = (),
     bind: Mapping[str, str] | None = None,
+    *,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
@@ -54,7 +55,10 @@ def simulink(
     >>> model.graph.inputs, model.graph.outputs, model.values["Slope"].value
     (('n',), ('y',), 2.0)
     """
-    return import_simulink(path, subsystem, parameters, bind, promote, folders, step, float32).require_model()
+    imported = import_simulink(
+        path, subsystem, parameters, bind, promote=promote, folders=folders, step=step, float32=float32
+    )
+    return imported.require_model()
 
 
 def import_simulink(
@@ -62,6 +66,7 @@ def import_simulink(
     subsystem: str | None = None,
     parameters: Iterable[ParameterSource] = (),
     bind: Mapping[str, str] | None = None,
+    *,
     promote: Collection[str] = (),
     folders: Iterable[str | Path] = (),
     step: float | None = None,
@@ -98,7 +103,8 @@ Arguments = tuple[
 
 def import_requested(request: ImportRequest) -> SimulinkImport:
     """Import what a project or a command names."""
-    return import_simulink(*arguments_of(request))
+    path, part, parameters, bind, promote, folders, step, float32 = arguments_of(request)
+    return import_simulink(path, part, parameters, bind, promote=promote, folders=folders, step=step, float32=float32)
 
 
 def arguments_of(request: ImportRequest) -> Arguments:

@@ -3,12 +3,12 @@
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.file_state import note_opened
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.files.functions import recognises_surrogate
 from kennfeld.graph import Graph
@@ -47,6 +47,7 @@ def formula(
     name: str = "formula",
     parameters: Collection[str] | None = None,
     surrogates: Collection["Surrogate"] = (),
+    *,
     functions: CallableSources = (),
 ) -> Model:
     """Compile formula text to a model.
@@ -139,15 +140,16 @@ def _model(
         graph=graph,
         name=name,
         step=None if step is None else step.seconds,
-        declared=MappingProxyType({name: names.axes.get(name, _AXES[d.kind]) for name, d in names.declared.items()}),
+        declared=FrozenDict({name: names.axes.get(name, _AXES[d.kind]) for name, d in names.declared.items()}),
         source=origin,
-        locations=MappingProxyType(_locations(names, source)),
+        locations=FrozenDict(_locations(names, source)),
         surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
         equations=equations if is_continuous(equations) else None,
         solver=used,
         stepped=solver is None and bool(used),
         values=ParameterSet(p for f in functions for p in f.values.parameters if p.name in graph.parameters),
         remarks=tuple(remark for function in functions for remark in function.remarks) + _loop_remarks(graph, source),
+        undeclared=names.undeclared,
     )
 
 
@@ -177,7 +179,7 @@ def _single(kind: type[_Setting], word: str, statements: Collection[Statement], 
 def _units(names: NameTable, graph: Graph) -> Mapping[str, str]:
     present = {**graph.names, **dict.fromkeys(graph.inputs), **graph.parameters}
     statements: dict[str, Definition | Declaration] = {**names.definitions, **names.inputs, **names.declared}
-    return MappingProxyType({name: s.unit for name, s in statements.items() if s.unit and name in present})
+    return FrozenDict({name: s.unit for name, s in statements.items() if s.unit and name in present})
 
 
 def _locations(names: NameTable, source: Source) -> dict[str, Location]:
@@ -213,7 +215,7 @@ def extend(model: Model, nodes: Mapping[str, str], location: Location) -> Model:
     # states of the new nodes may equal those of the model, and are merged with them
     grown = builder.finish({**graph.names, **result}, graph.units, (*graph.outputs, *nodes))
     locations = {**model.locations, **dict.fromkeys(nodes, location)}
-    return replace(model, graph=merge_equal_states(grown), locations=MappingProxyType(locations))
+    return replace(model, graph=merge_equal_states(grown), locations=FrozenDict(locations))
 
 
 def expression(text: str, location: Location, channels: Collection[str] | None = None) -> Graph:

@@ -2,11 +2,11 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from types import MappingProxyType
 from typing import Literal, NamedTuple, TypeVar
 
 from kennfeld.base.errors import Location
 from kennfeld.base.formatting import nearest
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.graph import CLOCK
 from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.models.formula.functions import CONSTANTS, FUNCTIONS
@@ -43,13 +43,13 @@ class NameScope(NamedTuple):
     model of the parameters in messages; `functions` are called like built-in ones.
     """
 
-    nodes: Mapping[str, int] = MappingProxyType({})
+    nodes: Mapping[str, int] = FrozenDict({})
     parameters: Collection[str] | None = None
-    axes: Mapping[str, int] = MappingProxyType({})
+    axes: Mapping[str, int] = FrozenDict({})
     inputs: Collection[str] = ()
     channels: Collection[str] | None = None
     owner: str = "this project"
-    functions: Mapping[str, BuiltIn] = MappingProxyType({})
+    functions: Mapping[str, BuiltIn] = FrozenDict({})
 
 
 def children(expr: Expr) -> Sequence[Expr]:
@@ -111,9 +111,21 @@ class NameTable:
             return "constant"
         if name in self.definitions or name in self.around.nodes:
             return "node"
+        if name in self.inputs:  # a set of a whole control unit may have a parameter of that name
+            return "input"
         if name in self.declared or name in (self.around.parameters or ()):
             return "parameter"
         return "input"
+
+    @property
+    def undeclared(self) -> frozenset[str]:
+        """The bare names that are parameters or inputs only because of what is known, and not by a declaration.
+
+        A text that declares inputs declares all of them.
+        """
+        if self.inputs:
+            return frozenset()
+        return frozenset(name for name in self.uses if name not in self.declared and not self.axes.get(name))
 
     def built_in(self, call: Call) -> BuiltIn | None:
         """Return the built-in function of a call, or None if the text defines it."""
@@ -156,8 +168,9 @@ class NameTable:
         for index, (kind, known) in enumerate(everything):
             for name, statement in known.items():
                 others = [other for other, names in everything[:index] if name in names]
-                # a declaration of a known parameter only confirms it
-                if known is not self.declared and name in (self.around.parameters or ()):
+                # a declaration of a known parameter confirms it, one of an input says that the parameter is not meant
+                declared = known is self.declared or known is self.inputs
+                if not declared and name in (self.around.parameters or ()):
                     others.append(f"a parameter of {self.around.owner}")
                 if others:
                     message = f"{name} is both {kind} and {others[0]}"

@@ -7,10 +7,10 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from kennfeld.base.errors import ArgumentError
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.graph import CLOCK, Graph, GraphBuilder, State
 from kennfeld.graph.integration import Advance, is_continuous
 from kennfeld.models.formula.constant_text import constant_text
@@ -41,12 +41,12 @@ class TextLayout(NamedTuple):
         auxiliary: names of auxiliary nodes, by their numbers in the graph.
     """
 
-    headings: Mapping[str, str] = MappingProxyType({})
-    descriptions: Mapping[str, str] = MappingProxyType({})
-    tables: Mapping[str, str] = MappingProxyType({})
+    headings: Mapping[str, str] = FrozenDict({})
+    descriptions: Mapping[str, str] = FrozenDict({})
+    tables: Mapping[str, str] = FrozenDict({})
     counted: Collection[str] = ()
-    words: Mapping[str, str] = MappingProxyType({})
-    auxiliary: Mapping[int, str] = MappingProxyType({})
+    words: Mapping[str, str] = FrozenDict({})
+    auxiliary: Mapping[int, str] = FrozenDict({})
 
 
 def to_text(graph: Graph, step: float | None = None, solver: str = "") -> str:

@@ -1,6 +1,6 @@
 """The result of a calibration, its trace, and the checkpoints from which a search can resume."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
 from importlib import import_module
@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Finding
+from kennfeld.base.errors import ArgumentError, Finding
 from kennfeld.base.formatting import number_text
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.base.numeric import finite_or_none
 from kennfeld.domain.free_axes import free_axes
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.quality.quality import Quality, r2_text
 from kennfeld.optimize.quality.recording_quality import RecordingQuality, error_text, recordings_table
 from kennfeld.optimize.rounding.outcome import RoundingResult
@@ -23,11 +25,19 @@ from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 
 if TYPE_CHECKING:
+    from kennfeld.domain.dataset import Dataset
     from kennfeld.optimize.problem.problem import Problem
     from kennfeld.optimize.trust.assessment import TrustAssessment
     from kennfeld.optimize.trust.trust import Trust
+    from kennfeld.preprocessing.coercion import Data
 
-_PLOTS = "kennfeld.notebook.plots"  # in a higher layer, for notebooks and scripts
+# in higher layers, for notebooks and scripts
+_PLOTS = "kennfeld.notebook.plots"
+_API = "kennfeld.optimize.api"
+_SIMULATION = "kennfeld.project.simulation"
+_RESIDUALS = "kennfeld.analysis.residuals"
+_SHIFTS = "kennfeld.optimize.tuning.shift_estimation"
+MAX_ROWS = 12  # parameters that the text of a result shows
 PlotKind = Literal["convergence", "strips", "errors", "maps"]
 
 
@@ -35,8 +45,22 @@ PlotKind = Literal["convergence", "strips", "errors", "maps"]
 class TraceLine:
     """One accepted step.
 
-    `stage` is `plain`, or `smooth WIDTH` and `exact` of a descent on smoothed lookups; in a sequence with the name of
-    the step before it: `step 1: plain`. `seconds` counts from the begin of the compilation.
+    Attributes:
+        iteration: number of the step within its start, from 1.
+        start: number of the start, from 1.
+        stage: `plain`, or `smooth WIDTH` and `exact` of a descent on smoothed lookups; in a sequence with the name of
+            the step before it: `step 1: plain`.
+        cost: after the step.
+        rmse: of the first criterion on the training data.
+        step: length of the step, in units of the scales of the values.
+        damping: of the step.
+        active: number of limits that hold it.
+        seconds: since the begin of the compilation.
+
+    >>> from kennfeld import calibrate
+    >>> line = calibrate("y = k * x", {"x": [1.0, 2.0], "m": [2.0, 4.0]}, {"k": 0.0}, target="m").trace[0]
+    >>> line.iteration, line.stage
+    (1, 'plain')
     """
 
     iteration: int
@@ -138,6 +162,11 @@ class Result(NotebookDisplay):
     certificate: Certificate | None = None
     rounding: RoundingResult | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("smoothness", "shifts"):
+            frozen = FrozenDict({key: FrozenDict(own) for key, own in getattr(self, name).items()})
+            object.__setattr__(self, name, frozen)
+
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
         """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
@@ -215,13 +244,88 @@ class Result(NotebookDisplay):
     def __str__(self) -> str:
         from kennfeld.optimize.trust.undetermined import undetermined_lines
 
-        lines = _aligned(self.table())
-        rounded = [] if self.rounding is None else [*_aligned(self.rounding.table()), *self.rounding.advice()]
+        lines = [*aligned(self.table()), *aligned(values_table(self))]
+        rounded = [] if self.rounding is None else [*aligned(self.rounding.table()), *self.rounding.advice()]
         warnings = [f"warning: {warning}" for warning in self.warnings]
-        undetermined = undetermined_lines(self.trust, "; see result.trust")
+        undetermined = undetermined_lines(self.trust, "; see result.trust", "kennfeld.design(result, direction=1)")
         return "\n".join([f"{self.status}: {self.message}", *lines, *rounded, *warnings, *undetermined])
 
-    def plot(self, kind: PlotKind = "convergence", problem: "Problem | None" = None, **selection: Any) -> Any:
+    def simulate(self, data: "Data | None" = None, *, problem: "Problem | None" = None) -> "Dataset | list[Dataset]":
+        """Evaluate the function with the fitted values.
+
+        Args:
+            data: other data than those of the fit; a dataset, or columns by name.
+            problem: the problem that was fitted; only required if the result was computed in another process.
+
+        Returns:
+            For `data`, a dataset with a channel for each node, Float[samples]. Without it, a list of such datasets, one
+            for each of the fit, with the targets and with the shifts that the fit estimated.
+
+        Raises:
+            ArgumentError: the problem is not known.
+            InputError: the data do not have the inputs of the function.
+        """
+        own = self._problem(problem)
+        if data is not None:
+            simulated: Dataset = import_module(_API).simulate(own.model, data, self.parameters, own.channels)
+            return simulated
+        datasets: list[Dataset] = import_module(_SIMULATION).simulate_problem(self._shifted(own), self.parameters)
+        return datasets
+
+    def residuals(self, *, worst: int = 20, problem: "Problem | None" = None) -> "tuple[Any, ...]":
+        """Return the errors of the fit, a `Residuals` per criterion; see `kennfeld.residuals`.
+
+        Args:
+            worst: number of the largest errors to list.
+            problem: the problem that was fitted; only required if the result was computed in another process.
+
+        Raises:
+            ArgumentError: the problem is not known.
+        """
+        own = self._shifted(self._problem(problem))
+        rows: tuple[Any, ...] = import_module(_RESIDUALS).residuals(own, self.parameters, trust=self.trust, worst=worst)
+        return rows
+
+    def to_frame(self) -> Any:
+        """Return the values as a DataFrame of pandas, one row per value.
+
+        Returns:
+            The columns of `ParameterSet.to_frame`, and `start`, `deviation` and `samples` of each value; NaN for those
+            that were not fitted.
+
+        Raises:
+            InputError: pandas is not installed; the message has the command that installs it.
+        """
+        frame = self.parameters.to_frame()
+        members = self.parameters.values()
+        frame.insert(frame.columns.get_loc("value") + 1, "start", _by_value(members, self.start, "values"))
+        for name in ("deviation", "samples"):
+            frame[name] = _by_value(members, getattr(self.trust, name))
+        return frame
+
+    def _problem(self, problem: "Problem | None") -> "Problem":
+        own: Problem | None = problem or getattr(self.inspection, "problem", None)
+        if own is None:
+            message = "the data of this result are in another process. Pass problem=project.problem()"
+            raise ArgumentError(f"problem=None: {message}")
+        return own
+
+    def _shifted(self, problem: "Problem") -> "Problem":
+        """Return the problem with the shifts that the fit estimated."""
+        if not problem.unknown_shifts:
+            return problem
+        shifted: Problem = import_module(_SHIFTS).apply_shifts(problem, self.shifts)
+        return shifted
+
+    def plot(
+        self,
+        kind: PlotKind = "convergence",
+        problem: "Problem | None" = None,
+        *,
+        criterion: str = "",
+        dataset: str = "",
+        names: Sequence[str] = (),
+    ) -> Any:
         """Return a matplotlib figure of the result.
 
         Args:
@@ -230,7 +334,9 @@ class Result(NotebookDisplay):
                 and after; or `maps`, the fitted tables.
             problem: the problem that was fitted, for `strips` and `errors`; `project.problem()`. Only required if the
                 result was computed in another process.
-            selection: `criterion` and `dataset` select one of each by name; `names` are the tables to plot.
+            criterion: the node of one criterion; all by default.
+            dataset: the name of one dataset; all by default.
+            names: the tables to plot; by default those that were fitted.
 
         Raises:
             InputError: matplotlib is not installed; the message has the command that installs it.
@@ -238,12 +344,51 @@ class Result(NotebookDisplay):
         """
         if problem is None:
             problem = getattr(self.inspection, "problem", None)  # another process returns the trust alone
-        return import_module(_PLOTS).plot(self, kind, problem, **selection)
+        return import_module(_PLOTS).plot(self, kind, problem, criterion=criterion, dataset=dataset, names=names)
 
 
-def _aligned(table: list[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
+def values_table(result: Result) -> list[tuple[str, ...]]:
+    """Return the fitted values with their standard deviations as rows of text with a heading; of tables, their range.
+
+    At most `MAX_ROWS` parameters are shown.
+    """
+    fitted = [p for name, p in result.parameters.items() if name in result.trust.deviation]
+    rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "unit")]
+    for parameter in fitted[:MAX_ROWS]:
+        deviation = result.trust.deviation[parameter.name]
+        unit = parameter.unit or "-"
+        rows.append((parameter.name, _range_text(parameter.values, 6), _range_text(deviation, 3), unit))
+    if len(fitted) > MAX_ROWS:
+        rows.append((f"and {len(fitted) - MAX_ROWS} more", "", "", ""))
+    return rows if fitted else []
+
+
+def _range_text(values: Float, digits: int) -> str:
+    """Return a number to so many digits, or the least and the largest of several."""
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return "nan"
+    least, largest = float(known.min()), float(known.max())
+    return f"{least:.{digits}g}" if values.ndim == 0 else f"{least:.4g} .. {largest:.4g}"
+
+
+def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows of text as lines with aligned columns."""
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _by_value(members: Iterable[Parameter], others: Mapping[str, Any], attribute: str = "") -> Float:
+    """Return the numbers of others of the same name and shape for all values, Float[values]; NaN for those without."""
+
+    def of(member: Parameter) -> Float:
+        other = others.get(member.name)
+        numbers = getattr(other, attribute) if attribute and other is not None else other
+        fits = numbers is not None and numbers.shape == member.values.shape
+        return np.asarray(numbers, dtype=np.float64).ravel() if fits else np.full(member.size, np.nan)
+
+    parts = [of(member) for member in members]
+    return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:

@@ -21,7 +21,7 @@ Reduction = int | Sequence[int]
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """One step of a sequence; its arguments override problem and options, None keeps them.
 
@@ -94,7 +94,7 @@ class Step:
         return [*every.values()] if isinstance(every, Mapping) else [every]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Options(SearchSettings):
     """Options of a search.
 
@@ -114,6 +114,7 @@ class Options(SearchSettings):
         cluster: runs the starts and the folds of a cross-validation instead of these processes.
         steps: a sequence that every start goes through.
         save_every: keep every nth accepted parameter set as a checkpoint; 0 keeps none.
+        max_seconds: time after which a search stops at its best values, after the step that it is at.
 
     Raises:
         ArgumentError: a value cannot be used.
@@ -124,7 +125,8 @@ class Options(SearchSettings):
 
     workers: int | None = None
     cluster: TaskRunner | None = field(default=None, repr=False, compare=False)
-    steps: tuple[Step, ...] = ()
+    steps: Sequence[Step] = ()
+    max_seconds: float | None = None
 
     def __post_init__(self) -> None:
         if self.method not in ("gauss-newton", "global"):
@@ -139,14 +141,18 @@ class Options(SearchSettings):
         }
         for name, least in least_by_name.items():
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, int | np.integer) and value >= least):
+            is_right = isinstance(value, int | np.integer) and value >= least
+            if not is_right and not (value is None and name == "workers"):
                 raise ArgumentError(f"{name} must be an integer >= {least}, got {value!r}")
         if self.starts > MAX_STARTS:
             raise ArgumentError(f"starts must be <= {MAX_STARTS}, got {self.starts!r}")
-        for name in ("spread", "tolerance"):
-            if name != "tolerance" or self.tolerance is not None:
+        for name in ("spread", "tolerance", "max_seconds"):
+            if name == "spread" or getattr(self, name) is not None:
                 object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
-        object.__setattr__(self, "steps", tuple(self.steps))
+        steps = self.steps
+        if not isinstance(steps, Sequence) or not all(isinstance(step, Step) for step in steps):
+            raise ArgumentError(f"steps must be a list of Step, got {steps!r}")
+        object.__setattr__(self, "steps", tuple(steps))
 
     @property
     def settings(self) -> SolverSettings:

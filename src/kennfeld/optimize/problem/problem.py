@@ -2,7 +2,7 @@
 
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -81,6 +81,10 @@ class Problem:
     restraints: Mapping[str, Restraint] = field(default_factory=dict)
     partitions: Partitions | None = None
     rounding: StorageRounding | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        # without what is computed from these when it is needed, compiled code among it
+        return {part.name: getattr(self, part.name) for part in fields(self)}
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:

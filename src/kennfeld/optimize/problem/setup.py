@@ -1,36 +1,44 @@
 """The arguments of `calibrate`, and the problem that follows from them."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Findings, InputError, Location, warn
-from kennfeld.base.formatting import nearest
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location, warn
+from kennfeld.base.formatting import join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset, Use
 from kennfeld.domain.free_axes import with_free_axes
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Parameter, Scalar
 from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.graph import Graph
-from kennfeld.models import Model, bind_scalars, merge_start_values
+from kennfeld.models import Model, ambiguity, ambiguous_names, bind_scalars, merge_start_values
 from kennfeld.models.formula import formula
+from kennfeld.optimize.problem.arguments import (
+    Bounds,
+    Factors,
+    Limits,
+    ProblemArguments,
+    Shift,
+    Start,
+    check_kinds,
+    factors_by_axis,
+    parameters_of,
+    shift_of,
+)
 from kennfeld.optimize.problem.overlap import overlap_findings
-from kennfeld.optimize.problem.problem import Factor, Problem, Smoothness
+from kennfeld.optimize.problem.problem import Factor, Problem
 from kennfeld.optimize.problem.storage import rounding_of, with_rounding
+from kennfeld.optimize.problem.unit_conflicts import convert_units, target_channels, unit_warnings, wanted_units
 from kennfeld.optimize.problem.validation import check_problem, dataset_location
-from kennfeld.preprocessing.coercion import Data, to_dataset
+from kennfeld.preprocessing.coercion import Data, names_of, to_dataset
 from kennfeld.preprocessing.model_step import clock_findings, refine_step
 from kennfeld.preprocessing.time_shift import shift_channels
-
-Start = ParameterSet | Mapping[str, float | Parameter]
-Limits = Mapping[str, tuple[float, float]] | Sequence[Limit]
-Shift = Mapping[str, float | Literal["auto"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +54,7 @@ class ProblemSetup:
     test: Data | Sequence[Data] = ()
     free: Sequence[str] = ("*",)
     free_axes: Sequence[str] = ()
-    smoothness: Factor | Smoothness = 0.0
+    smoothness: Factors = 0.0
     limits: Limits | None = None
     pins: Sequence[Pin] = ()
     constraints: Sequence[Shape | Equality] = ()
@@ -63,13 +71,17 @@ class ProblemSetup:
         Raises:
             InputError: the input cannot be used; lists all problems.
         """
-        self._check_patterns()
+        self._check_arguments()
         parameters, outputs = self._bounded_parameters()
-        function = bind_scalars(model_of(self.model, parameters), parameters)
-        criteria = self._all_criteria(function)
         channels = self.channels or {}
+        function = bound_model(self.model, parameters, [*_parts(self.data), *_parts(self.test)], channels)
+        warn(unused_names(self.start, function))
+        criteria = self._all_criteria(function)
         inputs = {channels.get(name, name) for name in function.graph.inputs}
         datasets = self._datasets(function.graph, {*inputs, *(criterion.target.name for criterion in criteria)})
+        wanted = wanted_units(function.graph, channels, target_channels(criteria))
+        datasets = convert_units(datasets, wanted)
+        warn(unit_warnings(function.graph, datasets, parameters, channels, criteria))
         factors = _factors(self.smoothness, parameters)
         shifted, unknown = _shift_datasets(datasets, self.shift or {})
         problem = Problem(
@@ -104,10 +116,16 @@ class ProblemSetup:
         warn(finding for finding in Findings(findings).finish() if finding.severity == "warning")
         return rounded
 
-    def _check_patterns(self) -> None:
+    def _check_arguments(self) -> None:
         for name, patterns in (("free_axes", self.free_axes), ("free", self.free)):
             if isinstance(patterns, str):
                 raise ArgumentError(f"{name}={patterns!r} must be a list of patterns: {name}=[{patterns!r}]")
+        check_kinds(vars(self))
+        if self.criteria and self.target is not None:
+            remedy = f"add Criterion(node, {self.target!r}) to the criteria"
+            raise ArgumentError(f"target={self.target!r} and criteria cannot be combined; {remedy}")
+        if self.criteria and self.node is not None:
+            raise ArgumentError(f"node={self.node!r} belongs to target; each of the criteria names its own node")
 
     def _bounded_parameters(self) -> tuple[ParameterSet, tuple[Limit, ...]]:
         """Return the start with free axes and bounds, and the limits of outputs."""
@@ -120,11 +138,72 @@ class ProblemSetup:
     def _all_criteria(self, function: Model) -> tuple[Criterion, ...]:
         if self.target is None:
             return tuple(self.criteria)
-        return (Criterion(_output(function, self.node), self.target), *self.criteria)
+        return (Criterion(_output(function, self.node), self.target),)
 
     def _datasets(self, graph: Graph, used: Collection[str]) -> list[Dataset]:
         """Return training and test data with the channels in use."""
         return [*_as_datasets(self.data, "training", graph, used), *_as_datasets(self.test, "test", graph, used)]
+
+
+def problem_of(
+    model: Model | str | Problem,
+    data: Data | Sequence[Data] | None,
+    start: Start | None,
+    target: str | float | None,
+    arguments: ProblemArguments,
+    caller: str,
+) -> Problem:
+    """Return the problem of a call that takes one as its first argument, or all that states one.
+
+    Raises:
+        ArgumentError: it has both, or lacks data or start.
+    """
+    if not isinstance(model, Problem):
+        for name, value in (("data", data), ("start", start)):
+            if value is None:
+                raise ArgumentError(f"{caller} requires {name}, unless its first argument is a problem")
+        return ProblemSetup(model, data, start, target, **arguments).problem()  # type: ignore[arg-type]
+    defaults: dict[str, Any] = {part.name: part.default for part in fields(ProblemSetup)}
+    defaults |= {"data": None, "start": None}
+    stated = {"data": data, "start": start, "target": target, **arguments}
+    if others := [name for name, value in stated.items() if _is_stated(value, defaults[name])]:
+        raise ArgumentError(f"{caller}(problem) takes no {join_names(others)}: the problem states them")
+    return model
+
+
+def _is_stated(value: Any, default: Any) -> bool:
+    # data may be arrays, whose comparison is no truth value
+    return value is not default and not (isinstance(value, float | int | tuple) and value == default)
+
+
+def bound_model(
+    model: Model | str, parameters: ParameterSet, data: Sequence[Data], channels: Mapping[str, str]
+) -> Model:
+    """Return the model for some data: names that the data hold as channels are inputs, not parameters.
+
+    Raises:
+        InputError: formula text uses names without declaring them that are parameters as well as channels.
+    """
+    function = model_of(model, parameters)
+    recorded = [names_of(part) for part in data]
+    for at, names in enumerate(recorded):
+        if ambiguous := ambiguous_names(function, parameters, names):
+            name = getattr(data[at], "name", "")
+            place = f"dataset {name}" if isinstance(name, str) and name else "the data"
+            raise InputError(ambiguity(function, each, "the start", place) for each in ambiguous)
+    known = {name for names in recorded for name in names}
+    inputs = {name for name in function.graph.inputs if channels.get(name, name) in known}
+    return bind_scalars(function, parameters, inputs)
+
+
+def unused_names(start: Start, model: Model) -> Iterator[Finding]:
+    """Yield warnings for names of a dict that the model does not use; a set may be that of a whole control unit."""
+    graph = model.graph
+    for name in start if isinstance(start, Mapping) and not isinstance(start, ParameterSet) else ():
+        if name not in graph.parameters and name not in model.declared:
+            yield Finding(
+                Location("start"), f"the model does not use {name}", nearest(name, graph.parameters), severity="warning"
+            )
 
 
 def model_of(model: Model | str, parameters: ParameterSet) -> Model:
@@ -137,8 +216,7 @@ def start_parameters(start: Start, model: Model | str) -> ParameterSet:
 
     Tables made in Python define their extrapolation, those read from files do not.
     """
-    if not isinstance(start, ParameterSet):
-        start = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in start.items())
+    start = parameters_of(start)
     if not isinstance(model, Model):
         return start
     return merge_start_values(model.carried, start, continued=start.origin is not None)
@@ -170,14 +248,19 @@ def on_model_step(
     return tuple(refined)
 
 
-def _split_limits(limits: Limits, parameters: ParameterSet) -> tuple[dict[str, tuple[float, float]], tuple[Limit, ...]]:
+def _split_limits(limits: Limits, parameters: ParameterSet) -> tuple[dict[str, Bounds], tuple[Limit, ...]]:
     if not isinstance(limits, Mapping):
         return {}, tuple(limits)
     bounds = {name: pair for name, pair in limits.items() if name in parameters}
-    return bounds, tuple(Limit(name, *pair) for name, pair in limits.items() if name not in parameters)
+    others = {name: pair for name, pair in limits.items() if name not in parameters}
+    return bounds, tuple(Limit(name, *(_unbounded(*pair))) for name, pair in others.items())
 
 
-def _factors(smoothness: Factor | Smoothness, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
+def _unbounded(lower: float | None, upper: float | None) -> tuple[float, float]:
+    return -np.inf if lower is None else lower, np.inf if upper is None else upper
+
+
+def _factors(smoothness: Factors, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
     """Return the checked smoothness factors of each axis of each table."""
     by_name = smoothness if isinstance(smoothness, Mapping) else dict.fromkeys(parameters, smoothness)
     factors: dict[str, tuple[Factor, ...]] = {}
@@ -185,6 +268,8 @@ def _factors(smoothness: Factor | Smoothness, parameters: ParameterSet) -> dict[
         if name not in parameters:
             raise ArgumentError(f"smoothness: unknown parameter {name}. {nearest(name, parameters)}".strip())
         axes = len(parameters[name].axes)
+        if isinstance(value, Mapping):
+            value = factors_by_axis(value, name, axes)
         single = isinstance(value, str) or np.ndim(value) == 0
         values = [_factor(factor) for factor in ((value,) * axes if single else value)]  # type: ignore[union-attr]
         factors[name] = tuple(factor for factor in values if factor is not None)
@@ -209,22 +294,35 @@ def _factor(value: Any) -> Factor | None:
 
 def _shift_datasets(datasets: Sequence[Dataset], shift: Shift) -> tuple[list[Dataset], dict[str, tuple[str, ...]]]:
     """Apply known shifts; return the datasets, and by dataset the channels whose shift is to be estimated."""
-    channels = {channel for data in datasets for channel in data}
+    names = [data.name for data in datasets]
+    shifted, unknown = [], {}
+    for data in datasets:
+        own = shift_of(shift, data.name, names)
+        _check_shifts(own, {channel for each in datasets for channel in each})
+        known = {name: float(by) for name, by in own.items() if by != "auto"}
+        shifted.append(shift_channels(data, known))
+        if sought := tuple(name for name, by in own.items() if by == "auto"):
+            unknown[data.name] = sought
+    return shifted, unknown
+
+
+def _check_shifts(shift: Mapping[str, Any], channels: Collection[str]) -> None:
     for name, by in shift.items():
         if name not in channels:
             raise ArgumentError(f"shift: unknown channel {name}. {nearest(name, channels)}".strip())
         if not (by == "auto" if isinstance(by, str) else np.ndim(by) == 0 and np.isfinite(by)):
             raise ArgumentError(f'shift={by!r} of {name} must be a finite number or "auto"')
-    known = {name: float(by) for name, by in shift.items() if by != "auto"}
-    unknown = tuple(name for name, by in shift.items() if by == "auto")
-    shifted = [shift_channels(data, known) for data in datasets]
-    return shifted, dict.fromkeys((data.name for data in datasets), unknown) if unknown else {}
+
+
+def _parts(data: Data | Sequence[Data]) -> Sequence[Data]:
+    """Return several datasets as such; a single one as a sequence."""
+    several = isinstance(data, Sequence) and not isinstance(data, Mapping | str)
+    return data if several else [data]  # type: ignore[return-value,list-item]
 
 
 def _as_datasets(data: Data | Sequence[Data], use: Use, graph: Graph, used: Collection[str]) -> list[Dataset]:
-    several = isinstance(data, Sequence) and not isinstance(data, Mapping)
-    parts: Sequence[Data] = data if several else [data]  # type: ignore[assignment,list-item]
-    return [replace(to_dataset(part, f"{use}{i or ''}", graph, used), use=use) for i, part in enumerate(parts)]
+    parts = enumerate(_parts(data))
+    return [replace(to_dataset(part, f"{use}{i or ''}", graph, used), use=use) for i, part in parts]
 
 
 def _output(model: Model, node: str | None) -> str:

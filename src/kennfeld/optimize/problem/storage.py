@@ -71,7 +71,22 @@ def with_rounding(
     findings = list(storage_findings(problem.parameters, rounding, names, locate))
     points, axis_findings = _storable_breakpoints(problem, rounding, names, locate)
     parameters = with_breakpoints(problem.parameters, points)
-    return replace(problem, parameters=parameters, rounding=rounding), [*findings, *axis_findings]
+    rounded = replace(problem, parameters=parameters, rounding=rounding)
+    return rounded, [*findings, *axis_findings, *_pins(rounded, rounding, locate)]
+
+
+def _pins(problem: Problem, rounding: StorageRounding, locate: Callable[[str], Location]) -> Iterator[Finding]:
+    """Yield a warning on each pin of a grid point to a value between two steps."""
+    for pin in problem.pins:
+        grid, axes = rounding.grids.get(pin.parameter), problem.parameters[pin.parameter].index_axes
+        # between grid points, several values meet a pin together
+        on_grid = all(x in axis.breakpoints for x, axis in zip(pin.at, axes, strict=False))
+        if grid is not None and on_grid and not grid.holds(np.array(pin.value)):
+            at = f" at {', '.join(f'{x:g}' for x in pin.at)}" if pin.at else ""
+            nearest = float(grid.nearest(np.array(pin.value)))
+            message = f"the pin of {pin.parameter}{at} to {pin.value:g} lies between two steps of {grid.step:g}"
+            remedy = f"Pin a storable value, such as {nearest:.6g}."
+            yield Finding(locate(pin.parameter), message, remedy, severity="warning")
 
 
 def _storable_breakpoints(

@@ -79,6 +79,8 @@ class Roughness:
         return np.asarray(np.einsum("ij,ij->i", self.coefficients, values[self.columns]))
 
     def cost(self, values: Float) -> float:
+        if not self.columns.size:
+            return 0.0
         differences = self._differences(values)
         return float(differences @ differences)
 
@@ -106,6 +108,8 @@ class Roughness:
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Compute residuals and Jacobian, Float[rows, values], whose squares are the penalty."""
+        if not self.columns.size:
+            return np.zeros(0), np.zeros((0, self.size))
         jacobian: Float = np.zeros((len(self.columns), self.size))
         np.add.at(jacobian, (np.arange(len(self.columns))[:, None], self.columns), self.coefficients)
         return self._differences(values), jacobian

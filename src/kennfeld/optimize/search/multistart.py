@@ -23,7 +23,7 @@ from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, with_values
 from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
-from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status
+from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status, Stop
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
@@ -56,6 +56,8 @@ def run(
             later is a `Result` with a status.
     """
     seconds = seconds or Seconds()
+    if options.max_seconds is not None:
+        progress, options = stop_after(options.max_seconds, progress), replace(options, max_seconds=None)
     with ignore_floating_errors():
         problem = bound_time_constants(problem)
         if problem.unknown_shifts or problem.automatic_names:
@@ -71,6 +73,19 @@ def run(
             return replace(result, starts=(single_start(result),))
         Findings(check_steps(problem, options.steps)).finish()
         return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds)
+
+
+def stop_after(seconds: float, progress: Progress | None) -> Progress:
+    """Return the same progress, but stop the search once a time in s is over."""
+    began = time.monotonic()
+
+    def report(line: TraceLine) -> None:
+        if progress is not None:
+            progress(line)
+        if time.monotonic() - began >= seconds:
+            raise Stop
+
+    return report
 
 
 @dataclass

@@ -15,7 +15,7 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Samples
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.sums.sample_rows import SampleRows
-from kennfeld.optimize.sums.sums import NormalEquations, Sums, SumsFactory
+from kennfeld.optimize.sums.sums import NormalEquations, Sums, SumsFactory, TapeVisitor
 from kennfeld.optimize.sums.trajectory_columns import TrajectoryColumns
 
 
@@ -164,10 +164,20 @@ class CallSums:
         self._refresh(values, slopes=True)
         return self._sums.rows_at(values, visits)
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """See `Sums`."""
+        self._refresh(values, slopes=True)
+        return self._sums.squares(values, groups, count)
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """See `Sums`."""
         self._refresh(values, slopes=True)
         return self._sums.touched(values, owners)
+
+    def each_tape(self, values: Float, work: TapeVisitor) -> None:
+        """See `Sums`."""
+        self._refresh(values, slopes=True)
+        self._sums.each_tape(values, work)
 
     def _refresh(self, values: Float, *, slopes: bool) -> None:
         key = values.tobytes() + self.widths.tobytes()

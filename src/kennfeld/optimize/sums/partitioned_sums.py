@@ -11,7 +11,7 @@ from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Samples
 from kennfeld.native.symmetric import SymmetricMatrix
-from kennfeld.optimize.sums.sums import NormalEquations, Sums
+from kennfeld.optimize.sums.sums import NormalEquations, Sums, TapeVisitor
 
 
 class _Compiled(Protocol):
@@ -163,6 +163,10 @@ class PartitionedSums:
         outputs, free = shapes[0][1:]
         return self.rows(values)[1].reshape(-1, outputs, free)[visits]
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """Raise `ArgumentError`: groups of visits must be assigned within each partition."""
+        raise ArgumentError("groups of samples must be assigned within each partition")
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """Count for each free value the scored samples whose step depends on it, Int[free].
 
@@ -172,6 +176,10 @@ class PartitionedSums:
         if owners is not None:
             raise ArgumentError("owners of samples must be assigned within each partition")
         return np.asarray(sum(self._each(partial_touched, self.widths, values)))
+
+    def each_tape(self, values: Float, work: TapeVisitor) -> None:
+        """Raise `ArgumentError`: a tape is read where it is written, within each partition."""
+        raise ArgumentError("tapes are read within each partition")
 
 
 def _at_widths(compiled: _Compiled, widths: Float) -> Sums:

@@ -5,7 +5,7 @@ import numpy as np
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.column_table import ColumnTable
-from kennfeld.optimize.sums.sums import NormalEquations, Sums
+from kennfeld.optimize.sums.sums import NormalEquations, Sums, TapeVisitor
 
 MOST_COSTS = 8
 MIN_SAMPLES = 0.125  # per entry of the matrix; for fewer samples the sums take hardly longer than a copy of the matrix
@@ -80,9 +80,17 @@ class RememberedSums:
         """See `Sums`."""
         return self._sums.rows_at(values, visits)
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """See `Sums`."""
+        return self._sums.squares(values, groups, count)
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """See `Sums`."""
         return self._sums.touched(values, owners)
+
+    def each_tape(self, values: Float, work: TapeVisitor) -> None:
+        """See `Sums`."""
+        self._sums.each_tape(values, work)
 
     def _key(self, values: Float) -> bytes:
         """Return a key of all that the sums depend on: values, widths, and targets that may change in place."""

@@ -9,8 +9,12 @@ from typing import Protocol
 
 from kennfeld.base.arrays import Float, Int
 from kennfeld.native.kernel import Kernel
-from kennfeld.native.samples import Samples
+from kennfeld.native.samples import Chunk, Samples
 from kennfeld.native.symmetric import SymmetricMatrix
+from kennfeld.native.workspace import Workspace
+
+# of a share of the samples: its number, the workspace with the tape of a chunk, the chunk, and if a piece begins there
+TapeVisitor = Callable[[int, Workspace, Chunk, bool], None]
 
 
 class NormalEquations(Protocol):
@@ -56,12 +60,21 @@ class Sums(Protocol):
     def rows_at(self, values: Float, visits: Int) -> Float:
         """Return the rows of the Jacobian at increasing visits as in `rows`, Float[visits, outputs, free]."""
 
+    def squares(self, values: Float, groups: Int, count: int) -> Float:
+        """Sum the squares of the rows of the Jacobian over groups of visits, Float[count, free].
+
+        `groups` assigns each visit to a group from 0 to `count` - 1, or to none by -1.
+        """
+
     def touched(self, values: Float, owners: Int | None = None) -> Int:
         """Count for each free value the scored samples whose step depends on it, Int[free].
 
         `owners` assigns visits to scored ones, by non-decreasing numbers, -1 for none: a scored sample then counts once
         for all samples assigned to it.
         """
+
+    def each_tape(self, values: Float, work: TapeVisitor) -> None:
+        """Linearise all samples and call `work` for each chunk; see `Accumulator.each_tape`."""
 
 
 SumsFactory = Callable[[Kernel, Samples], Sums]

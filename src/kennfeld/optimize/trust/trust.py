@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
+from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.base.threads import blas_threads
@@ -17,6 +18,8 @@ from kennfeld.optimize.trust.active_limits import ActiveLimit
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Direction
 from kennfeld.optimize.trust.null_space import NullSpace
+
+_MAPPINGS = ("noise", "persistence", "informed", "samples", "deviation", "scatter", "by_smoothness", "columns")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,10 @@ class Trust(NotebookDisplay):
     remark: str = ""
     estimate: Estimate | None = field(default=None, repr=False)
     columns: Mapping[str, int] = field(default_factory=dict, repr=False)  # of a parameter's first value
+
+    def __post_init__(self) -> None:
+        for name in _MAPPINGS:
+            object.__setattr__(self, name, FrozenDict(getattr(self, name)))
 
     @cached_property
     def leverage(self) -> Mapping[str, Float]:

@@ -77,14 +77,16 @@ class HoldoutBlocks:
     sizes: Int  # Int[blocks], scored samples
 
     @classmethod
-    def of(cls, compiled: CompiledProblem) -> "HoldoutBlocks | None":
-        """Divide the recordings into about `BLOCKS` blocks with similar numbers of scored samples.
+    def of(cls, compiled: CompiledProblem, blocks: int | None = None) -> "HoldoutBlocks | None":
+        """Divide the recordings into about `blocks` blocks with similar numbers of scored samples.
+
+        By default they are `BLOCKS`, or as few as the memory of their matrices allows.
 
         Many short recordings are held out whole, neighbouring ones together. Steady-state points are never held out.
         Returns None if there are fewer than `FEWEST` blocks.
         """
         # each block has a dense matrix of its own
-        most = min(BLOCKS, MAX_ENTRIES // max(compiled.values.free**2, 1))
+        most = min(BLOCKS, MAX_ENTRIES // max(compiled.values.free**2, 1)) if blocks is None else blocks
         if most < FEWEST:
             return None
         groups = _joined([row for part in compiled.each(_find_recordings) for row in part])
@@ -94,7 +96,7 @@ class HoldoutBlocks:
     @property
     def numbers(self) -> Int:
         """The block number of each sample, as the data come, Int[samples]; `NEVER` for samples always fitted."""
-        return _number_samples(self.compiled, self.divisions)
+        return number_samples(self.compiled, self.divisions)
 
     def linearise(self, full: Float) -> Iterator[HoldoutBlock]:
         """Yield the contribution of each block at free and fixed values, Float[values]."""
@@ -201,7 +203,7 @@ def _number_groups(scored: Int, count: int) -> Int:
     return np.asarray(np.unique(groups, return_inverse=True)[1], dtype=np.int64)
 
 
-def _number_samples(compiled: CompiledProblem, divisions: Divisions) -> Int:
+def number_samples(compiled: CompiledProblem, divisions: Divisions) -> Int:
     """Return the block number of each sample of the problem or of one partition, as the data come."""
     rows = [row for key in _keys(compiled.problem.datasets) for row in divisions.get(key, ())]
     size = max(int(compiled.sample_numbers().max(initial=-1)) + 1, max((row.last for row in rows), default=0))
@@ -215,7 +217,7 @@ def _number_samples(compiled: CompiledProblem, divisions: Divisions) -> Int:
 
 def _sum_blocks(compiled: CompiledProblem, divisions: Divisions, full: Float) -> list[tuple[int, float, PackedNormal]]:
     """Return the cost and the normal equations of each block in the problem or in one partition."""
-    numbers = _number_samples(compiled, divisions)[compiled.sample_numbers()]
+    numbers = number_samples(compiled, divisions)[compiled.sample_numbers()]
     select = _in_time if compiled.stateful else _anywhere
     result = []
     for number in np.unique(numbers[numbers != NEVER]).tolist():

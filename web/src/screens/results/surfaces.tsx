@@ -121,7 +121,7 @@ function Turning({ own, side, range, camera, views, turned, pick }: TurningProps
       close,
     } = canvasIn(host.current!, (pen, width, height) => {
       drawing.camera.turnTo(camera.azimuth, camera.elevation);
-      drawing.draw(pen, width, height, mapOf(latest.current.own, side), latest.current.range);
+      drawing.draw(pen, width, height, mapOf(latest.current.own, side, width > 250), latest.current.range);
     });
     redraw.current = again;
     views.push(again);
@@ -159,8 +159,13 @@ function Turning({ own, side, range, camera, views, turned, pick }: TurningProps
   return <div class="canvas turning" ref={host} aria-label={`${own.name}, ${side === "first" ? "A" : "B"}`} />;
 }
 
-function mapOf(own: ComparedTable, side: "first" | "second"): SurfaceMap {
-  const axis = ({ input, unit, points }: AxisPoints) => ({ title: input, unit, points });
+/** A table as a surface; a narrow picture has no room for the names of the axes, which the difference beside it has. */
+function mapOf(own: ComparedTable, side: "first" | "second", named: boolean): SurfaceMap {
+  const axis = ({ input, unit, points }: AxisPoints) => ({
+    title: named ? input : "",
+    unit: named ? unit : "",
+    points,
+  });
   return {
     x: axis(own.axes[0]!),
     y: axis(own.axes[1]!),

@@ -1,0 +1,378 @@
+"""Topic `missing`: planted terms in steady and transient functions, which `propose` has to find among bait channels."""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import kennfeld as kf
+from benchmarks.measure import installed
+from benchmarks.table import Table
+from kennfeld.base.arrays import Float
+from kennfeld.project.demo import torque
+
+CASES = 120  # a sixth of them without a missing term
+EFFECTS = (0.3, 1.0, 3.0)  # RMSE of the effect in standard deviations of the noise
+BAIT = 15
+CORRELATION = 0.95  # of neighbouring errors, where they are correlated
+
+TORQUE_EQUAL = {
+    "product": {"TorquePredict", "etaSpark", "product", "trqOpt"},
+    "dragTorque": {"dragTorque", "TorquePredict", "product", "trqOpt"},
+    "ignOpt": {"ignOpt", "deltaSpark"},
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A function, data with a planted term, and where it may be found."""
+
+    name: str
+    text: str
+    data: list[dict[str, Float]]
+    start: kf.ParameterSet
+    target: str
+    channel: str  # "" without a term
+    nodes: frozenset[str]
+    effect: float
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def cases(count: int = CASES, seed: int = 0) -> Iterator[Case]:
+    """Yield planted cases of all functions in turn."""
+    makers = (_torque_case, _exhaust_case, _surrogate_case)
+    for number in range(count):
+        yield makers[number % 3](np.random.default_rng([seed, number]), number // 3)
+
+
+def _shape(x: Float, which: int) -> Float:
+    x = (x - x.mean()) / x.std()
+    shape = (x, x**2, np.tanh(2 * x))[which % 3]
+    return (shape - shape.mean()) / shape.std()
+
+
+def _noise(rng: np.random.Generator, count: int, deviation: float, *, correlated: bool) -> Float:
+    white = rng.normal(0, 1, count)
+    if not correlated:
+        return deviation * white
+    from scipy.signal import lfilter
+
+    start = [CORRELATION * rng.normal()]
+    return deviation * lfilter([np.sqrt(1 - CORRELATION**2)], [1, -CORRELATION], white, zi=start)[0]
+
+
+def _bait(rng: np.random.Generator, count: int, *, timed: bool) -> dict[str, Float]:
+    """Return channels that no case but their own needs; some are correlated with each other, some walk."""
+    columns = {f"c{number}": rng.normal(size=count) for number in range(BAIT)}
+    if timed:
+        from scipy.signal import lfilter
+
+        for number in range(BAIT):
+            pole = (0.5, 0.9, 0.98)[number % 3]
+            columns[f"c{number}"] = lfilter([np.sqrt(1 - pole**2)], [1, -pole], columns[f"c{number}"])
+        columns["c14"] = np.cumsum(rng.normal(size=count)) / np.sqrt(count)
+    columns["c1"] = 0.8 * columns["c0"] + 0.6 * columns["c1"]
+    columns["c3"] = 0.6 * columns["c2"] + 0.8 * columns["c3"]
+    return columns
+
+
+@cache
+def _fitted_torque() -> tuple[str, kf.ParameterSet, dict[str, Float], Mapping[str, Any]]:
+    bench = torque.bench()
+    data = {name: bench[name].values.copy() for name in bench}
+    text = TORQUE
+    settings = {
+        "node": "TorquePredict",
+        "smoothness": {"MapOptTorque": 100, "MapOptIgnition": 10, "CurveEtaDeltaSpark": 1e4, "MapDragTorque": 100},
+        "limits": {
+            **{"CurveEtaDeltaSpark": (0, 1), "MapOptTorque": (0, 600)},
+            **{"MapOptIgnition": (0, 60), "MapDragTorque": (0, 200)},
+        },
+        "pins": [kf.Pin("CurveEtaDeltaSpark", (0,), 1.0), kf.Pin("MapOptIgnition", (3700, 64), 32.5)],
+    }
+    fit = kf.calibrate(text, data, torque.start(), "Torque", **settings)
+    return text, fit.parameters, data, settings
+
+
+TORQUE = """trqOpt = MapOptTorque(Speed, Rel_Airmass)
+ignOpt = MapOptIgnition(Speed, Rel_Airmass)
+deltaSpark = ignOpt - Ignition
+etaSpark = CurveEtaDeltaSpark(deltaSpark)
+product = trqOpt * etaSpark
+dragTorque = MapDragTorque(Speed, Rel_Airmass)
+TorquePredict = product - dragTorque
+"""
+
+
+def _torque_case(rng: np.random.Generator, number: int) -> Case:
+    text, parameters, bench, settings = _fitted_torque()
+    data = {name: bench[name] for name in ("Speed", "Rel_Airmass", "Ignition")}
+    count, deviation = bench["Torque"].size, 1.8
+    bait = _bait(rng, count, timed=False)
+    node = ("product", "dragTorque", "ignOpt", "product", "dragTorque", "")[number % 6]
+    effect, channel = EFFECTS[(number + number // 6) % 3], f"c{(0, 2, 5, 6)[rng.integers(4)]}"
+    term = _shape(bait[channel], int(rng.integers(3)))
+    lines = dict(line.split(" = ", 1) for line in text.splitlines())
+    if node:
+        lines[node] = f"({lines[node]}) * (1 + k * term)" if node == "product" else f"{lines[node]} + k * term"
+    planted = "\n".join(f"{name} = {value}" for name, value in lines.items())
+    y = _planted(planted, "TorquePredict", data, term, parameters, effect * deviation if node else 0.0)
+    data = data | bait | {"Torque": y + _noise(rng, count, deviation, correlated=False)}
+    nodes = frozenset(TORQUE_EQUAL.get(node, set()))
+    return Case(f"torque {node}", text, [data], parameters, "Torque", channel if node else "", nodes, effect, settings)
+
+
+def _planted(
+    text: str, node: str, data: Mapping[str, Float], term: Float, parameters: kf.ParameterSet, effect: float
+) -> Float:
+    """Return the output of a function with a term, of such a size that its effect has this RMSE."""
+
+    def simulated(k: float) -> Float:
+        values = kf.ParameterSet([*parameters.values(), kf.Scalar("k", k)])
+        return kf.simulate(text, {**data, "term": term}, values)[node].values
+
+    if not effect:
+        return simulated(0.0) if "term" in text else kf.simulate(text, dict(data), parameters)[node].values
+    plain, unit = simulated(0.0), 1e-3
+    size = float(np.sqrt(np.mean((simulated(unit) - plain) ** 2)))
+    return simulated(unit * effect / size)
+
+
+def _exhaust_case(rng: np.random.Generator, number: int) -> Case:
+    text, target, inputs, parameters, pieces = _fitted_exhaust()
+    count = len(pieces[0]["time"])
+    deviation, correlated = 3.0, number % 2 == 1
+    node = ("settled", "output", "settled", "output", "settled", "")[number % 6]
+    effect, channel = EFFECTS[(number + number // 6) % 3], f"c{(0, 2, 5, 6)[rng.integers(4)]}"
+    names = {"settled": inputs["settled"], "output": inputs["output"]}
+    bait = [_bait(rng, count, timed=True) for _ in pieces]
+    whole = np.concatenate([own[channel] for own in bait])
+    which = int(rng.integers(3))
+    term = np.split(_shape(whole, which), len(pieces))
+    lines = dict(line.split(" = ", 1) for line in text.splitlines())
+    if node:
+        lines[names[node]] = f"{lines[names[node]]} + k * term"
+    planted = "\n".join(f"{name} = {value}" for name, value in lines.items())
+    data = []
+    for own, piece, part in zip(bait, pieces, term, strict=True):
+        y = _planted(planted, names["output"], piece, part, parameters, effect * deviation if node else 0.0)
+        data.append(piece | own | {target: y + _noise(rng, count, deviation, correlated=correlated)})
+    nodes = {"settled": {names["settled"]}, "output": {names["output"]}, "": set[str]()}[node]
+    settings = {"node": names["output"], "smoothness": inputs["smoothness"]}
+    label = f"exhaust {node}{' AR' if correlated else ''}"
+    return Case(label, text, data, parameters, target, channel if node else "", frozenset(nodes), effect, settings)
+
+
+STARTS = range(0, 26400, 8800)  # samples of the drive, cut into three
+
+
+@cache
+def _fitted_exhaust() -> tuple[str, str, dict[str, Any], kf.ParameterSet, list[dict[str, Float]]]:
+    import tempfile
+    from pathlib import Path
+
+    from kennfeld.project.demo.writing import write
+
+    with tempfile.TemporaryDirectory() as folder:
+        project = kf.Project.read(write("exhaust", Path(folder) / "demo"))
+        problem = project.problem()
+        text = (project.path.parent / project.file.model.file).read_text(encoding="utf-8")
+    lines = [line.split("#")[0].strip() for line in text.splitlines() if "=" in line.split("#")[0]]
+    plain = "\n".join(f"{line.split('=')[0].split('[')[0].strip()} = {line.split('=', 1)[1].strip()}" for line in lines)
+    data = problem.fitted_datasets[0]
+    names = [line.split(" = ")[0] for line in plain.splitlines()]
+    output = problem.criteria[0].node
+    settled = next(name for name in names if name != output)
+    target = problem.criteria[0].target.name
+    columns = {name: data[name].values for name in problem.model.graph.inputs} | {"time": data.time}
+    pieces = [{name: values[a : a + 8800] for name, values in columns.items()} for a in range(0, 18800, 8800)]
+    fitted = [piece | {target: data[target].values[a : a + 8800]} for a, piece in zip(STARTS, pieces, strict=True)]
+    smoothness = dict(problem.smoothness)
+    fit = kf.calibrate(plain, fitted, problem.parameters, target, node=output, smoothness=smoothness)
+    keys = {"settled": settled, "output": output, "smoothness": dict(problem.smoothness)}
+    return plain, target, keys, fit.parameters, pieces
+
+
+SURROGATE = """air = CurveAir(u)
+heat = MapHeat(u, v)
+level = PT1(air + heat, T)
+y = level * CurveGain(w)
+"""
+
+
+def _surrogate_case(rng: np.random.Generator, number: int) -> Case:
+    """Return a case of a function of one's own: two branches, a lag and a factor behind it."""
+    from scipy.signal import lfilter
+
+    count, deviation, correlated = 4000, 0.5, number % 2 == 0
+    grid = np.linspace(-2, 2, 6)
+    parameters = kf.ParameterSet(
+        [
+            kf.Curve("CurveAir", kf.Axis(grid, "u"), 5 + 2 * grid),
+            kf.Map("MapHeat", kf.Axis(grid, "u"), kf.Axis(grid, "v"), 3 + np.add.outer(np.sin(grid), grid**2)),
+            kf.Curve("CurveGain", kf.Axis(grid, "w"), 1 + 0.1 * grid),
+            kf.Scalar("T", 2.0),
+        ]
+    )
+    node = ("heat", "level", "y", "level", "heat", "")[number % 6]
+    effect, channel = EFFECTS[(number + number // 6) % 3], f"c{(0, 2, 5, 6)[rng.integers(4)]}"
+    lines = dict(line.split(" = ", 1) for line in SURROGATE.splitlines())
+    if node:
+        lines[node] = f"{lines[node]} + k * term" if node != "y" else f"{lines[node]} * (1 + k * term)"
+    planted = "\n".join(f"{name} = {value}" for name, value in lines.items())
+    data, which, pieces = [], int(rng.integers(3)), []
+    for _ in range(3):
+        own = {n: 2 * np.tanh(lfilter([0.2], [1, -0.98], rng.normal(size=count))) for n in "uvw"}
+        pieces.append(own | {"time": 0.1 * np.arange(count)} | _bait(rng, count, timed=True))
+    term = np.split(_shape(np.concatenate([piece[channel] for piece in pieces]), which), 3)
+    for piece, part in zip(pieces, term, strict=True):
+        y = _planted(planted, "y", piece, part, parameters, effect * deviation if node else 0.0)
+        data.append(piece | {"m": y + _noise(rng, count, deviation, correlated=correlated)})
+    nodes = {"heat": {"heat", "air"}, "level": {"level", "y"}, "y": {"y", "level"}, "": set[str]()}[node]
+    # what one table could take over from another
+    pins = [kf.Pin("CurveAir", (0.4,), 5.8), kf.Pin("CurveGain", (0.4,), 1.04)]
+    settings = {"node": "y", "smoothness": {"CurveAir": 0.1, "MapHeat": 0.1, "CurveGain": 0.1}, "pins": pins}
+    label = f"surrogate {node}{' AR' if correlated else ''}"
+    return Case(label, SURROGATE, data, parameters, "m", channel if node else "", frozenset(nodes), effect, settings)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was found in a case."""
+
+    case: Case
+    channel: bool
+    place: bool
+    false: int
+    closeness: float  # predicted RMSE over the fitted one, less 1
+    seconds: float
+
+
+def judge(case: Case) -> Outcome:
+    """Let `propose` look for the term of a case."""
+    began = time.perf_counter()
+    found = kf.propose(case.text, case.data, case.start, case.target, **case.settings)
+    seconds = time.perf_counter() - began
+    first = found[0] if found.proposals else None
+    wrong = [p for p in found.proposals if p.term.channel != case.channel or not case.channel]
+    channel = first is not None and bool(case.channel) and first.term.channel == case.channel
+    places = set() if first is None else {first.term.node, *(place.node for place in first.equal_places)}
+    close = (
+        np.nan
+        if first is None or first.term.kind not in ("add", "multiply")
+        else first.predicted / first.rmse.after - 1
+    )
+    return Outcome(case, channel, channel and bool(places & case.nodes), len(wrong), close, seconds)
+
+
+def by_splines(case: Case, points: int = 6) -> str:
+    """Return the channel that explains most of the residuals by a spline: today's habit."""
+    fit = kf.calibrate(case.text, case.data, case.start, case.target, **case.settings)
+    errors, columns = [], {}
+    for data in case.data:
+        values = kf.simulate(case.text, {n: v for n, v in data.items() if n != case.target}, fit.parameters)
+        errors.append(data[case.target] - values[case.settings["node"]].values)
+    r = np.concatenate(errors)
+    best, share = "", 0.0
+    for name in case.data[0]:
+        if name in (case.target, "time"):
+            continue
+        columns[name] = x = np.concatenate([data[name] for data in case.data])
+        knots = np.quantile(x, np.linspace(0.01, 0.99, points))
+        hats = np.array([np.interp(x, knots, row) for row in np.eye(points)]).T
+        left = r - hats @ np.linalg.lstsq(hats, r, rcond=None)[0]
+        explained = 1 - left @ left / (r @ r)
+        if explained > share:
+            best, share = name, explained
+    # F test at 1 % over all channels
+    from scipy.stats import f
+
+    ratio = share / points / ((1 - share) / (r.size - points))
+    return best if f.sf(ratio, points, r.size - points) * len(columns) < 0.01 else ""
+
+
+def by_boosting(case: Case) -> str:
+    """Return the most important channel of a boosted fit to the residuals, if it explains held-out ones."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from sklearn.inspection import permutation_importance
+
+    fit = kf.calibrate(case.text, case.data, case.start, case.target, **case.settings)
+    names = [name for name in case.data[0] if name not in (case.target, "time")]
+    rows = []
+    for data in case.data:
+        values = kf.simulate(case.text, {n: v for n, v in data.items() if n != case.target}, fit.parameters)
+        rows.append((np.array([data[n] for n in names]).T, data[case.target] - values[case.settings["node"]].values))
+    X, r = np.concatenate([x for x, _ in rows]), np.concatenate([y for _, y in rows])
+    cut = int(0.7 * r.size)
+    model = HistGradientBoostingRegressor(max_iter=100, random_state=0).fit(X[:cut], r[:cut])
+    if model.score(X[cut:], r[cut:]) <= 0:
+        return ""
+    importance = permutation_importance(model, X[cut:], r[cut:], n_repeats=3, random_state=0)
+    return names[int(np.argmax(importance.importances_mean))]
+
+
+def run(cap: float = 60.0) -> list[Table]:
+    """Run all planted cases with every method."""
+    outcomes = [judge(case) for case in cases()]
+    table = _table(outcomes)
+    peers = {"spline of the residuals a channel": by_splines}
+    if installed("sklearn"):
+        peers["boosting of the residuals, scikit-learn"] = by_boosting
+    for name, method in peers.items():
+        began = time.perf_counter()
+        picked = [(case, method(case)) for case in cases()]
+        each = (time.perf_counter() - began) / len(picked)
+        _add(
+            table,
+            name,
+            [
+                (case, got == case.channel and bool(got), False, bool(got) and got != case.channel)
+                for case, got in picked
+            ],
+            each,
+        )
+    return [table]
+
+
+def _table(outcomes: Sequence[Outcome]) -> Table:
+    columns = ("method", *(f"channel, {effect:g} deviations" for effect in EFFECTS), "place", "false", "time a case")
+    planted = [o for o in outcomes if o.case.channel]
+    table = Table(f"missing terms: {len(outcomes)} cases, {len(planted)} with one", columns)
+    rows = [(o.case, o.channel, o.place, o.false > 0) for o in outcomes]
+    _add(table, "Kennfeld propose", rows, float(np.mean([o.seconds for o in outcomes])))
+    close = np.array([o.closeness for o in outcomes if np.isfinite(o.closeness)])
+    table.notes = [f"Predicted RMSE of curves over the fitted one: {close.min():+.2%} to {close.max():+.2%}."]
+    return table
+
+
+def _add(table: Table, name: str, rows: Sequence[tuple[Case, bool, bool, bool]], seconds: float) -> None:
+    planted = [row for row in rows if row[0].channel]
+    by_effect = [[found for case, found, _, _ in planted if case.effect == effect] for effect in EFFECTS]
+    places = sum(place for _, _, place, _ in planted)
+    table.add(
+        name,
+        *(f"{sum(own)} of {len(own)}" for own in by_effect),
+        f"{places} of {len(planted)}" if places else "never",
+        f"{sum(false for *_, false in rows)} of {len(rows)}",
+        f"{seconds:.1f} s",
+    )
+
+
+if __name__ == "__main__":
+    import sys
+
+    for number, each in enumerate(cases(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0)):
+        got = judge(each)
+        marks = f"channel {got.channel}, place {got.place}, false {got.false}"
+        print(
+            number,
+            each.name,
+            each.channel or "-",
+            each.effect,
+            marks,
+            f"{got.closeness:+.2%}, {got.seconds:.0f} s",
+            flush=True,
+        )

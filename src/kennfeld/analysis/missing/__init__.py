@@ -1,0 +1,1 @@
+"""Terms that a function lacks, and where: candidates, their scores, refits, and patches of formula text."""

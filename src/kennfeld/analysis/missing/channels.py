@@ -1,0 +1,135 @@
+"""The channels of the data that may take part in terms, with their hat functions."""
+
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from kennfeld.analysis.missing.families import HatAxis
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.breakpoint_rounding import rounded, separated
+from kennfeld.domain.dataset import Dataset
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.preprocessing.quantiles import DigitCounts, Digits, count_digits, quantiles
+
+POINTS = 6  # breakpoints of a curve
+ENDS = 0.01  # share of the samples beyond each end
+MAX_GAPS = 0.05  # share of missing samples
+SAME = 0.999  # correlation with the target from which a channel says the same
+CLOSEST = 0.03  # distance of breakpoints, of the whole range
+
+
+@dataclass(frozen=True)
+class Channels:
+    """The channels that take part.
+
+    Attributes:
+        axes: their hat functions.
+        excluded: why others do not take part, by name.
+    """
+
+    axes: tuple[HatAxis, ...]
+    excluded: dict[str, str]
+
+    @classmethod
+    def of(cls, problem: Problem, patterns: Sequence[str] = ("*",), points: int = POINTS) -> "Channels":
+        """Return the channels of the training data.
+
+        Raises:
+            ArgumentError: a pattern matches no channel.
+        """
+        datasets = problem.fitted_datasets
+        known = dict.fromkeys(name for data in datasets for name in data)
+        inputs = {channel: name for name, channel in _inputs(problem).items()}
+        for pattern in patterns:
+            if not any(fnmatchcase(name, pattern) or inputs.get(name) == pattern for name in known):
+                remedy = nearest(pattern, known)
+                raise ArgumentError(f"channels: the training data have no channel {pattern}. {remedy}".strip())
+        asked = [n for n in known if any(fnmatchcase(n, p) or inputs.get(n) == p for p in patterns)]
+        axes: list[HatAxis] = []
+        excluded: dict[str, str] = {}
+        for name in asked:
+            reason = _reason(problem, datasets, name)
+            steps = () if reason else _points(problem, name, points)
+            if reason or len(steps) < 2:
+                excluded[name] = reason or "it is constant"
+            else:
+                axes.append(HatAxis(inputs.get(name, name), name, steps))
+        return cls(tuple(axes), excluded)
+
+
+def _inputs(problem: Problem) -> dict[str, str]:
+    """Return the channel of each input of the function."""
+    return {name: problem.channels.get(name, name) for name in problem.model.graph.inputs}
+
+
+def _targets(problem: Problem) -> set[str]:
+    """Return the channels that are the target of a criterion."""
+    kinds = [c for c in problem.criteria if c.target.kind != "number" and problem.target_node(c) is None]
+    return {c.target.name for c in kinds}
+
+
+def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
+    """Return why a channel cannot take part; "" if it can."""
+    targets = _targets(problem)
+    if name in targets:
+        return "it is the target"
+    graph = problem.model.graph
+    if name in graph.names or name in graph.parameters:
+        return "a node or a parameter of the function has its name"
+    if not all(name in data for data in datasets):
+        lacking = next(data.name for data in datasets if name not in data)
+        return f"dataset {lacking} has no such channel"
+    values = np.concatenate([data[name].values[data.counting] for data in datasets])
+    missing = float(np.mean(~np.isfinite(values))) if values.size else 1.0
+    if missing > MAX_GAPS:
+        return f"{missing:.0%} of its samples are missing"
+    for target in sorted(targets):
+        if name not in _inputs(problem).values() and (r := _correlation(datasets, name, target)) > SAME:
+            return f"its correlation with the target {target} is {r:.4f}"
+    return ""
+
+
+def _correlation(datasets: Sequence[Dataset], name: str, other: str) -> float:
+    both = [data for data in datasets if other in data]
+    if not both:
+        return 0.0
+    x, y = (np.concatenate([data[each].values[data.counting] for data in both]) for each in (name, other))
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[known] - x[known].mean() if known.any() else x[:0], y[known] - y[known].mean() if known.any() else y[:0]
+    size = np.sqrt((x @ x) * (y @ y))
+    return float(abs(x @ y) / size) if size > 0 else 0.0
+
+
+def _points(problem: Problem, name: str, points: int) -> tuple[float, ...]:
+    """Return round breakpoints at quantiles of all training samples; those of few different numbers are these."""
+    shares = np.linspace(ENDS, 1 - ENDS, points)
+
+    def run(digits: Digits) -> Iterator[DigitCounts]:
+        return problem.each(_count, name, digits)
+
+    if problem.partitions is None:
+        values = np.concatenate([data[name].values[data.counting] for data in problem.fitted_datasets])
+        values = values[np.isfinite(values)]
+        found = np.quantile(values, shares) if values.size else np.zeros(0)
+    else:
+        found = quantiles(run, shares)
+    found = np.unique(found)
+    return tuple(float(x) for x in _spread(rounded(separated(found)).points)) if found.size > 1 else ()
+
+
+def _spread(points: Float) -> Float:
+    """Return points without those that are close to the one before."""
+    least = CLOSEST * (points[-1] - points[0])
+    kept = [points[0]]
+    for point in points[1:-1]:
+        if point - kept[-1] > least and points[-1] - point > least:
+            kept.append(point)
+    return np.array([*kept, points[-1]])
+
+
+def _count(problem: Problem, name: str, digits: Digits) -> DigitCounts:
+    return count_digits([data[name].values[data.counting] for data in problem.fitted_datasets], digits)

@@ -1,0 +1,166 @@
+"""Families of candidates: columns that are hat functions of channels, or series in time, times the slope by a node."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.analysis.missing.probes import Probes, factor, offset
+from kennfeld.analysis.missing.terms import Kind, MissingTerm
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.models.formula.functions import FUNCTIONS
+from kennfeld.native.hat_products import MAX_FACTORS
+
+T = TypeVar("T")  # Python 3.11
+
+MAX_ENTRIES = 4_000_000  # of the products of the values with the columns of a family, 32 MB
+MAX_COLUMNS = 1536  # with states, a row of a sample has all columns of a family
+
+
+@dataclass(frozen=True)
+class HatAxis:
+    """The hat functions of a channel, one for each breakpoint.
+
+    >>> cells, shares = HatAxis("x", "x", (0.0, 1.0, 3.0)).locate(np.array([-1.0, 0.5, 2.0]))
+    >>> cells.tolist(), shares.tolist()
+    ([0, 0, 1], [0.0, 0.5, 0.5])
+    """
+
+    name: str  # the input of the function
+    channel: str  # of the data
+    points: tuple[float, ...]
+
+    def locate(self, values: Float) -> tuple[Int, Float]:
+        """Return the number of the hat before each value, and the weight of the next one; Float[samples] each."""
+        points = np.array(self.points)
+        cells = np.clip(np.searchsorted(points, values, side="right") - 1, 0, points.size - 2)
+        shares = np.clip((values - points[cells]) / np.diff(points)[cells], 0.0, 1.0)
+        return cells, shares
+
+
+@dataclass(frozen=True)
+class Series:
+    """A change of a node in time: that by a lag or a delay."""
+
+    node: str
+    kind: Kind
+    seconds: float = 0.0
+    steps: int = 0
+
+    @property
+    def name(self) -> str:
+        """The name of the node that computes it; no formula text can contain it."""
+        return f"\0{self.node} {self.kind} {self.seconds!r} {self.steps}"
+
+
+@dataclass(frozen=True)
+class Family:
+    """Candidates that are scored together: each factor with each axis.
+
+    Attributes:
+        factors: names of the probes whose slopes are the factors.
+        terms: by factor, then by axis.
+        axes: of channels; none if the columns are series.
+        series: what each factor is multiplied with, if there are no axes.
+    """
+
+    factors: tuple[str, ...]
+    terms: tuple[tuple[MissingTerm, ...], ...]
+    axes: tuple[HatAxis, ...] = ()
+    series: tuple[Series, ...] = ()
+
+    @property
+    def hats(self) -> tuple[int, ...]:
+        """Number of hats of each axis."""
+        return tuple(len(axis.points) for axis in self.axes) or (1,)
+
+
+def channel_families(
+    probes: Probes, axes: Sequence[HatAxis], kinds: Sequence[Kind], constant: frozenset[str], values: int
+) -> Iterator[Family]:
+    """Yield the families of curves of channels.
+
+    Args:
+        probes: the nodes.
+        axes: the channels.
+        kinds: the forms of terms that take part.
+        constant: nodes that are constant, to which adding a curve is the same as scaling by it.
+        values: number of free values.
+    """
+    names: dict[Kind, Callable[[int], str]] = {"add": offset, "multiply": factor}
+    pairs = [
+        (name(number), node, kind)
+        for number, node in enumerate(probes.nodes)
+        for kind, name in names.items()
+        if kind in kinds and not (kind == "add" and node in constant and "multiply" in kinds)
+    ]
+    for some in _groups(pairs, MAX_FACTORS):
+        most = max(min(MAX_ENTRIES // max(values, 1), MAX_COLUMNS) // len(some), 1)
+        for own in _by_hats(axes, most):
+            terms = tuple(
+                tuple(MissingTerm(node, kind, axis.name, axis.points) for axis in own) for _, node, kind in some
+            )
+            yield Family(tuple(name for name, _, _ in some), terms, own)
+
+
+def _by_hats(axes: Sequence[HatAxis], most: int) -> Iterator[tuple[HatAxis, ...]]:
+    group: list[HatAxis] = []
+    for axis in axes:
+        if group and sum(len(each.points) for each in [*group, axis]) > most:
+            yield tuple(group)
+            group = []
+        group.append(axis)
+    if group:
+        yield tuple(group)
+
+
+def _groups(items: Sequence[T], most: int) -> Iterator[Sequence[T]]:
+    for first in range(0, len(items), most):
+        yield items[first : first + most]
+
+
+def series_families(probes: Probes, series: Sequence[Series], samples: int, most: int = 8_000_000) -> Iterator[Family]:
+    """Yield the families of lags and delays, whose series of `samples` numbers need at most `most` numbers together."""
+    for own in _groups(series, max(min(MAX_FACTORS, most // max(samples, 1)), 1)):
+        terms = tuple((MissingTerm(each.node, each.kind, seconds=each.seconds, steps=each.steps),) for each in own)
+        factors = tuple(offset(probes.nodes.index(each.node)) for each in own)
+        yield Family(factors, terms, series=tuple(own))
+
+
+def with_series(graph: Graph, series: Sequence[Series]) -> Graph:
+    """Return a graph with the named nodes that compute series."""
+    b = GraphBuilder.of(graph)
+    names = dict(graph.names)
+    for each in series:
+        node = names[each.node]
+        if each.kind == "lag":
+            changed = int(FUNCTIONS["PT1"].rule(b, node, b.const(each.seconds), node))
+        else:
+            changed = b.prev(node, node, each.steps)
+        names[each.name] = b.call("sub", changed, node)
+    b.settle()
+    return b.finish(names, graph.units, graph.outputs)
+
+
+def located(axes: Sequence[HatAxis], columns: Mapping[str, Float], numbers: Int) -> tuple[NDArray[np.int32], Float]:
+    """Return for some samples the first hat of each axis, counted over all axes, and the weight of the next one.
+
+    Args:
+        axes: of channels; without any, each sample has the one hat of weight 1.
+        columns: the channels, Float[all samples] each.
+        numbers: of the samples.
+
+    Returns:
+        Shapes (samples, axes) each.
+    """
+    cells = np.zeros((numbers.size, max(len(axes), 1)), dtype=np.int32)
+    shares = np.zeros(cells.shape)
+    first = 0
+    for at, axis in enumerate(axes):
+        own, shares[:, at] = axis.locate(columns[axis.channel][numbers])
+        cells[:, at] = own + first
+        first += len(axis.points)
+    return cells, shares

@@ -1,0 +1,238 @@
+"""The result of a search for missing terms."""
+
+from dataclasses import field
+from typing import Any
+
+import numpy as np
+
+from kennfeld.analysis.missing.refit import Addition
+from kennfeld.analysis.missing.terms import Kind, MissingTerm
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.numeric import finite_or_none
+from kennfeld.domain.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class EqualPlace:
+    """A term that explains the same as the one that is proposed."""
+
+    node: str
+    kind: Kind
+    channel: str = ""
+
+
+@dataclass(frozen=True)
+class RmseChange:
+    """An RMSE without a term and with it."""
+
+    before: float
+    after: float
+
+    @property
+    def explained(self) -> float:
+        """The RMSE of what the term explains, sqrt(before^2 - after^2); negative if it makes the errors larger.
+
+        >>> round(RmseChange(3.57, 3.47).explained, 2)
+        0.84
+        """
+        squares = self.before**2 - self.after**2
+        return float(np.copysign(np.sqrt(abs(squares)), squares))
+
+    def as_json(self) -> dict[str, float | None]:
+        """Return both numbers."""
+        return {"before": _rounded(self.before), "after": _rounded(self.after)}
+
+    def __str__(self) -> str:
+        return f"{self.before:.4g} -> {self.after:.4g}"
+
+
+@dataclass(frozen=True)
+class TermProposal:
+    """A term that a function lacks.
+
+    Attributes:
+        term: the term.
+        equal_places: others that the data cannot tell from it.
+        rmse: on the training data, after a fit with the term.
+        held_out: on held-out parts of the training data.
+        held_name: what was held out, such as `files`.
+        test: on the test data; None without.
+        predicted: RMSE on the training data before any fit with the term.
+        probability: of such a gain without a missing term, times the number of candidates.
+        parameter: the new parameter, fitted; None for a delay.
+        better: number of held-out parts that the term makes better.
+        parts: number of held-out parts.
+        unit: of the RMSE.
+        location: where the node is in the source of the function.
+        patch: the change of the formula text and the project file, as text.
+        addition: how it is added to the problem.
+
+    >>> from kennfeld import Project
+    >>> proposals = Project.read("kennfeld.toml").propose(kinds=["lag"])
+    >>> [proposal.text for proposal in proposals]
+    []
+    """
+
+    term: MissingTerm
+    equal_places: tuple[EqualPlace, ...]
+    rmse: RmseChange
+    held_out: RmseChange
+    held_name: str
+    test: RmseChange | None
+    predicted: float
+    probability: float
+    parameter: Parameter | None
+    better: int
+    parts: int
+    unit: str = ""
+    location: str = ""
+    patch: str = ""
+    addition: Addition | None = field(default=None, repr=False)
+
+    @property
+    def change(self) -> str:
+        """The change, in words.
+
+        >>> from kennfeld.analysis.missing.proposal import describe
+        >>> describe(MissingTerm("dragTorque", "multiply", "Throttle"))
+        'Scale dragTorque by a curve of Throttle'
+        """
+        value = None if self.parameter is None or self.term.kind != "lag" else float(self.parameter.values)
+        return describe(self.term, value)
+
+    @property
+    def text(self) -> str:
+        """The proposal as one sentence."""
+        unit = f" {self.unit}" if self.unit and self.unit != "-" else ""
+        return f"{self.change}: RMSE {self.rmse}{unit}; held-out {self.held_name} {self.held_out}."
+
+    @property
+    def remark(self) -> str:
+        """The other places that explain as much, in words; "" if none do."""
+        nodes = list(dict.fromkeys(place.node for place in self.equal_places if place.node != self.term.node))
+        if not nodes:
+            return ""
+        names = ", ".join([self.term.node, *nodes[:-1]]) + f" and {nodes[-1]}"
+        return f"The data cannot tell {names} apart: choose by physics."
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of `kennfeld propose --json`."""
+        nodes = dict.fromkeys(place.node for place in self.equal_places)
+        return {
+            "node": self.term.node,
+            "kind": self.term.kind,
+            "channel": self.term.channel,
+            "text": self.text,
+            "equal_places": [name for name in nodes if name != self.term.node],
+            "rmse": self.rmse.as_json(),
+            "held_out": self.held_out.as_json(),
+            "patch": self.patch,
+            "explains": _rounded(self.held_out.explained),
+            "test": None if self.test is None else self.test.as_json(),
+            "predicted": _rounded(self.predicted),
+            "probability": float(f"{self.probability:.2e}"),
+            "parts": {"better": self.better, "all": self.parts},
+            "location": self.location,
+            "seconds": _rounded(self.term.seconds) if self.term.kind == "lag" else None,
+            "steps": self.term.steps or None,
+            "breakpoints": list(self.term.breakpoints),
+            "values": [] if self.parameter is None else _rounded_together(self.parameter.values.ravel()),
+        }
+
+
+def describe(term: MissingTerm, seconds: float | None = None) -> str:
+    """Return what a term does to its node, in words."""
+    if term.kind == "lag":
+        return f"Delay {term.node} by a PT1 of about {term.seconds if seconds is None else seconds:.3g} s"
+    if term.kind == "delay":
+        return f"Delay {term.node} by {term.steps} step{'s' * (term.steps != 1)}"
+    verb, preposition = ("Add", "to") if term.kind == "add" else ("Scale", "by")
+    curve = f"a curve of {term.channel}"
+    return f"{verb} {curve} {preposition} {term.node}" if term.kind == "add" else f"{verb} {term.node} by {curve}"
+
+
+@dataclass(frozen=True)
+class TermProposals:
+    """The terms that a function lacks, the best one first.
+
+    Attributes:
+        proposals: each of them alone would make the function better on data that its fit has not seen.
+        smallest_effect: RMSE of the least effect that would have been seen.
+        status: `found`, `none`, or `failed` if the function could not be judged.
+        message: the status as a sentence.
+        candidates: number of terms that were scored.
+        share_left: share of the cost that the values themselves would still take off.
+        share: share of the cost that the best candidate would take off, if it is significant.
+        best: the best candidate, in words, if it is significant.
+        rejected: significant candidates that were no better on held-out data, in words.
+        excluded: channels that take no part, with the reason.
+        remarks: what else there is to know.
+        seconds: time of the scores, and of the fits.
+        unit: of the RMSE.
+
+    >>> from kennfeld import propose
+    >>> x, z = np.tile([0.0, 1.0, 2.0, 3.0], 50), np.repeat(np.arange(10.0), 20)
+    >>> proposals = propose("y = a * x", {"x": x, "z": z, "m": 2 * x + z}, {"a": 0.0}, target="m", kinds=["add"])
+    >>> len(proposals), proposals.status
+    (1, 'found')
+    """
+
+    proposals: tuple[TermProposal, ...]
+    smallest_effect: float
+    status: str
+    message: str
+    candidates: int = 0
+    share_left: float = 0.0
+    share: float = 0.0
+    best: str = ""
+    rejected: tuple[str, ...] = ()
+    excluded: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    seconds: tuple[float, float] = (0.0, 0.0)
+    unit: str = ""
+
+    def __len__(self) -> int:
+        return len(self.proposals)
+
+    def __getitem__(self, at: int) -> TermProposal:
+        return self.proposals[at]
+
+    def lines(self) -> list[str]:
+        """Return the result as lines of text."""
+        lines = list(self.remarks)
+        for number, proposal in enumerate(self.proposals, 1):
+            lines.append(f"{number}  {proposal.text}")
+            lines += [f"   {proposal.remark}"] if proposal.remark else []
+        lines += [f"-  {text}" for text in self.rejected]
+        return [*lines, self.message]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what `kennfeld propose --json` prints."""
+        return {
+            "proposals": [proposal.as_json() for proposal in self.proposals],
+            "smallest_effect": _rounded(self.smallest_effect),
+            "status": self.status,
+            "message": self.message,
+            "candidates": self.candidates,
+            "share": _rounded(self.share),
+            "share_left": round(self.share_left, 9),
+            "rejected": list(self.rejected),
+            "excluded": self.excluded,
+            "remarks": list(self.remarks),
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def _rounded_together(values: Float) -> list[float | None]:
+    """Return numbers with six digits of the largest of them."""
+    largest = float(np.abs(values).max(initial=0.0)) or 1.0
+    return [_rounded(round(value / largest, 6) * largest) for value in values.tolist()]
+
+
+def _rounded(number: float) -> float | None:
+    """Return a number with six digits, so that the order in which parts of the data are added does not show."""
+    rounded: float | None = finite_or_none(float(f"{number:.6g}"))
+    return rounded

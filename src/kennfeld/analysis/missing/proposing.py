@@ -1,0 +1,439 @@
+"""`propose`: the terms that a function lacks."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kennfeld.analysis.missing.candidate_sums import (
+    BlockSums,
+    FamilySums,
+    block_sums,
+    family_sums,
+    merged,
+    merged_blocks,
+)
+from kennfeld.analysis.missing.channels import Channels
+from kennfeld.analysis.missing.families import Family, Series, channel_families, series_families
+from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
+from kennfeld.analysis.missing.proposal import EqualPlace, RmseChange, TermProposal, TermProposals, describe
+from kennfeld.analysis.missing.refit import (
+    Addition,
+    HeldOut,
+    held_out_squares,
+    hold_out,
+    mean_squares,
+    pooled,
+    refit_options,
+)
+from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
+from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist, significant
+from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind
+from kennfeld.base.arrays import ignore_floating_errors
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import blas_threads
+from kennfeld.domain.dataset import Use
+from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.problem.options import Options
+from kennfeld.optimize.problem.partitions import Partition, join_files
+from kennfeld.optimize.problem.problem import Problem, bound_time_constants
+from kennfeld.optimize.problem.setup import ProblemSetup
+from kennfeld.optimize.search.isolated_call import isolated
+from kennfeld.optimize.search.multistart import run
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
+from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+
+BLOCKS = 40  # of recordings in time, from which the dispersion of scores follows
+LAGS = 10  # time constants that are tried
+DELAYS = (1, 2, 3, 5, 8, 13, 21, 34, 55)  # steps that are tried
+LONGEST = 0.1  # share of a recording, of a lag or a delay
+UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
+MARGIN = 5e-3  # of the held-out RMSE, by which a term must lower it
+FEWEST = 20  # samples more than there are values
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class SearchScope:
+    """The channels, nodes and kinds of terms that take part."""
+
+    channels: Sequence[str] = ("*",)
+    nodes: Sequence[str] = ("*",)
+    kinds: Sequence[Kind] = KINDS
+    least: float = 0.0
+
+    def check(self) -> None:
+        """Raise `ArgumentError` if a kind is unknown or a pattern is not in a list."""
+        for name, patterns in (("channels", self.channels), ("nodes", self.nodes), ("kinds", self.kinds)):
+            if isinstance(patterns, str):
+                raise ArgumentError(f"{name}={patterns!r} must be a list: {name}=[{patterns!r}]")
+        for kind in self.kinds:
+            if kind not in KINDS:
+                remedy = nearest(kind, KINDS) or f"Use {', '.join(KINDS)}."
+                raise ArgumentError(f"kinds: unknown kind {kind!r}. {remedy}")
+        if not self.least >= 0:
+            raise ArgumentError(f"least must be >= 0, got {self.least!r}")
+
+
+def propose(
+    model: Any,
+    data: Any = None,
+    parameters: Any = None,
+    target: str | float | None = None,
+    *,
+    channels: Sequence[str] = ("*",),
+    nodes: Sequence[str] = ("*",),
+    kinds: Sequence[Kind] = KINDS,
+    least: float = 0.0,
+    options: Options | None = None,
+    report: Report | None = None,
+    **arguments: Any,
+) -> TermProposals:
+    """Find terms that a function lacks: which channel or lag, and at which node.
+
+    All candidates are scored by one linearisation. The best five are fitted, and those that make the errors smaller on
+    held-out parts of the training data are proposed.
+
+    Args:
+        model: a `Problem`, such as `Project.problem()` gives; or the model, with `data`, `parameters` and all else as
+            in `calibrate`. Channels that the function does not read take part as well.
+        data: training data.
+        parameters: the calibration. It is fitted further if that lowers the cost by a thousandth or more.
+        target: the channel that the model's output shall follow.
+        channels: glob patterns of the channels that take part.
+        nodes: glob patterns of the nodes that take part.
+        kinds: `add` and `multiply` by a curve of a channel, `lag` by a PT1, `delay` by steps.
+        least: effect that a proposal must explain on held-out data, in the unit of the target.
+        options: of the fits.
+        report: called with lines of text on the progress.
+        arguments: as in `calibrate`.
+
+    Returns:
+        The proposals, the best one first; none if nothing is missing that the channels explain.
+
+    Raises:
+        InputError: the input cannot be used.
+
+    >>> x, z = np.tile([0.0, 1.0, 2.0, 3.0], 50), np.repeat(np.arange(10.0), 20)
+    >>> found = propose("y = a + b * x", {"x": x, "z": z, "m": 1 + 2 * x + z}, {"a": 0.0, "b": 0.0}, target="m")
+    >>> found[0].change
+    'Add a curve of z to y'
+    """
+    scope = SearchScope(channels, nodes, kinds, least)
+    scope.check()
+    if isinstance(model, Problem):
+        if arguments or data is not None or parameters is not None or target is not None:
+            raise ArgumentError("propose(problem) accepts only channels, nodes, kinds, least, options and report")
+        problem = model
+    else:
+        problem = ProblemSetup(model, data, parameters, target, **arguments).problem()
+    return find_terms(problem, scope, options or Options(), report or (lambda line: None))
+
+
+@isolated
+def find_terms(problem: Problem, scope: SearchScope, options: Options, report: Report) -> TermProposals:
+    """Return the terms that a problem lacks; see `propose`."""
+    with ignore_floating_errors():
+        return _TermSearch(problem, scope, refit_options(options), report).proposals()
+
+
+@dataclass(frozen=True)
+class Scored:
+    """The scores of all candidates of a problem.
+
+    Attributes:
+        scores: of the candidates.
+        own_share: share of the cost that the values themselves would take off.
+        cost: of the data and of the roughness.
+        weights: sum of the weights; the cost of the data divided by it is a mean square.
+        smallest: cost of the least effect of a curve that is significant.
+        problem: with the values at which it is linearised.
+    """
+
+    scores: tuple[TermScore, ...]
+    own_share: float
+    data_cost: float
+    weights: float
+    smallest: float
+
+    @property
+    def share(self) -> float:
+        """Share of the cost that the best significant candidate takes off; 0 without one."""
+        best = significant(self.scores)[:1]
+        return best[0].gain / self.data_cost if best and self.data_cost > 0 else 0.0
+
+
+def score_problem(problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind]) -> Scored:
+    """TermScore all candidates at the values of a problem.
+
+    Args:
+        problem: with its values, without automatic settings.
+        channels: that take part.
+        nodes: that take part.
+        kinds: that take part.
+    """
+    probes = Probes.of(problem, nodes.names)
+    compiled = CompiledProblem(probes.problem)
+    full = compiled.start
+    held = HoldoutBlocks.of(compiled, BLOCKS)
+    divisions, blocks = (held.divisions, held.sizes.size) if held is not None else ({}, 0)
+    own: Sequence[BlockSums] = [*compiled.each(block_sums, full, divisions, blocks)]
+    names = [name for number in range(len(nodes.names)) for name in (offset(number), factor(number))]
+    with blas_threads(compiled.values.free):
+        linear = Linearisation(compiled, full, merged_blocks(own), names)
+        scores: list[TermScore] = []
+        for family in _families(problem, probes, channels, nodes, kinds, compiled):
+            sums: FamilySums = merged(compiled.each(family_sums, family, full, divisions, blocks))
+            scores += linear.scores(family, sums)
+    dispersions = [score.dispersion for score in scores] or [linear.variance]
+    freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
+    typical = float(np.median(dispersions))
+    smallest = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
+    share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
+    return Scored(tuple(scores), share, linear.cost, compiled.weights, smallest)
+
+
+def _families(
+    problem: Problem,
+    probes: Probes,
+    channels: Channels,
+    nodes: Nodes,
+    kinds: Sequence[Kind],
+    compiled: CompiledProblem,
+) -> Sequence[Family]:
+    of_channels = [kind for kind in kinds if kind in OF_CHANNELS]
+    families = [*channel_families(probes, channels.axes, of_channels, nodes.constant, compiled.values.free)]
+    moving = [name for name in nodes.names if name not in nodes.constant]
+    return [*families, *series_families(probes, _series(problem, moving, kinds), compiled.sample_count)]
+
+
+def _series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind]) -> list[Series]:
+    """Return the lags and delays that are tried, if all training data have time."""
+    datasets = problem.fitted_datasets
+    if any(data.time is None or data.settling is not None for data in datasets):
+        return []
+    steps = [float(np.median(np.diff(data.time))) for data in datasets if data.time is not None and data.samples > 1]
+    pieces = [piece.stop - piece.start for data in datasets for piece in data.pieces]
+    if problem.partitions is not None:
+        pieces = [part.last - part.first for each in problem.partitions.training for part in each.parts]
+    if not steps or max(pieces, default=0) < 10:
+        return []
+    step, longest = float(np.median(steps)), LONGEST * max(pieces)
+    constants = np.geomspace(2 * step, max(longest * step, 4 * step), LAGS)
+    lags = [float(f"{seconds:.2g}") for seconds in constants] if "lag" in kinds else []
+    delays = [count for count in DELAYS if count <= longest] if "delay" in kinds else []
+    return [
+        *(Series(node, "lag", seconds=seconds) for node in nodes for seconds in dict.fromkeys(lags)),
+        *(Series(node, "delay", steps=count) for node in nodes for count in delays),
+    ]
+
+
+class _TermSearch:
+    def __init__(self, problem: Problem, scope: SearchScope, options: Options, report: Report) -> None:
+        self._scope, self._options, self._report = scope, options, report
+        self._remarks: list[str] = []
+        self._began = time.perf_counter()
+        self._base = self._fitted(_with_whole_files(problem))
+        self._unit = _unit(problem)
+
+    def _fitted(self, problem: Problem) -> tuple[Problem, Result]:
+        """Return the problem at its minimum, with automatic settings as they were chosen, and the fit."""
+        self._report("fitting the function as it is")
+        result = run(problem, self._options)
+        if result.cost_before - result.cost_after > UNFINISHED * result.cost_after:
+            text = f"The values were fitted further first: cost {result.cost_before:.4g} -> {result.cost_after:.4g}."
+            self._remarks.append(text)
+        if not result.converged:
+            self._remarks.append(f"That fit ended early ({result.status}): {result.message}")
+        return settled_problem(problem, result), result
+
+    def proposals(self) -> TermProposals:
+        problem, result = self._base
+        samples = mean_squares(result.quality, "training")[1]
+        if samples < problem.free_size + FEWEST:
+            message = f"{samples} samples are too few for {problem.free_size} values: no term can be judged."
+            return TermProposals((), 0.0, "failed", message, remarks=tuple(self._remarks), unit=self._unit)
+        channels = Channels.of(problem, self._scope.channels)
+        nodes = Nodes.of(problem, self._scope.nodes)
+        if nodes.left_out:
+            self._remarks.append(f"The last {len(nodes.names)} nodes took part, not {nodes.left_out} others.")
+        self._report("scoring candidates")
+        scored = score_problem(problem, channels, nodes, self._scope.kinds)
+        if scored.own_share > UNFINISHED:
+            self._remarks.append(f"{scored.own_share:.1%} of the cost is still to be had from the values themselves.")
+        groups = shortlist(scored.scores)
+        seconds = time.perf_counter() - self._began
+        kept, rejected = self._judged(groups, scored) if groups else ([], [])
+        kept.sort(key=lambda proposal: float(f"{proposal.held_out.after:.6g}"))
+        kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
+        smallest = float(np.sqrt(scored.smallest / scored.weights))
+        return TermProposals(
+            tuple(kept),
+            smallest,
+            "found" if kept else "none",
+            self._message(kept, smallest),
+            len(scored.scores),
+            scored.own_share,
+            scored.share,
+            describe(groups[0].best.term) if groups else "",
+            tuple(rejected),
+            channels.excluded,
+            tuple(self._remarks),
+            (seconds, time.perf_counter() - self._began - seconds),
+            self._unit,
+        )
+
+    def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:
+        unit = f" {self._unit}" if self._unit else ""
+        least = max(smallest, self._scope.least)
+        if kept:
+            return f"Effects from {least:.3g}{unit} on would have been seen."
+        return f"Nothing is missing that these channels explain; an effect of {least:.3g}{unit} would have been seen."
+
+    def _judged(self, groups: Sequence[CandidateGroup], scored: Scored) -> tuple[list[TermProposal], list[str]]:
+        """Return the proposals, and in words the candidates that are no better on data that their fit has not seen."""
+        problem, _ = self._base
+        self._report("fitting the function to parts of the data")
+        name, parts = hold_out(problem, self._options)
+        kept, rejected = [], []
+        for number, group in enumerate(groups, 1):
+            self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
+            addition = Addition.of(problem, group.best)
+            change = self._held_out(name, parts, addition)
+            reason = self._fault(change)
+            if reason:
+                rejected.append(f"{describe(group.best.term)}: {reason}")
+            else:
+                kept.append(self._proposal(group, scored, addition, change))
+        return kept, rejected
+
+    def _independent(
+        self,
+        kept: Sequence[TermProposal],
+        rejected: list[str],
+        channels: Channels,
+        nodes: Nodes,
+        candidates: int,
+    ) -> list[TermProposal]:
+        """Return the proposals that explain what the better ones leave, and are not mere copies of what these do."""
+        chosen: list[TermProposal] = []
+        problem = self._base[0]
+        for proposal in kept:
+            if chosen and not (
+                self._is_significant(problem, proposal, channels, nodes, candidates)
+                and self._is_better_still(problem, proposal)
+            ):
+                rejected.append(f"{proposal.change}: explains what better proposals explain")
+                continue
+            chosen.append(proposal)
+            if len(kept) > 1 and proposal.addition is not None:
+                self._report(f"fitting the function with {len(chosen)} of the proposals")
+                extended = proposal.addition.to(problem, problem.parameters)
+                problem = replace(extended, parameters=run(extended, self._options).parameters)
+        return chosen
+
+    def _is_significant(
+        self, problem: Problem, proposal: TermProposal, channels: Channels, nodes: Nodes, candidates: int
+    ) -> bool:
+        term = proposal.term
+        own = Channels(tuple(axis for axis in channels.axes if axis.name == term.channel), {})
+        place = Nodes((term.node,), nodes.constant & {term.node})
+        scores = score_problem(problem, own, place, [term.kind]).scores
+        return min((score.p for score in scores), default=1.0) * candidates < LEVEL
+
+    def _is_better_still(self, problem: Problem, proposal: TermProposal) -> bool:
+        """Return if a proposal lowers the error on held-out parts of the function with the better ones."""
+        if proposal.addition is None:
+            return False
+        name, parts = hold_out(problem, self._options)
+        return not self._fault(self._held_out(name, parts, proposal.addition))
+
+    def _held_out(self, name: str, parts: Sequence[HeldOut], addition: Addition) -> "HeldOutChange":
+        """Return the errors on held-out parts, up to the part with which they can no longer be lower."""
+        squares = held_out_squares(parts, addition, self._options)
+        before = pooled([part.squares for part in parts[: len(squares)]], parts)
+        better = sum(after < part.squares for after, part in zip(squares, parts, strict=False))
+        return HeldOutChange(RmseChange(before, pooled(squares, parts)), name, better, len(parts), len(squares))
+
+    def _fault(self, held: "HeldOutChange") -> str:
+        """Return why a candidate is not proposed, given its errors on all held-out parts; "" if it is."""
+        if held.tried < held.parts:
+            return f"no better on held-out {held.name} ({held.rmse})"
+        # of most parts, not of one alone that is far off
+        if not held.rmse.after < (1 - MARGIN) * held.rmse.before or 2 * held.better <= held.parts:
+            return f"no better on held-out {held.name} ({held.rmse}, better in {held.better} of {held.parts} parts)"
+        if held.rmse.explained < self._scope.least:
+            return f"explains {held.rmse.explained:.3g} on held-out {held.name}, less than {self._scope.least:g}"
+        return ""
+
+    def _proposal(
+        self, group: CandidateGroup, scored: Scored, addition: Addition, held: "HeldOutChange"
+    ) -> TermProposal:
+        problem, result = self._base
+        term = group.best.term
+        refit = run(addition.to(problem, problem.parameters), self._options)
+        parameter = None if addition.parameter is None else refit.parameters[addition.parameter.name]
+        if parameter is not None and term.kind == "lag":
+            term = replace(term, seconds=float(parameter.values))
+        test = _change(result, refit, "test")
+        location = problem.model.locations.get(term.node)
+        return TermProposal(
+            term=term,
+            equal_places=tuple(EqualPlace(s.term.node, s.term.kind, s.term.channel) for s in group.equal),
+            rmse=_change(result, refit, "training"),
+            held_out=held.rmse,
+            held_name=held.name,
+            test=None if np.isnan(test.before) else test,
+            predicted=float(np.sqrt(max(group.best.predicted, 0.0) / scored.weights)),
+            probability=min(group.best.p * len(scored.scores), 1.0),
+            parameter=parameter,
+            better=held.better,
+            parts=held.parts,
+            unit=self._unit,
+            location="" if location is None else str(location),
+            addition=addition,
+        )
+
+
+class HeldOutChange(NamedTuple):
+    """The errors on the held-out parts that were tried, what was held out, and how many parts are better."""
+
+    rmse: RmseChange
+    name: str
+    better: int
+    parts: int
+    tried: int
+
+
+def _change(before: Result, after: Result, use: Use) -> RmseChange:
+    return RmseChange(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
+
+
+def settled_problem(problem: Problem, result: Result) -> Problem:
+    """Return a problem at the end of its fit, with automatic settings as they were chosen."""
+    problem = apply_shifts(problem, result.shifts)
+    factors = {name: tuple(own.values()) for name, own in result.smoothness.items()}
+    problem = replace(problem, smoothness={**problem.smoothness, **factors}, unknown_shifts={})
+    return bound_time_constants(replace(problem, parameters=result.parameters))
+
+
+def _with_whole_files(problem: Problem) -> Problem:
+    """Return a problem whose partitions are whole files: a lag remembers what was before, and files are held out."""
+    if problem.partitions is None:
+        return problem
+    parts = [part for partition in join_files(problem.partitions.training) for part in partition.parts]
+    whole = replace(problem.partitions, training=tuple(Partition((part,)) for part in parts))
+    return replace(problem, partitions=whole)
+
+
+def _unit(problem: Problem) -> str:
+    """Return the unit of the RMSE; "" if criteria have different ones."""
+    units = {problem.model.graph.units.get(criterion.node, "") for criterion in problem.criteria}
+    [unit] = units if len(units) == 1 else [""]
+    return "" if unit == "-" else unit

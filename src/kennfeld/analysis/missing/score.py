@@ -1,0 +1,232 @@
+"""TermScore test: what each candidate would take off the cost, from one linearisation of the function.
+
+With r the residuals, J their slopes by the free values, B those by the values of a candidate, W the weights and R the
+roughness, the least cost of the linearised problem with the candidate is lower than that without it by
+
+    gain = g' S^-1 g,    S = B'WB - B'WJ H^-1 J'WB,    g = B'Wr - B'WJ H^-1 (J'Wr + R p),    H = J'WJ + R
+
+(C. R. Rao: Large sample tests of statistical hypotheses concerning several parameters with applications to problems of
+estimation, Proc. Camb. Phil. Soc. 44, 1948). For a function that is linear in its values, this is the gain of a fit.
+The free values are those that no lock, bound, pin or limit holds; H is factored once.
+
+Without a missing term, gain / (dispersion * columns) follows an F distribution. Errors in time are correlated, and so
+is the product of a column with them. The dispersion of a candidate is therefore that of the sums of these products over
+blocks of the recordings (K.-Y. Liang, S. Zeger: Longitudinal data analysis using generalized linear models, Biometrika
+73, 1986), and at least that of independent errors.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from kennfeld.analysis.missing.candidate_sums import BlockSums, FamilySums
+from kennfeld.analysis.missing.families import Family
+from kennfeld.analysis.missing.terms import MissingTerm
+from kennfeld.base.arrays import Float
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.native.symmetric import as_array
+from kennfeld.optimize.limits.linear_limits import linear_limits
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
+from kennfeld.optimize.trust.information_matrix import ConstraintElimination
+from kennfeld.optimize.trust.pressing_limits import TouchedLimits
+
+SINGULAR = 1e-10  # of a unit diagonal: what a value must add to be no combination of the others
+EXPLAINED = 1e-4  # of its own square: what the function leaves of a column that it can produce itself
+FEWEST_BLOCKS = 8  # from which the dispersion follows from blocks
+MAX_SPECTRUM = 2000  # values up to which undetermined directions are found by eigenvalues
+
+
+@dataclass(frozen=True)
+class TermScore:
+    """The reduction of the cost by a candidate.
+
+    Attributes:
+        term: the candidate.
+        gain: reduction of the cost of the linearised problem.
+        columns: independent columns of the candidate.
+        dispersion: variance of a residual as it acts on this candidate.
+        predicted: the cost of the data alone with the candidate.
+        p: probability of a gain at least as large without a missing term.
+        curvature: mean curvature of the cost by the values of a curve.
+    """
+
+    term: MissingTerm
+    gain: float
+    columns: int
+    dispersion: float
+    predicted: float
+    p: float
+    curvature: float = 0.0
+
+    @property
+    def merit(self) -> float:
+        """The gain less twice what chance gains on average (H. Akaike, 1974)."""
+        return self.gain - 2 * self.columns * self.dispersion
+
+
+class Linearisation:
+    """The function at its values: its free values, their curvature, and the gradient.
+
+    Args:
+        compiled: the problem with probes.
+        full: free and fixed values, Float[values].
+        sums: over the samples by block.
+        probes: names of the probes.
+    """
+
+    def __init__(self, compiled: CompiledProblem, full: Float, sums: BlockSums, probes: Sequence[str]) -> None:
+        free = compiled.values.free
+        objective = LeastSquaresObjective(compiled, by_rows=False)
+        gradient, matrix = objective.normal(full[:free])
+        curvature = np.array(as_array(matrix))
+        gradient = np.array(gradient)
+        self.cost = float(sums.cost.sum())
+        self.count = float(sums.counts.sum())
+        self.sums = sums
+        limits = linear_limits(compiled.problem, compiled.values)
+        touched = TouchedLimits.of(limits, full[:free], np.diag(curvature))
+        fixed = touched.fixed | ~(np.diag(curvature) > 0)
+        fixed[[compiled.values.offsets[name] for name in probes]] = True
+        self._reduction = ConstraintElimination.of(fixed, touched.all_rows)
+        self._curvature = self._reduced_matrix(curvature)
+        self._gradient = self._reduction.vector(gradient)
+        self._data_gradient = self._reduction.vector(sums.jr.sum(axis=0))
+        self._rough_gradient = self._gradient - self._data_gradient
+        rough = np.zeros((free, free))
+        compiled.roughness.add(full[:free], np.zeros(free), rough)
+        self._roughness = self._reduced_matrix(rough)
+        self._whitening, self.rank = _whitening(self._curvature)
+        self._pull = self._whitening @ self._gradient
+        self._block_pulls = self._whitening @ self._reduction.rows(sums.jr[:-1]).T if self.blocks else None
+
+    def _reduced_matrix(self, matrix: Float) -> Float:
+        return np.asarray(self._reduction.matrix(matrix))
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks from which the dispersion follows; 0 if these are too few."""
+        blocks = int(np.count_nonzero(self.sums.counts[:-1]))
+        return blocks if blocks >= FEWEST_BLOCKS else 0
+
+    @cached_property
+    def own_gain(self) -> float:
+        """The reduction of the cost by the values themselves if the search went on."""
+        return float(self._pull @ self._pull)
+
+    @cached_property
+    def variance(self) -> float:
+        """The variance of independent residuals."""
+        return max(self.cost - self.own_gain, 0.0) / max(self.count - self.rank, 1.0)
+
+    def scores(self, family: Family, sums: FamilySums) -> Iterator[TermScore]:
+        """Yield the scores of the candidates of a family; none for those that the function can produce itself."""
+        white = self._whitening @ self._reduction.rows(sums.jb.T).T
+        br = sums.br.sum(axis=0)
+        factors = len(family.factors)
+        first = 0
+        for axis, hats in enumerate(family.hats):
+            for at in range(factors):
+                columns = first * factors + at + factors * np.arange(hats)
+                score = self._score(
+                    family.terms[at][axis],
+                    white[:, columns],
+                    br[columns],
+                    sums.br[:, columns],
+                    sums.squares[at][axis],
+                )
+                if score is not None:
+                    yield score
+            first += hats
+
+    def _score(self, term: MissingTerm, white: Float, br: Float, by_block: Float, each: Float) -> TermScore | None:
+        squares = each.sum(axis=0)
+        own = np.diag(squares)
+        if not (np.isfinite(squares).all() and own.max(initial=0.0) > 0):
+            return None
+        # in units of the columns, so that hats with few samples keep their digits
+        unit = 1 / np.sqrt(np.where(own > 0, own, np.inf))
+        left = (squares - white.T @ white) * unit * unit[:, None]
+        sizes, vectors = np.linalg.eigh(0.5 * (left + left.T))
+        kept = sizes > EXPLAINED
+        if not kept.any():
+            return None
+        # directions T in which the columns are independent and of unit size: T'S T = 1
+        directions = unit[:, None] * vectors[:, kept] / np.sqrt(sizes[kept])
+        pull = directions.T @ (br - white.T @ self._pull)
+        gain, columns = float(pull @ pull), int(kept.sum())
+        dispersion, freedom = self.variance, max(self.count - self.rank - columns, 1.0)
+        if self._block_pulls is not None:
+            pulls = directions.T @ (by_block[:-1].T - white.T @ self._block_pulls)
+            spread = self._spread(pulls, directions.T @ each[:-1] @ directions)
+            dispersion = max(spread, self.variance)
+            # the directions of a candidate share one dispersion, but are not independent
+            freedom = min((self.blocks - 1.0) * max(columns / 2, 1.0), freedom)
+        if not dispersion > 0:
+            return None
+        step = -directions @ pull
+        predicted = self.cost - self.own_gain - gain - self._rougher(white, step)
+        p = _tail(gain / dispersion, columns, freedom)
+        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()))
+
+    def _spread(self, pulls: Float, squares: Float) -> float:
+        """Return the dispersion from the sums over blocks.
+
+        Args:
+            pulls: of each direction by block, Float[directions, blocks].
+            squares: of the columns in these directions by block, Float[blocks, directions, directions].
+        """
+        columns, used = len(pulls), self.sums.counts[:-1] > 0
+        # what a missing term adds to a block is no noise: the part of the whole that the columns have in it
+        sizes, vectors = np.linalg.eigh(squares.sum(axis=0))
+        root = (vectors / np.sqrt(np.maximum(sizes, 1e-12 * sizes[-1]))) @ vectors.T
+        shares = root @ squares @ root
+        rest = pulls - (shares @ pulls.sum(axis=1)).T
+        blocks, share = int(used.sum()), self.sums.counts[:-1].sum() / self.count
+        return float((rest[:, used] ** 2).sum() * blocks / (blocks - 1) / columns / share)
+
+    def _rougher(self, white: Float, step: Float) -> float:
+        """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
+        if not self._roughness.any() and not self._rough_gradient.any():
+            return 0.0
+        values = -self._whitening.T @ (self._pull + white @ step)
+        return float(2 * self._rough_gradient @ values + values @ self._roughness @ values)
+
+
+def _whitening(matrix: Float) -> tuple[Float, int]:
+    """Return T with T'T = H^-1, Float[directions, values], and the number of directions that H determines."""
+    if not len(matrix):
+        return np.zeros((0, 0)), 0
+    scale = 1 / np.sqrt(np.diag(matrix))
+    units = matrix * scale * scale[:, None]
+    try:
+        lower = np.linalg.cholesky(units)
+        sound = np.diag(lower).min() ** 2 > SINGULAR
+    except np.linalg.LinAlgError:
+        sound = False
+    if sound:
+        from scipy.linalg import solve_triangular
+
+        return solve_triangular(lower, np.diag(scale), lower=True), len(matrix)
+    if len(matrix) > MAX_SPECTRUM:
+        from scipy.linalg import solve_triangular
+
+        lower = np.linalg.cholesky(units + 1e-9 * np.eye(len(units)))
+        return solve_triangular(lower, np.diag(scale), lower=True), len(matrix)
+    sizes, vectors = np.linalg.eigh(units)
+    kept = sizes > SINGULAR * sizes[-1]
+    return (vectors[:, kept] / np.sqrt(sizes[kept])).T * scale, int(kept.sum())
+
+
+def _tail(ratio: float, columns: int, freedom: float) -> float:
+    from scipy.special import fdtrc
+
+    return float(fdtrc(columns, freedom, ratio / columns))
+
+
+def smallest_gain(dispersion: float, columns: int, freedom: float, level: float) -> float:
+    """Return the least gain that is significant at a level."""
+    from scipy.special import fdtri
+
+    return float(dispersion * columns * fdtri(columns, freedom, 1 - level))

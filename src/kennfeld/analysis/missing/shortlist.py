@@ -1,0 +1,42 @@
+"""The shortlist: candidates that differ in what they explain, each with the places that explain the same."""
+
+from collections.abc import Sequence
+
+from kennfeld.analysis.missing.score import TermScore
+from kennfeld.base.lazy_dataclass import dataclass
+
+LEVEL = 0.01  # of all candidates together (C. Bonferroni)
+LENGTH = 5
+EQUAL = 9.2  # difference of gains in units of the dispersion: odds of 100 to 1 between two terms
+
+
+@dataclass(frozen=True)
+class CandidateGroup:
+    """The best candidate of its kind, and others that the data cannot tell from it, the best first."""
+
+    best: TermScore
+    equal: tuple[TermScore, ...]
+
+
+def significant(scores: Sequence[TermScore]) -> list[TermScore]:
+    """Return the scores that chance does not explain, the best first."""
+    found = [score for score in scores if score.p * len(scores) < LEVEL]
+    # by few digits, so that the order of equal candidates is that in which they were scored
+    return sorted(found, key=lambda score: -float(f"{score.merit:.9g}"))
+
+
+def shortlist(scores: Sequence[TermScore], length: int = LENGTH) -> list[CandidateGroup]:
+    """Return the best candidates that explain different things: one for each channel, lag and delay."""
+    groups: list[CandidateGroup] = []
+    rest = significant(scores)
+    while rest and len(groups) < length:
+        best = rest[0]
+        alike = [score for score in rest if _subject(score) == _subject(best)]
+        equal = tuple(score for score in alike[1:] if best.merit - score.merit < EQUAL * best.dispersion)
+        groups.append(CandidateGroup(best, equal))
+        rest = [score for score in rest if _subject(score) != _subject(best)]
+    return groups
+
+
+def _subject(score: TermScore) -> tuple[str, str]:
+    return (score.term.channel, "") if score.term.channel else ("", score.term.kind)

@@ -1,0 +1,128 @@
+"""Terms that may be missing: a correction at a node of a function, and the function with it."""
+
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from kennfeld.base.errors import ArgumentError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameters import Axis, Curve, Parameter, Scalar
+from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph.node import State, extract
+from kennfeld.models import Model
+from kennfeld.models.formula.functions import FUNCTIONS
+
+Kind = Literal["add", "multiply", "lag", "delay"]
+KINDS: tuple[Kind, ...] = ("add", "multiply", "lag", "delay")
+OF_CHANNELS: tuple[Kind, ...] = ("add", "multiply")
+# makes the corrected node of a node; may add names of further nodes
+Correction = Callable[[GraphBuilder, int, dict[str, int]], int]
+_PREFIX = {"add": "Add", "multiply": "Scale", "lag": "Lag"}
+
+
+@dataclass(frozen=True)
+class MissingTerm:
+    """A correction at a node.
+
+    | kind | the node becomes |
+    |---|---|
+    | add | node + curve(channel) |
+    | multiply | node * curve(channel) |
+    | lag | PT1(node, T), with a time constant T that is fitted |
+    | delay | delay(node, steps) |
+
+    Attributes:
+        node: name of the node.
+        kind: the form of the correction.
+        channel: the input of the curve.
+        breakpoints: those of the curve.
+        seconds: time constant of a lag, from which its fit starts.
+        steps: steps of a delay.
+    """
+
+    node: str
+    kind: Kind
+    channel: str = ""
+    breakpoints: tuple[float, ...] = ()
+    seconds: float = 0.0
+    steps: int = 0
+
+    def label(self, taken: Collection[str] = ()) -> str:
+        """Return a name for the new parameter that no other has.
+
+        >>> MissingTerm("dragTorque", "multiply", "Throttle").label()
+        'ScaleDragTorqueThrottle'
+        """
+        words = re.findall(r"\w+", f"{self.node} {self.channel}")
+        stem = _PREFIX[self.kind] + "".join(word[:1].upper() + word[1:] for word in words)
+        names = (stem, *(f"{stem}{number}" for number in range(2, len(taken) + 3)))
+        return next(name for name in names if name not in taken)
+
+    def parameter(self, name: str) -> Parameter | None:
+        """Return the new parameter without effect; a lag starts at its time constant, a delay has none."""
+        if self.kind in OF_CHANNELS:
+            values = np.full(len(self.breakpoints), 1.0 if self.kind == "multiply" else 0.0)
+            return Curve(name, Axis(self.breakpoints, self.channel), values)
+        return Scalar(name, self.seconds, unit="s", lower=0.0) if self.kind == "lag" else None
+
+    def time_constant(self, taken: Collection[str]) -> str:
+        """Return a name for the node of the time constant, to which the next term may be added."""
+        stem = f"T_{self.node}"
+        names = (stem, *(f"{stem}_{number}" for number in range(2, len(taken) + 3)))
+        return next(name for name in names if name not in taken)
+
+
+def extended_model(model: Model, term: MissingTerm, parameter: str) -> Model:
+    """Return a model with a term; all that reads the node reads the corrected one.
+
+    Args:
+        model: the model.
+        term: the term.
+        parameter: name of its parameter.
+
+    Raises:
+        ArgumentError: the model has no such node.
+    """
+    graph = model.graph
+    if term.node not in graph.names:
+        raise ArgumentError(f"the function has no node {term.node}")
+    changed = with_corrections(graph, {graph.names[term.node]: _correction(graph, term, parameter)})
+    return replace(model, graph=changed, equations=None)
+
+
+def _correction(graph: Graph, term: MissingTerm, parameter: str) -> Correction:
+    def correct(b: GraphBuilder, node: int, names: dict[str, int]) -> int:
+        if term.kind in OF_CHANNELS:
+            curve = b.lookup(parameter, b.input(term.channel))
+            return b.call("add" if term.kind == "add" else "mul", node, curve)
+        if term.kind == "delay":
+            return b.prev(node, node, term.steps)
+        T = b.lookup(parameter)
+        names[term.time_constant({*graph.names, *graph.inputs, *graph.parameters})] = T
+        return int(FUNCTIONS["PT1"].rule(b, node, T, node))
+
+    return correct
+
+
+def with_corrections(graph: Graph, corrections: Mapping[int, Correction]) -> Graph:
+    """Return a graph in which all that reads some nodes reads what the corrections make of them.
+
+    Args:
+        graph: the graph.
+        corrections: by the number of the node.
+    """
+    b = GraphBuilder()
+    # states keep their numbers; those of the corrections follow
+    b.states.extend(graph.states)
+    number: list[int] = []
+    names: dict[str, int] = {}
+    for at, (op, args, payload) in enumerate(graph.nodes):
+        own = b.node(op, tuple(number[a] for a in args), payload)
+        number.append(corrections[at](b, own, names) if at in corrections else own)
+    b.states[: len(graph.states)] = [State(number[s.init], number[s.next], s.latency) for s in graph.states]
+    b.settle()
+    named = {name: number[at] for name, at in graph.names.items()} | names
+    return extract(b.nodes, b.states, named, graph.units, graph.outputs)

@@ -1,0 +1,389 @@
+"""`design`: what to measure next, from a project, from a result, or from nothing."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location, warn
+from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.design.bench_order import arrange
+from kennfeld.design.design_result import Design
+from kennfeld.design.doubts import doubts
+from kennfeld.design.filling_design import fill_region, plan_manoeuvres
+from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.design.limits_of_design import axis_ranges, measured_inputs, region_of
+from kennfeld.design.point_design import PointKind, design_points, point_kinds
+from kennfeld.design.project_data import ProjectData, has_recordings
+from kennfeld.design.region import BenchRegion
+from kennfeld.design.segment_design import design_segments, reduce_recordings
+from kennfeld.design.space_filling import fill
+from kennfeld.domain.dataset import Dataset
+from kennfeld.optimize.fit.result import Progress, Result
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.preprocessing.coercion import Data, to_dataset
+from kennfeld.project import Project
+from kennfeld.project.design_table import CurveEntry, DesignEntry, ManoeuvreEntry
+
+POINTS, SEGMENTS = 20, 15  # of a design that states no number
+CANDIDATES = 1000  # points of the region among which those by the fit are chosen
+PLACE = Location("design")
+
+
+@dataclass(frozen=True)
+class Request:
+    """The question that a design answers, see `design`."""
+
+    n: int | None = None
+    segments: int | None = None
+    reduce: bool = False
+    keep: int | None = None
+    names: tuple[str, ...] = ()
+    direction: int | None = None
+
+    def check(self) -> None:
+        """Raise `InputError` for requests that contradict each other."""
+        findings = Findings()
+        kinds = [self.n is not None, self.segments is not None, self.reduce]
+        if sum(kinds) > 1:
+            findings.error(PLACE, "points (n), segments and reduce exclude each other", "Ask for one of them.")
+        for name, value in (("n", self.n), ("segments", self.segments), ("keep", self.keep)):
+            if value is not None and value < 1:
+                findings.error(Location(name), f"must be >= 1, got {value}")
+        if self.keep is not None and not self.reduce:
+            findings.error(Location("keep"), "keep requires reduce", "Add --reduce.")
+        if self.names and self.direction is not None:
+            findings.error(PLACE, "a design is for named parameters or for a direction", "State one of them.")
+        if (self.names or self.direction is not None) and (self.reduce or self.segments):
+            findings.error(PLACE, "segments are chosen for the whole function", "Ask for points with n.")
+        findings.finish()
+
+
+def design(
+    fit: Project | Result | None = None,
+    *,
+    n: int | None = None,
+    segments: int | None = None,
+    reduce: bool = False,
+    keep: int | None = None,
+    candidates: Data | Sequence[Data] | Sequence[str] = (),
+    use: Data | Sequence[Data] | Sequence[str] = (),
+    names: Sequence[str] = (),
+    direction: int | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Design:
+    """Find out what to measure next.
+
+    Args:
+        fit: a project, which is calibrated first; a result of this process; or None for a design that needs no fit.
+        n: number of steady points; by default 20 for data without time stamps.
+        segments: number of pieces of the candidates to drive; by default 15 for recordings.
+        reduce: find the recordings of the training data that add nothing.
+        keep: number of recordings that `reduce` keeps.
+        candidates: recordings or points to choose from: datasets, or for a project also paths and patterns. By default
+            points are chosen from the ranges.
+        use: the operation that matters, like `candidates`; by default training and test data.
+        names: patterns of the parameters that points should determine.
+        direction: number of the direction of `result.trust` that points should determine, from 1.
+        progress: called after each accepted step of the fit.
+        settings: keys of `[design]`, which override those of the project: ranges, where, forbidden, curves, envelope,
+            slew, wait, hard, method, model, centres, blocks, replicates, repeat, length, warmup, manoeuvres, seed.
+
+    Returns:
+        Points in the order of the bench, segments, or recordings to drop, with the deviation of each value before and
+        as predicted.
+
+    Raises:
+        InputError: the project has errors, the limits leave no room, or candidates cannot be used.
+        ArgumentError: an unknown setting.
+
+    >>> made = design(n=30, ranges={"speed": (800, 6000), "load": (10, 100)}, where=["load < speed / 40"])
+    >>> len(made.points), all(point["load"] < point["speed"] / 40 for point in made.points)
+    (30, True)
+    """
+    request = Request(n, segments, reduce, keep, tuple(names), direction)
+    request.check()
+    proposal = _design(fit, request, candidates, use, progress, settings)
+    warn(finding for finding in proposal.findings if finding.severity == "warning")
+    return proposal
+
+
+def _design(
+    fit: Project | Result | None,
+    request: Request,
+    candidates: Any,
+    use: Any,
+    progress: Progress | None,
+    settings: Mapping[str, Any],
+) -> Design:
+    if isinstance(fit, Project):
+        return design_project(fit, request, _texts(candidates), _texts(use), progress, settings)
+    entry = with_settings(DesignEntry(), settings)
+    if fit is None:
+        if request.reduce or request.segments or request.names or request.direction is not None:
+            raise InputError.of(PLACE, "this design requires a fit", "Give a project or a result.")
+        region = region_of(entry, PLACE)
+        supplied = _datasets(candidates, "candidates", None)
+        return _without_fit(entry, region, request, supplied)
+    fitted = FittedFunction.of(fit)
+    problem = fitted.problem
+    supplied = _datasets(candidates, "candidates", problem)
+    return _around(fitted, entry, request, supplied, _datasets(use, "use", problem), PLACE)
+
+
+def design_project(
+    project: Project,
+    request: Request,
+    candidates: Sequence[str] = (),
+    use: Sequence[str] = (),
+    progress: Progress | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> Design:
+    """Return the design of a project; see `design`. Warnings are among its findings."""
+    request.check()
+    entry = with_settings(project.file.design, settings or {})
+    place = project.file.location("design")
+    needs_fit = request.reduce or request.segments is not None or bool(request.names) or request.direction is not None
+    if not needs_fit and entry.manoeuvres and request.n is None:
+        return plan_manoeuvres(entry, _project_region(project, entry, place))
+    if not needs_fit and (entry.method != "auto" or not has_recordings(project)):
+        data = ProjectData.of(project, candidates, ()) if candidates else None
+        region = _project_region(project, entry, place)
+        proposal = _without_fit(entry, region, request, data.candidates if data else ())
+        if entry.method == "auto":
+            message = "there are no recordings: the points fill the ranges, and are not chosen for the function"
+            finding = Finding(place, message, "Measure them, then run kennfeld design again.", severity="warning")
+            proposal = replace(proposal, findings=(finding, *proposal.findings))
+        return proposal
+    data = ProjectData.of(project, candidates, [*use, *(() if use else entry.use)])
+    planned = _planned(entry, data.problem, place) if request.segments is not None and entry.manoeuvres else []
+    fitted = data.fit(progress)
+    return _around(fitted, entry, request, [*data.candidates, *planned], data.use, place, data.findings)
+
+
+def _planned(entry: DesignEntry, problem: Problem, place: Location) -> list[Dataset]:
+    """Return planned manoeuvres as candidates."""
+    channels = _input_channels(problem)
+    region = region_of(entry, place, measured_inputs(problem.fitted_datasets, channels), channels)
+    tables = plan_manoeuvres(entry, region).tables
+    return [Dataset.of(table.name, dict(table.columns), time=table.time) for table in tables]
+
+
+def _around(
+    fitted: FittedFunction,
+    entry: DesignEntry,
+    request: Request,
+    candidates: Sequence[Dataset],
+    use: Sequence[Dataset],
+    place: Location,
+    findings: Sequence[Finding] = (),
+) -> Design:
+    """Return a design around a fit."""
+    problem = fitted.problem
+    known = [*findings, *doubts(fitted)]
+    use = use or problem.datasets
+    if request.reduce:
+        proposal = reduce_recordings(fitted, problem.fitted_datasets, use, request.keep, entry.seed)
+    elif request.segments is not None or (request.n is None and _drives(problem, request)):
+        if not candidates:
+            remedy = "Name recordings, or time tables of planned manoeuvres, with --from."
+            raise InputError.of(place, "there is nothing to choose segments from", remedy)
+        count = SEGMENTS if request.segments is None else request.segments
+        proposal = design_segments(fitted, candidates, use, count, entry.length, entry.warmup, entry.seed)
+    else:
+        proposal = _points_around(fitted, entry, request, candidates, use, place)
+    return replace(proposal, findings=(*known, *proposal.findings))
+
+
+def _drives(problem: Problem, request: Request) -> bool:
+    """Return True if the training data are recordings over time, and nothing asks for points."""
+    asked = request.names or request.direction is not None
+    return not asked and all(data.time is not None for data in problem.fitted_datasets)
+
+
+def _points_around(
+    fitted: FittedFunction,
+    entry: DesignEntry,
+    request: Request,
+    candidates: Sequence[Dataset],
+    use: Sequence[Dataset],
+    place: Location,
+) -> Design:
+    problem = fitted.problem
+    channels = _input_channels(problem)
+    kind = _kind_of(fitted, candidates)
+    if problem.model.graph.states and kind.example.settling is None:
+        message = "a function with memory has no steady points unless they settle"
+        raise InputError.of(place, message, "Ask for segments, or write settle = ... in the dataset of the points.")
+    findings: list[Finding] = []
+    measured = measured_inputs([d for d in problem.fitted_datasets if _is_like(fitted, d, kind)], channels)
+    region = region_of(entry, place, measured, channels)
+    if candidates:
+        columns = {name: np.concatenate([data[name].values for data in candidates]) for name in channels}
+        columns = _inside(columns, region if _states_limits(entry) else None, problem, findings)
+    else:
+        columns = fill(region, CANDIDATES, "sobol", entry.seed)
+    count = POINTS if request.n is None else request.n
+    proposal, chosen = design_points(
+        fitted,
+        columns,
+        count,
+        use,
+        kind=kind,
+        names=request.names,
+        direction=request.direction,
+        seed=entry.seed,
+    )
+    return _arranged(replace(proposal, findings=(*findings, *proposal.findings)), columns, chosen, entry)
+
+
+def _kind_of(fitted: FittedFunction, candidates: Sequence[Dataset]) -> PointKind:
+    """Return the kind of points that candidates are: that with most targets among their channels, else the usual."""
+    kinds = point_kinds(fitted)
+
+    def targets(kind: PointKind) -> int:
+        return sum(all(c.target.name in data for data in candidates) for c in kind.criteria) if candidates else 0
+
+    return max(kinds, key=targets)
+
+
+def _is_like(fitted: FittedFunction, data: Dataset, kind: PointKind) -> bool:
+    return any(own.example is data or own.criteria == kind.criteria for own in point_kinds(fitted)) and all(
+        criterion.target.kind == "number" or criterion.target.name in data or criterion.target.kind == "node"
+        for criterion in kind.criteria
+    )
+
+
+def _states_limits(entry: DesignEntry) -> bool:
+    return bool(entry.ranges or entry.where or entry.forbidden or entry.curves or entry.envelope)
+
+
+def _inside(
+    columns: dict[str, Float], region: BenchRegion | None, problem: Problem, findings: list[Finding]
+) -> dict[str, Float]:
+    """Return the candidates within the limits, and say how many lie outside of them or of the axes."""
+    count = len(next(iter(columns.values())))
+    if region is not None:
+        region.require_room(columns, PLACE)
+        inside = region.admits(columns)
+        if not inside.all():
+            message = f"{count_noun(int(np.sum(~inside)), 'candidate')} of {count} lie outside the limits of [design]"
+            findings.append(Finding(PLACE, f"{message} and are left out", severity="remark"))
+        columns = {name: values[inside] for name, values in columns.items()}
+    beyond = np.zeros(len(next(iter(columns.values()))), dtype=bool)
+    for name, (low, high) in axis_ranges(problem.model.graph, problem.parameters).items():
+        values = columns[problem.channels.get(name, name)]
+        beyond |= (values < low) | (values > high)
+    if beyond.any():
+        message = f"{count_noun(int(beyond.sum()), 'candidate')} of {beyond.size} lie beyond the axes of a table"
+        findings.append(Finding(PLACE, message, "Lookups clip there.", severity="warning"))
+    return columns
+
+
+def _without_fit(entry: DesignEntry, region: BenchRegion, request: Request, candidates: Sequence[Dataset]) -> Design:
+    if entry.manoeuvres and request.n is None:
+        return plan_manoeuvres(entry, region)
+    count = POINTS if request.n is None else request.n
+    supplied = None
+    if candidates:
+        supplied = {name: np.concatenate([data[name].values for data in candidates]) for name in region.ranges}
+    proposal, columns = fill_region(entry, region, count, supplied)
+    return _arranged(proposal, columns, np.arange(len(next(iter(columns.values())))), entry)
+
+
+def _arranged(proposal: Design, columns: Mapping[str, Float], chosen: Any, entry: DesignEntry) -> Design:
+    """Return the design with its points in the order of the bench."""
+    run = arrange(
+        {name: values[chosen] for name, values in columns.items()},
+        hard=entry.hard,
+        slew=entry.slew,
+        blocks=entry.blocks,
+        replicates=entry.replicates,
+        repeat_every=entry.repeat,
+        wait=entry.wait,
+        seed=entry.seed,
+    )
+    points = tuple({name: float(values[k]) for name, values in run.columns.items()} for k in range(len(run.kind)))
+    seconds = float(run.ramp.sum() + run.wait.sum())
+    takes = (
+        f"The bench takes {seconds:.0f} s: {run.ramp.sum():.0f} s of ramps and {run.wait.sum():.0f} s of waiting.",
+    )
+    return replace(proposal, points=points, run=run, sentences=(*proposal.sentences, *(takes if seconds > 0 else ())))
+
+
+def _project_region(project: Project, entry: DesignEntry, place: Location) -> BenchRegion:
+    """Return the region of a project without a fit; its data are read only if the ranges do not say all."""
+    if entry.ranges and not entry.envelope:
+        return region_of(entry, place)
+    if not has_recordings(project):
+        return region_of(entry, place)
+    problem = project.problem()
+    channels = _input_channels(problem)
+    return region_of(entry, place, measured_inputs(problem.fitted_datasets, channels), channels)
+
+
+def _input_channels(problem: Problem) -> list[str]:
+    return list(dict.fromkeys(problem.channels.get(name, name) for name in problem.model.graph.inputs))
+
+
+def with_settings(entry: DesignEntry, settings: Mapping[str, Any]) -> DesignEntry:
+    """Return settings with some of them replaced, as Python or the command line state them.
+
+    Raises:
+        ArgumentError: an unknown name, or a value of another kind.
+    """
+    known = [part.name for part in fields(DesignEntry)]
+    for name in settings:
+        if name not in known:
+            raise ArgumentError(f"unknown setting {name} of a design. {nearest(name, known)}".strip())
+    changed = {name: _setting(name, value) for name, value in settings.items()}
+    return replace(entry, **changed)
+
+
+def _setting(name: str, value: Any) -> Any:
+    classes: dict[str, type] = {"curves": CurveEntry, "manoeuvres": ManoeuvreEntry}
+    if name in classes:
+        try:
+            return tuple(classes[name](**_tuples(item)) if isinstance(item, Mapping) else item for item in value)
+        except TypeError as error:
+            raise ArgumentError(f"{name} of a design: {error}") from error
+    if name == "ranges":
+        return {key: (float(low), float(high)) for key, (low, high) in dict(value).items()}
+    if name in ("where", "forbidden", "hard", "use"):
+        return (value,) if isinstance(value, str) else tuple(value)
+    return value
+
+
+def _tuples(item: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in item.items()}
+
+
+def _texts(supplied: Any) -> tuple[str, ...]:
+    items = [supplied] if isinstance(supplied, str) else list(supplied)
+    for item in items:
+        if not isinstance(item, str):
+            raise ArgumentError(f"candidates of a project must be paths or patterns, got {type(item).__name__}")
+    return tuple(items)
+
+
+def _datasets(supplied: Any, name: str, problem: Problem | None) -> list[Dataset]:
+    """Return data of Python as datasets with the channels that the function reads."""
+    items = [supplied] if isinstance(supplied, Mapping) else list(supplied)
+    if problem is None:
+        return [item if isinstance(item, Dataset) else Dataset.of(name, item) for item in items]
+    graph, asked = problem.model.graph, set(_input_channels(problem))
+    asked |= {criterion.target.name for criterion in problem.criteria}
+    located = [to_dataset(item, name, graph, asked) for item in items]
+    missing = [
+        Finding(Location(f"{name} {data.name}"), f"has no channel {channel}", nearest(channel, data))
+        for data in located
+        for channel in _input_channels(problem)
+        if channel not in data
+    ]
+    if missing:
+        raise InputError(missing)
+    return located

@@ -1,0 +1,133 @@
+"""Choice of candidates by coverage weighted by use.
+
+The information I of a value is the diagonal entry of the Gauss-Newton matrix, its use u the mean information of a
+sample over the operation that matters. A fit whose values are independent has there the mean variance of prediction
+
+    sum over the values of u / (I + information of the chosen candidates)
+
+in units of the noise. Candidates are chosen to minimise it, averaged over several sets of values around the fit.
+Unlike a determinant or the variance at candidates, it does not reward extreme operation that the use never meets, where
+a function is most wrong.
+"""
+
+import numpy as np
+
+from kennfeld.base.arrays import Float, Int
+
+ROUNDS = 10  # of exchanges, of which the first two find nearly all that is to be found
+LEAST_GAIN = 1e-9  # relative
+
+
+class WeightedCoverage:
+    """The mean variance of prediction as a function of the candidates that are measured.
+
+    Args:
+        known: information before, > 0; shape (draws, values).
+        candidates: information of each candidate, shape (draws, candidates, values).
+        use: mean information over the operation that matters, shape (draws, values).
+
+    >>> candidates = np.array([[[9.0, 0.0], [0.0, 9.0], [4.0, 4.0]]])
+    >>> cover = WeightedCoverage(np.ones((1, 2)), candidates, np.array([[1.0, 2.0]]))
+    >>> cover.of([]), cover.of([1]), cover.choose(1)
+    (3.0, 1.2, [2])
+    """
+
+    def __init__(self, known: Float, candidates: Float, use: Float) -> None:
+        self._known, self._candidates, self._use = known, candidates, use
+
+    def of(self, chosen: list[int]) -> float:
+        """Return the mean variance of prediction with some candidates, in units of the noise."""
+        return float((self._use / self._information(chosen)).sum(axis=1).mean())
+
+    def _information(self, chosen: list[int]) -> Float:
+        return np.asarray(self._known + self._candidates[:, chosen].sum(axis=1))
+
+    def _with_each(self, information: Float, sign: float = 1.0) -> Float:
+        """Return the variance with each of the candidates added to others, or removed, Float[candidates]."""
+        total = np.zeros(self._candidates.shape[1])
+        # draw by draw, so that memory does not grow with their number
+        for known, candidates, use in zip(information, self._candidates, self._use, strict=True):
+            total += (use / np.maximum(known + sign * candidates, 1e-300)).sum(axis=1)
+        return total / len(self._use)
+
+    def choose(self, count: int, used: Int | None = None) -> list[int]:
+        """Choose candidates one by one, then exchange each for a better one, until none is.
+
+        Args:
+            count: number of candidates, at most as many as there are.
+            used: numbers of candidates that are no longer to be had.
+
+        Returns:
+            Their numbers; the first adds most.
+        """
+        blocked = np.zeros(self._candidates.shape[1], dtype=bool)
+        blocked[[] if used is None else used] = True
+        chosen: list[int] = []
+        for _ in range(min(count, int(np.count_nonzero(~blocked)))):
+            variances = self._with_each(self._information(chosen))
+            variances[blocked] = np.inf
+            chosen.append(int(variances.argmin()))
+            blocked[chosen[-1]] = True
+        self._exchange(chosen, blocked)
+        return self._ordered(chosen)
+
+    def _exchange(self, chosen: list[int], blocked: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> None:
+        best = self.of(chosen)
+        for _ in range(ROUNDS):
+            before = best
+            for at, own in enumerate(chosen):
+                variances = self._with_each(self._information(chosen[:at] + chosen[at + 1 :]))
+                variances[blocked] = np.inf
+                other = int(variances.argmin())
+                if variances[other] < best * (1 - LEAST_GAIN):
+                    chosen[at], best = other, float(variances[other])
+                    blocked[[own, other]] = False, True
+            if best == before:
+                return
+
+    def _ordered(self, chosen: list[int]) -> list[int]:
+        """Sort chosen candidates, each the best of those that remain."""
+        rest, ordered = list(chosen), list[int]()
+        while rest:
+            variances = self._with_each(self._information(ordered))[rest]
+            ordered.append(rest.pop(int(variances.argmin())))
+        return ordered
+
+    def drop(self, keep: int, *, exchange: bool = False) -> list[tuple[int, float]]:
+        """Drop candidates one by one, each the one that is missed least.
+
+        Args:
+            keep: number of candidates that remain.
+            exchange: exchange those that remain for dropped ones, until none of them is better.
+
+        Returns:
+            The dropped ones, the first missed least, each with the variance without it and those before it.
+        """
+        everything = list(range(self._candidates.shape[1]))
+        dropped = self._eliminate(everything, everything, len(everything) - max(keep, 0))
+        if not exchange:
+            return dropped
+        gone = [number for number, _ in dropped]
+        kept = [number for number in everything if number not in gone]
+        blocked = np.isin(everything, kept)
+        self._exchange(kept, blocked)
+        return self._eliminate(everything, [number for number in everything if number not in kept], len(dropped))
+
+    def _eliminate(self, everything: list[int], droppable: list[int], count: int) -> list[tuple[int, float]]:
+        kept, rest = list(everything), list(droppable)
+        dropped: list[tuple[int, float]] = []
+        for _ in range(count):
+            variances = self._with_each(self._information(kept), -1.0)[rest]
+            least = int(variances.argmin())
+            kept.remove(rest[least])
+            dropped.append((rest.pop(least), float(variances[least])))
+        return dropped
+
+    def gains(self, chosen: list[int]) -> Float:
+        """Return how much of the variance of each value a chosen candidate removes as the last, [chosen, values]."""
+        information = self._information(chosen)
+        parts = []
+        for own in chosen:
+            without = information - self._candidates[:, own]
+            parts.append((self._use / without - self._use / information).mean(axis=0))
+        return np.array(parts).reshape(len(chosen), self._use.shape[1])

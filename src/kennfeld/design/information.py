@@ -1,0 +1,84 @@
+"""Information of candidates, of the present data and of the use, at several sets of values around a fit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.base.arrays import Bool, Float, Int, ignore_floating_errors
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.design.candidate_data import CandidateData
+from kennfeld.design.coverage import WeightedCoverage
+from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.domain.dataset import Dataset
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Sums of squared slopes, each at several sets of values.
+
+    Attributes:
+        known: of the data of the fit, with what is known without data, Float[draws, free].
+        candidates: of each candidate, Float[draws, candidates, free].
+        use: mean of a sample of the use, Float[draws, free].
+        usable: candidates at which the function has finite values, Bool[candidates].
+    """
+
+    known: Float
+    candidates: Float
+    use: Float
+    usable: Bool
+
+    @classmethod
+    def of(
+        cls,
+        fitted: FittedFunction,
+        candidates: Sequence[Dataset],
+        owners: Sequence[Int],
+        count: int,
+        use: Sequence[Dataset],
+        seed: int = 0,
+        *,
+        alike: bool = False,
+    ) -> "Information":
+        """Evaluate candidates and use together, by one kernel.
+
+        Args:
+            fitted: the fit.
+            candidates: datasets that contain the candidates.
+            owners: for each of them the candidate that a sample belongs to, Int[samples]; -1 for none.
+            count: number of candidates.
+            use: the operation that matters; samples that are not scored do not count.
+            seed: of the sets of values.
+            alike: training and test data of the use count alike, however many samples they have.
+        """
+        together = CandidateData(fitted, [*candidates, *use])
+        kinds = [data.use if alike else "" for data in use]
+        parts = {kind: count + number for number, kind in enumerate(dict.fromkeys(kinds))}
+        groups = [
+            *owners,
+            *(np.where(data.counting, parts[kind], -1) for data, kind in zip(use, kinds, strict=True)),
+        ]
+        visits = np.zeros(len(parts))
+        for data, kind in zip(together.datasets[len(candidates) :], kinds, strict=True):
+            # samples that cannot be evaluated are not visited
+            visits[parts[kind] - count] += together.problem.bind(data).scored.sum()
+        known, located = list[Float](), list[Float]()
+        for values in fitted.draws(seed):
+            with ignore_floating_errors():
+                own = fitted.compiled.sums.normal(fitted.compiled.full(values)).matrix.diagonal().copy()
+            squares = together.squares(values, groups, count + len(parts))
+            # a draw at which the function fails says nothing; the fit itself comes first
+            if not known or (np.isfinite(own).all() and np.isfinite(squares[count:]).all()):
+                known.append(np.nan_to_num(own, posinf=0.0) + fitted.prior)
+                located.append(squares)
+        squares = np.array(located)
+        usable: Bool = np.asarray(np.isfinite(squares[:, :count]).all(axis=(0, 2)))
+        squares = np.nan_to_num(squares, nan=0.0, posinf=0.0)
+        squares[..., fitted.fixed] = 0.0
+        mean = (squares[:, count:] / np.maximum(visits, 1)[:, None]).mean(axis=1)
+        return cls(np.array(known), squares[:, :count], mean, usable)
+
+    @property
+    def coverage(self) -> WeightedCoverage:
+        """The variance of prediction over the use, as a function of the candidates that are measured."""
+        return WeightedCoverage(self.known, self.candidates, self.use)

@@ -1,0 +1,268 @@
+"""Choice of steady points to measure next, for the whole function, named parameters, or one undetermined direction."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from kennfeld.base.arrays import Float, Int
+from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.formatting import count_noun, join_names, nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.design.candidate_data import CandidateData
+from kennfeld.design.design_result import Design
+from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.design.information import Information
+from kennfeld.design.open_directions import (
+    SETTLED,
+    amount_of,
+    pick_direction,
+    reduced_functions,
+    regular_curvature,
+)
+from kennfeld.design.point_choice import PointChoice, PointSearch
+from kennfeld.design.predicted_estimate import deviations
+from kennfeld.design.segment_design import describe_unsettled
+from kennfeld.design.value_text import matching
+from kennfeld.domain.criteria import Criterion, Target
+from kennfeld.domain.dataset import Channel, Dataset
+from kennfeld.optimize.quality.quality import NodeSimulator
+from kennfeld.optimize.trust.direction_text import Direction
+
+PLACE = Location("design")
+MOST_CANDIDATES = 4000
+MANY_POINTS = 100  # points of a kind that settle nothing if they leave more than 0.9 of a deviation
+MOST_NODES = 12  # further nodes that are tried as a second criterion
+NOTICEABLE = 0.8  # of what points leave, below which a second criterion is worth a sentence
+
+
+@dataclass(frozen=True, eq=False)
+class PointKind:
+    """A kind of points: the criteria that are measured, those with a target in some of the training data.
+
+    Attributes:
+        name: the dataset that such points are like, or `candidates`.
+        criteria: those that are measured.
+        example: a dataset whose inputs and settings points of this kind have.
+    """
+
+    name: str
+    criteria: tuple[Criterion, ...]
+    example: Dataset
+
+
+def point_kinds(fitted: FittedFunction) -> list[PointKind]:
+    """Return the kinds of points among the training data, that of most samples first."""
+    problem, kinds = fitted.problem, dict[tuple[int, ...], list[Dataset]]()
+    for data in problem.fitted_datasets:
+        bound = problem.bind(data)
+        own = tuple(
+            number
+            for number, criterion in enumerate(problem.criteria)
+            if np.isfinite(problem.target(criterion, bound)).any()
+        )
+        kinds.setdefault(own, []).append(data)
+    ordered = sorted(kinds.items(), key=lambda item: -sum(data.samples for data in item[1]))
+    return [PointKind(own[0].name, tuple(problem.criteria[i] for i in at), own[0]) for at, own in ordered if at]
+
+
+def design_points(
+    fitted: FittedFunction,
+    candidates: Mapping[str, Float],
+    count: int,
+    use: Sequence[Dataset],
+    *,
+    kind: PointKind | None = None,
+    names: Sequence[str] = (),
+    direction: int | None = None,
+    seed: int = 0,
+) -> tuple[Design, Int]:
+    """Choose steady points.
+
+    Args:
+        fitted: the fit of the present data.
+        candidates: channels of the points that can be measured, Float[candidates].
+        count: number of points.
+        use: the operation that matters, if neither names nor a direction are given.
+        kind: what is measured there; by default as in most of the training data.
+        names: patterns of the parameters to determine.
+        direction: number of the undetermined direction to determine, from 1, in the order of the trust.
+        seed: of the sets of values over which information is averaged.
+
+    Returns:
+        The design without the points, and their numbers, Int[points].
+
+    Raises:
+        InputError: there are no candidates, or nothing that names or a direction stand for.
+    """
+    findings = Findings()
+    kinds = point_kinds(fitted)
+    kind = kind or kinds[0]
+    candidates, numbers = _distinct(candidates, findings)
+    dataset = points_dataset(candidates, kind)
+    data = CandidateData(fitted, [dataset], kind.criteria)
+    rows, _, samples = data.rows(fitted.values)
+    good = np.isfinite(rows).all(axis=(1, 2))
+    if not good.all():
+        message = f"{count_noun(int(np.sum(~good)), 'candidate')} left out, as the function has no finite value there"
+        findings.warning(PLACE, message, "Check the inputs there.")
+    rows, samples = rows[good], samples[good]
+    if not samples.size:
+        raise InputError.of(PLACE, "the function has no finite value at any candidate", "Check their inputs.")
+    if samples.size < count:
+        message = f"there are {count_noun(samples.size, 'candidate')}, fewer than the {count} asked for"
+        findings.warning(PLACE, message, "Name more candidates, or widen the ranges.")
+    rows[..., fitted.fixed] = 0.0
+    sentences: list[str] = []
+    unsettled: list[str] = []
+    factor = float("nan")
+    if names or direction is not None:
+        search = _ValueSearch(fitted, kind, rows, names, direction)
+        choice = search.choose(count)
+        chosen = list(choice.chosen)
+        sentences, unsettled = search.sentences(choice, kinds, candidates)
+    else:
+        owners = np.full(dataset.samples, -1, dtype=np.int64)
+        owners[samples] = np.arange(samples.size)
+        information = Information.of(fitted, [dataset], [owners], samples.size, use, seed)
+        chosen = information.coverage.choose(count)
+        factor = information.coverage.of(chosen) / information.coverage.of([])
+    added = np.einsum("kov,kow->vw", rows[chosen], rows[chosen])
+    if not names and direction is None:
+        unsettled = describe_unsettled(fitted, added, f"These {kind.name} points")
+    design = Design(
+        before=deviations(fitted),
+        after=deviations(fitted, added),
+        unsettled=tuple(unsettled),
+        sentences=tuple(sentences),
+        findings=findings.finish(),
+        factor=factor,
+    )
+    return design, numbers[samples[chosen]]
+
+
+def points_dataset(candidates: Mapping[str, Float], kind: PointKind) -> Dataset:
+    """Return candidates as a dataset whose points settle as those of the training data do."""
+    channels = tuple(Channel(name, values, _unit(kind.example, name)) for name, values in candidates.items())
+    return Dataset(kind.name, channels, settling=kind.example.settling)
+
+
+def _unit(example: Dataset, name: str) -> str:
+    return example[name].unit if name in example else ""
+
+
+def _distinct(candidates: Mapping[str, Float], findings: Findings) -> tuple[dict[str, Float], Int]:
+    """Return the candidates without duplicates and missing values, evenly thinned if they are very many."""
+    stacked = np.column_stack(list(candidates.values()))
+    complete = np.flatnonzero(np.isfinite(stacked).all(axis=1))
+    if complete.size < len(stacked):
+        message = f"{count_noun(len(stacked) - complete.size, 'candidate')} left out, as values are missing"
+        findings.warning(PLACE, message)
+    unique = np.sort(np.unique(stacked[complete], axis=0, return_index=True)[1])
+    numbers = complete[unique]
+    if numbers.size < complete.size:
+        findings.remark(PLACE, f"{count_noun(complete.size - numbers.size, 'duplicate')} among the candidates left out")
+    if numbers.size > MOST_CANDIDATES:
+        findings.remark(PLACE, f"{MOST_CANDIDATES} of {numbers.size} candidates are looked at, evenly spread")
+        numbers = numbers[np.linspace(0, numbers.size - 1, MOST_CANDIDATES).astype(np.int64)]
+    return {name: values[numbers] for name, values in candidates.items()}, numbers
+
+
+class _ValueSearch:
+    """The search for points that determine named parameters or a direction, and what to say of it."""
+
+    def __init__(
+        self, fitted: FittedFunction, kind: PointKind, rows: Float, names: Sequence[str], direction: int | None
+    ) -> None:
+        self._fitted, self._kind = fitted, kind
+        self._direction: Direction | None = None
+        if direction is not None:
+            self._direction = pick_direction(fitted, direction)
+            self._functions = reduced_functions(fitted, [amount_of(fitted, self._direction)])
+            self._sought = self._direction.sentence
+        else:
+            values = matching(names, fitted)
+            if not values:
+                raise InputError.of(Location("--for"), *_no_parameter(names, fitted))
+            self._functions = reduced_functions(fitted, list(np.eye(fitted.values.size)[values]))
+            self._sought = join_names(list(names))
+        self._rows = self._reduced(rows)
+        self._curvature = regular_curvature(fitted)
+
+    def _reduced(self, rows: Float) -> Float:
+        """Return rows over all free values, Float[candidates, outputs, free], over the independent ones."""
+        flat = self._fitted.estimate.reduction.rows(rows.reshape(-1, rows.shape[-1]))
+        return flat.reshape(*rows.shape[:2], -1)
+
+    def choose(self, count: int) -> PointChoice:
+        return PointSearch(self._curvature, self._rows, self._functions).choose(count)
+
+    def _left(self, rows: Float, count: int, *, repeats: bool = False) -> float:
+        """Return what the best of other points leave; without exchanges, which change its third digit."""
+        return PointSearch(self._curvature, rows, self._functions, repeats=repeats).choose(count, rounds=0).factor
+
+    def sentences(
+        self, choice: PointChoice, kinds: Sequence[PointKind], candidates: Mapping[str, Float]
+    ) -> tuple[list[str], list[str]]:
+        """Return predictions, and what no point settles."""
+        count = len(choice.chosen)
+        of = "its deviation" if self._direction is not None else f"the deviation of {self._sought}"
+        said = [f"{count_noun(count, 'point')} of {self._kind.name} leave {choice.factor:.2f} of {of}."]
+        many = max(count, min(MANY_POINTS, len(self._rows)))
+        left = choice.factor if many == count else min(self._left(self._rows, many), choice.factor)
+        others = [*self._other_kinds(kinds, count), *self._second_criteria(candidates, count)]
+        better = sorted((other for other in others if other[0] < NOTICEABLE * choice.factor), key=lambda o: o[0])
+        more = [f"{text} would leave {factor:.2f}." for factor, text in better[:3]]
+        if left <= SETTLED:
+            return [*said, *more], []
+        verdict = f"{count_noun(many, 'point')} leave {left:.2f} of {of}."
+        if self._direction is None:
+            return said, [" ".join([f"No {self._kind.name} point settles it: {verdict}", *more])]
+        pin = f"A pin does: {self._direction.remedy}" if self._direction.remedies else self._direction.remedy
+        no_point = f"{self._sought} No {self._kind.name} point settles that: {verdict}"
+        return said, [" ".join(filter(None, [no_point, *more, pin]))]
+
+    def _other_kinds(self, kinds: Sequence[PointKind], count: int) -> Iterator[tuple[float, str]]:
+        """Yield what points of other kinds leave, at the places where such points were measured."""
+        for kind in kinds:
+            if kind.criteria != self._kind.criteria:
+                names = [self._fitted.problem.channels.get(n, n) for n in self._fitted.problem.model.graph.inputs]
+                columns = {name: kind.example[name].values for name in names}
+                known = np.isfinite(np.column_stack(list(columns.values()))).all(axis=1)
+                columns = {name: values[known] for name, values in columns.items()}
+                data = CandidateData(self._fitted, [points_dataset(columns, kind)], kind.criteria)
+                rows = data.rows(self._fitted.values)[0]
+                rows = rows[np.isfinite(rows).all(axis=(1, 2))]
+                if len(rows):
+                    # several measurements at one place count as well
+                    factor = self._left(self._reduced(rows), count, repeats=True)
+                    yield factor, f"{count_noun(count, 'point')} as in {kind.name}"
+
+    def _second_criteria(self, candidates: Mapping[str, Float], count: int) -> Iterator[tuple[float, str]]:
+        """Yield what the points leave if another node were measured as well, with the same relative noise."""
+        problem = self._fitted.problem
+        scored = {criterion.node for criterion in problem.criteria}
+        scored |= {criterion.target.name for criterion in problem.criteria}
+        first = self._kind.criteria[0]
+        names = [name for name in problem.model.graph.names if name not in scored and not name.startswith("\0")]
+        if not names or len(names) > MOST_NODES:
+            return
+        dataset = points_dataset(candidates, self._kind)
+        simulator = NodeSimulator(problem.model.graph, problem.parameters, [first.node, *names])
+        nodes = simulator.values(problem.bind(dataset), problem.parameters)
+        spans = np.nanstd(nodes, axis=1)
+        for name, span in zip(names, spans[1:].tolist(), strict=True):
+            if not (np.isfinite(span) and span > 0 and spans[0] > 0):
+                continue
+            scale = first.scale * span / float(spans[0])
+            other = replace(first, node=name, target=Target("channel", f"\0{name}"), scale=scale, loss="square")
+            rows = CandidateData(self._fitted, [dataset], [*self._kind.criteria, other]).rows(self._fitted.values)[0]
+            rows = rows[np.isfinite(rows).all(axis=(1, 2))]
+            if len(rows):
+                factor = self._left(self._reduced(rows), count)
+                yield factor, f"Measuring {name} at {count_noun(count, 'point')} as well, with the same relative noise,"
+
+
+def _no_parameter(names: Sequence[str], fitted: FittedFunction) -> tuple[str, str]:
+    message = f"no free value of a parameter named {join_names(list(names), 3, ' or ')}"
+    return message, nearest(names[0], fitted.blocks) or f"The free parameters are {join_names(list(fitted.blocks))}."

@@ -1,0 +1,95 @@
+"""The data of a project with further ones: candidates, and the operation that matters, prepared as its own."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.domain.dataset import Dataset
+from kennfeld.optimize.fit.result import Progress, Seconds
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.search.multistart import run
+from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.preprocessing.recordings import find_recordings
+from kennfeld.project import Project
+
+CANDIDATES, USE = "candidates (--from)", "use of [design]"
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectData:
+    """The problem of a project, and further data that are prepared like its own.
+
+    Attributes:
+        project: the project, with the further data among its datasets.
+        problem: its problem without them.
+        candidates: what may be measured.
+        use: the operation that matters; empty for training and test data.
+        findings: remarks on what was read.
+    """
+
+    project: Project
+    problem: Problem
+    candidates: tuple[Dataset, ...]
+    use: tuple[Dataset, ...]
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(cls, project: Project, candidates: Sequence[str], use: Sequence[str]) -> "ProjectData":
+        """Read a project together with further files.
+
+        Units, calculated channels, raster and shifts are those of its first dataset with training data. Paths of
+        candidates are relative to the present folder, those of the use to that of the project.
+
+        Raises:
+            InputError: a file cannot be read, or has not all channels that the function reads.
+        """
+        file, findings = project.file, list[Finding]()
+        first = next((entry for entry in file.datasets if entry.is_fitted), file.datasets[0])
+        here = tuple(str(Path.cwd() / pattern) for pattern in candidates)
+        further = [_entry(first, CANDIDATES, here)] if here else []
+        further += [_entry(first, USE, tuple(use))] if use else []
+        if project.is_partitioned and project.load is None:
+            message = "a design reads all data into this process, not in partitions"
+            findings.append(Finding(file.location("cluster"), message, severity="remark"))
+        cluster = replace(file.cluster, partition=0, scheduler="", workers=1) if project.load is None else file.cluster
+        whole = replace(project, file=replace(file, datasets=(*file.datasets, *further), cluster=cluster))
+        problem = whole.problem()
+        own = tuple(data for data in problem.datasets if data.name not in (CANDIDATES, USE))
+        named = {data.name: data for data in problem.datasets}
+        return cls(
+            whole,
+            replace(problem, datasets=own, partitions=None),
+            tuple(named[name] for name in (CANDIDATES,) if name in named),
+            tuple(named[name] for name in (USE,) if name in named),
+            tuple(findings),
+        )
+
+    def fit(self, progress: Progress | None = None) -> FittedFunction:
+        """Calibrate the project and return the end of the fit."""
+        options = replace(self.project.options, cluster=None)
+        result = run(self.problem, options, progress, Seconds(read=self.project.seconds_read))
+        return FittedFunction.of(result)
+
+
+def _entry(first: DatasetEntry, name: str, files: tuple[str, ...]) -> DatasetEntry:
+    """Return the settings of further data, prepared like a dataset of the project but with all samples counting."""
+    return replace(
+        first, files=files, name=name, use="test", weight=1.0, where="", warmup=0.0, weight_channel="", steady=()
+    )
+
+
+def has_recordings(project: Project) -> bool:
+    """Return True if a dataset of the project has any file, or its data are in memory."""
+    if project.load is not None:
+        return True
+    for entry in project.file.datasets:
+        for pattern in entry.files:
+            try:
+                if find_recordings(project.file.folder, pattern):
+                    return True
+            except InputError:
+                return True  # what cannot be looked up is reported when it is read
+    return False

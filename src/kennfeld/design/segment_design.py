@@ -1,0 +1,210 @@
+"""Choice of the pieces of recordings to drive next, and of the recordings that add nothing."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.base.arrays import Float
+from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.formatting import count_noun, join_names
+from kennfeld.design.candidate_data import CandidateData
+from kennfeld.design.design_result import ChosenSegment, Design
+from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.design.information import Information
+from kennfeld.design.open_directions import (
+    SETTLED,
+    amount_of,
+    factors_with,
+    open_directions,
+    reduced_functions,
+)
+from kennfeld.design.predicted_estimate import deviations
+from kennfeld.design.segments import RecordedSegment, cut_files, cut_segments, owners
+from kennfeld.design.value_text import ValueNames
+from kennfeld.domain.dataset import Dataset
+from kennfeld.graph.external_function import is_sequential
+
+PLACE = Location("design")
+ADDS_NOTHING = 1.05  # mean variance over the use without recordings that add nothing, relative to that with all
+
+
+def design_segments(
+    fitted: FittedFunction,
+    candidates: Sequence[Dataset],
+    use: Sequence[Dataset],
+    count: int,
+    length: float,
+    warmup: float | None,
+    seed: int = 0,
+) -> Design:
+    """Choose pieces of recordings, or of planned manoeuvres, by coverage weighted by use.
+
+    Args:
+        fitted: the fit of the present data.
+        candidates: recordings with time stamps; their targets are not read.
+        use: the operation that matters.
+        count: number of segments.
+        length: of a segment, in s.
+        warmup: time before each segment, in s; by default three of the largest time constants.
+        seed: of the sets of values over which information is averaged.
+
+    Raises:
+        InputError: no candidate has time stamps or is long enough.
+    """
+    findings = Findings()
+    timed = [data for data in candidates if data.time is not None]
+    if len(timed) < len(candidates):
+        untimed = join_names([data.name for data in candidates if data.time is None])
+        findings.warning(PLACE, f"{untimed} has no time stamps, and is left out", "Name the time channel `time`.")
+    lead = fitted.warmup() if warmup is None else warmup
+    if warmup is None and lead == 0 and _has_memory(fitted):
+        message = "the function has a memory whose time constants are unknown, so that segments have no warm-up"
+        findings.warning(PLACE, message, "Write warmup = ... in [design], in s.")
+    segments = cut_segments(timed, length, lead)
+    if lead > length:
+        message = f"segments of {length:g} s are shorter than their warm-up of {lead:.3g} s"
+        findings.warning(PLACE, message, f"Use a length of {3 * lead:.0f} s or more, which costs less driving.")
+    if not segments:
+        message = f"no recording is as long as a segment of {length:g} s with its warm-up of {lead:.3g} s"
+        raise InputError.of(PLACE, message, "Reduce length or warmup, or name other recordings with --from.")
+    information = Information.of(fitted, timed, owners(segments, timed), len(segments), use, seed)
+    segments, information = _usable(segments, information, findings)
+    if len(segments) < count:
+        message = f"there are {count_noun(len(segments), 'segment')}, fewer than the {count} asked for"
+        findings.warning(PLACE, message, "Name more recordings with --from.")
+    cover = information.coverage
+    chosen = cover.choose(count)
+    names, gains = ValueNames(fitted), cover.gains(chosen)
+    picked = [segments[number] for number in chosen]
+    added = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked]).curvature(fitted.values)
+    return Design(
+        segments=tuple(
+            ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
+            for each, gain in zip(picked, gains, strict=True)
+        ),
+        before=deviations(fitted),
+        after=deviations(fitted, added),
+        unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
+        findings=findings.finish(),
+        warmup=lead,
+        factor=cover.of(chosen) / cover.of([]),
+    )
+
+
+def _has_memory(fitted: FittedFunction) -> bool:
+    graph = fitted.problem.model.graph
+    return bool(graph.states) or any(is_sequential(node) for node in graph.nodes)
+
+
+def _usable(
+    segments: list[RecordedSegment], information: Information, findings: Findings
+) -> tuple[list[RecordedSegment], Information]:
+    """Return the segments at which the function has finite values and that say anything."""
+    usable = information.usable
+    if usable.all():
+        return segments, information
+    if not usable.any():
+        raise InputError.of(PLACE, "the function has no finite value at any candidate", "Check their inputs.")
+    message = f"{count_noun(int(np.sum(~usable)), 'segment')} left out, as the function has no finite value there"
+    findings.warning(PLACE, message, "Check the inputs there.")
+    kept = [segment for segment, good in zip(segments, usable, strict=True) if good]
+    return kept, Information(information.known, information.candidates[:, usable], information.use, usable[usable])
+
+
+def describe_unsettled(fitted: FittedFunction, added: Float, measured: str) -> list[str]:
+    """Return a sentence for each undetermined direction of which a design leaves more than 0.9 of its deviation."""
+    directions = open_directions(fitted)
+    if not directions:
+        return []
+    functions = reduced_functions(fitted, [amount_of(fitted, direction) for direction in directions])
+    factors = factors_with(fitted, functions, added)
+    return [
+        f"{direction.sentence} {measured} leave {factor:.2f} of its deviation."
+        for direction, factor in zip(directions, factors.tolist(), strict=True)
+        if factor > SETTLED
+    ]
+
+
+def reduce_recordings(
+    fitted: FittedFunction, recordings: Sequence[Dataset], use: Sequence[Dataset], keep: int | None, seed: int = 0
+) -> Design:
+    """Find the recordings of the training data that add nothing, by coverage weighted by use.
+
+    Args:
+        fitted: the fit of all of them.
+        recordings: the training data; each file of a dataset is a recording, or each piece.
+        use: the operation that matters; training and test data count alike in it, however many samples they have.
+        keep: number of recordings to keep; by default as many as raise the mean variance over the use by 5 % at most.
+        seed: of the sets of values over which information is averaged.
+    """
+    findings = Findings()
+    files = cut_files(recordings)
+    if len(files) < 2:
+        message = f"the training data are {count_noun(len(files), 'recording')}, of which none can be dropped"
+        raise InputError.of(PLACE, message, "State each recording as a file of its own.")
+    if keep is not None and not 1 <= keep <= len(files):
+        message = f"must be 1 to {len(files)}, the number of recordings, got {keep}"
+        raise InputError.of(Location("--keep"), message)
+    information = Information.of(fitted, recordings, owners(files, recordings), len(files), use, seed, alike=True)
+    # what all recordings tell is replaced by what is known without them
+    alone = Information(
+        np.repeat(fitted.prior[None], len(information.known), axis=0),
+        information.candidates,
+        information.use * _shares(fitted, information.use),
+        information.usable,
+    )
+    cover = alone.coverage
+    everything = cover.of(list(range(len(files))))
+    dropped = cover.drop(1 if keep is None else keep, exchange=keep is not None)
+    if keep is None:
+        dropped = [(number, variance) for number, variance in dropped if variance <= ADDS_NOTHING * everything]
+    numbers = [number for number, _ in dropped]
+    sentences = _predicted_loss(files, dropped, everything)
+    gone = np.array([segment.last - segment.first for segment in files])[numbers].sum()
+    total = sum(segment.last - segment.first for segment in files)
+    sentences.append(
+        f"They hold {100 * gone / total:.0f} % of the samples." if numbers else "All recordings add something."
+    )
+    return Design(
+        drop=tuple(files[number].file for number in numbers),
+        before=deviations(fitted),
+        after=_deviations_without(fitted, recordings, [files[number] for number in numbers]),
+        sentences=tuple(sentences),
+        findings=findings.finish(),
+        factor=(dropped[-1][1] if dropped else everything) / everything,
+    )
+
+
+def _shares(fitted: FittedFunction, use: Float) -> Float:
+    """Return the share of each value in the use of its parameter, Float[draws, free].
+
+    Weighted by it, the best subset has information in proportion to the use, sum u^2 / I being least for I = u, and so
+    leaves the balance of the errors of a function that is not exact as it was. Coverage alone would
+    keep the extremes.
+    """
+    shares = np.zeros_like(use)
+    for first, size in fitted.blocks.values():
+        part = use[:, first : first + size]
+        total = part.sum(axis=1, keepdims=True)
+        shares[:, first : first + size] = np.divide(part, total, out=np.zeros_like(part), where=total > 0)
+    return shares
+
+
+def _predicted_loss(
+    files: Sequence[RecordedSegment], dropped: Sequence[tuple[int, float]], everything: float
+) -> list[str]:
+    if not dropped:
+        return []
+    percent = 100 * (dropped[-1][1] / everything - 1)
+    kept = len(files) - len(dropped)
+    return [f"{len(dropped)} of {len(files)} recordings can go; the other {kept} leave {percent:.2g} % more variance."]
+
+
+def _deviations_without(
+    fitted: FittedFunction, recordings: Sequence[Dataset], gone: Sequence[RecordedSegment]
+) -> "dict[str, Float]":
+    """Return the deviations once recordings are gone, by subtracting what they tell at the fit."""
+    if not gone:
+        return dict(deviations(fitted))
+    removed = CandidateData(fitted, [segment.cut(recordings[segment.dataset]) for segment in gone])
+    return dict(deviations(fitted, -removed.curvature(fitted.values)))

@@ -1,0 +1,292 @@
+"""Missing terms of a project: the search over all channels of its recordings, patches of its files, and their undo."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
+from kennfeld.analysis.missing.proposing import SearchScope, find_terms
+from kennfeld.analysis.missing.text_patch import difference, quoted_name, with_term
+from kennfeld.base.atomic_files import write_whole
+from kennfeld.base.content_digest import digest_of
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import nearest
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.output_paths import below
+from kennfeld.calfiles import read as read_parameters
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.measurement.reader import describe
+from kennfeld.models.formula.frontend import text_of
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.search.multistart import run
+from kennfeld.preprocessing.recordings import find_recordings
+from kennfeld.project.document import ProjectDocument
+from kennfeld.project.results import FOLDER
+
+if TYPE_CHECKING:
+    from kennfeld.project.project import Project
+
+UNDO = "proposals.json"
+
+
+def propose(project: "Project", scope: SearchScope, report: Callable[[str], None]) -> TermProposals:
+    """Return the terms that the function of a project lacks, with the patches of its files.
+
+    Raises:
+        InputError: the project has errors.
+    """
+    scope.check()
+    problem, remarks = _with_more_channels(project, scope.channels)
+    values = _calibrated(project, problem)
+    if values is None:
+        report("calibrating, as the results folder has no values of this function")
+        remarks.append("Calibrated first, as the results folder has no values of this function.")
+        result = run(problem, project.options)
+        values = result.parameters
+    started = replace(problem, parameters=values)
+    found = find_terms(started, scope, project.options, report)
+    patched = tuple(replace(proposal, patch=_patch_text(project, problem, proposal)) for proposal in found.proposals)
+    return replace(found, proposals=patched, remarks=(*remarks, *found.remarks))
+
+
+def _calibrated(project: "Project", problem: Problem) -> ParameterSet | None:
+    """Return the values of the last run, if it was of a function with the same parameters."""
+    path = project.path.parent / FOLDER / "parameters.json"
+    if not path.is_file():
+        return None
+    with suppress(InputError, ArgumentError):
+        values = read_parameters(path)
+        names = [name for name in problem.free_names if name in values]
+        if len(names) < len(problem.free_names):
+            return None
+        pairs = [(problem.parameters[name], values[name]) for name in names]
+        if any(own.values.shape != other.values.shape for own, other in pairs):
+            return None
+        # breakpoints and limits are those of the project
+        return problem.parameters.with_parameters(*(own.with_values(other.values.ravel()) for own, other in pairs))
+    return None
+
+
+def _with_more_channels(project: "Project", patterns: Sequence[str]) -> tuple[Problem, list[str]]:
+    """Return the problem with all channels that match, and what there is to say about them."""
+    problem = project.problem()
+    known = {name for data in problem.datasets for name in data}
+    offered = _channel_names(project)
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in (*known, *offered, *problem.model.graph.inputs)):
+            message = f"channels: the training data have no channel {pattern}. {nearest(pattern, offered)}"
+            raise ArgumentError(message.strip())
+    names = tuple(n for n in offered if n not in known and any(fnmatchcase(n, pattern) for pattern in patterns))
+    if not names:
+        return problem, []
+    wider = project.reading(names).problem_or_none()
+    if wider is None:
+        return problem, ["Further channels of the recordings cannot be read together with those of the function."]
+    if [data.samples for data in wider.datasets] != [data.samples for data in problem.datasets]:
+        text = "Further channels were recorded at other times than those of the function. Write raster = ... (in s)."
+        return problem, [text]
+    return wider, []
+
+
+def _channel_names(project: "Project") -> list[str]:
+    """Return the names of all channels of the first file of each training dataset, and of calculated ones."""
+    names: dict[str, None] = dict.fromkeys(project.file.calculated)
+    for entry in project.file.datasets:
+        files = [path for pattern in entry.files for path in find_recordings(project.file.folder, pattern)]
+        if entry.use != "training" or not files:
+            continue
+        with suppress(InputError):
+            for table in describe(files[0]).tables:
+                names |= dict.fromkeys(channel.name for channel in table.channels)
+    return list(names)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """The texts of the function and of the project file with a term.
+
+    Attributes:
+        function: path of the formula text; None if the function is no formula text.
+        function_text: with the term.
+        project_text: with the section of the new parameter.
+        parts: the changes as text.
+    """
+
+    function: Path | None
+    function_text: str
+    project_text: str
+    parts: str
+
+
+def patch(project: "Project", problem: Problem, proposal: TermProposal) -> Patch:
+    """Return the files of a project with a term.
+
+    Args:
+        project: the project.
+        problem: its problem.
+        proposal: the term.
+    """
+    addition, graph = proposal.addition, problem.model.graph
+    assert addition is not None
+    document = ProjectDocument.read(project.path)
+    before = document.text
+    if addition.parameter is not None:
+        document.set(("parameters", addition.parameter.name), _section(project, proposal))
+    toml = difference(before, document.text, project.path.name)
+    function = project.path.parent / project.file.model.file
+    if function.suffix.casefold() != ".kf":
+        return Patch(None, "", document.text, f"{_sentence(proposal)}\n{toml}".strip())
+    text = text_of(function)
+    changed = with_term(text, addition, graph.inputs, {*graph.names, *graph.inputs, *graph.parameters})
+    if changed is None:
+        return Patch(None, "", document.text, f"{_sentence(proposal)}\n{toml}".strip())
+    parts = [difference(text, changed, project.file.model.file), toml]
+    return Patch(function, changed, document.text, "\n".join(part for part in parts if part))
+
+
+def _patch_text(project: "Project", problem: Problem, proposal: TermProposal) -> str:
+    return patch(project, problem, proposal).parts
+
+
+def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
+    """Return the section of the new parameter, which starts without effect."""
+    addition = proposal.addition
+    assert addition is not None
+    assert addition.parameter is not None
+    term, parameter = addition.term, addition.parameter
+    free = {} if any(fnmatchcase(parameter.name, each) for each in project.file.calibration.free) else {"free": True}
+    if not parameter.axes:
+        seconds = float(f"{proposal.term.seconds:.3g}")
+        return {"unit": "s", "initial": seconds, **free}
+    section: dict[str, Any] = {
+        "x": {"input": term.channel, "breakpoints": list(term.breakpoints)},
+        "initial": float(parameter.values.flat[0]),
+        **free,
+    }
+    if addition.smoothness:
+        section["smoothness"] = addition.smoothness
+    if addition.pin is not None:
+        section["pin"] = [{"at": list(addition.pin.at), "value": addition.pin.value}]
+    return section
+
+
+def _sentence(proposal: TermProposal) -> str:
+    """Return a term as a line of formula text, for functions that are not formula text."""
+    addition = proposal.addition
+    assert addition is not None
+    node, term = quoted_name(proposal.term.node), addition.term
+    label = "" if addition.parameter is None else addition.parameter.name
+    right = {
+        "add": f"{node} + {label}({quoted_name(term.channel)})",
+        "multiply": f"{node} * {label}({quoted_name(term.channel)})",
+        "lag": f"PT1({node}, {label})",
+        "delay": f"delay({node}, {term.steps}, {node})",
+    }[term.kind]
+    place = f"  # {proposal.location}" if proposal.location else ""
+    return f"{node} = {right}{place}"
+
+
+def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
+    """Write a term into the formula text and the project file, both or none, and remember what they were.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        InputError: the function is not formula text, or a file cannot be written.
+    """
+    change = patch(project, project.problem(), proposal)
+    if change.function is None:
+        message = f"{project.file.model.file} is not formula text, into which terms are written"
+        remedy = "Add the term where the function was made, or write the function as text by kennfeld convert."
+        raise InputError.of(project.file.location("model", "file"), message, remedy)
+    texts = {change.function: change.function_text, project.path: change.project_text}
+    unsaved = {path.name: text for path, text in texts.items()}
+    _require_valid(project, unsaved)
+    before = {path: path.read_bytes().decode("utf-8") for path in texts}
+    mark = "\ufeff" if before[change.function].startswith("\ufeff") else ""
+    texts[change.function] = mark + texts[change.function]
+    files = [
+        {"path": _relative(project, path), "before": before[path], "after": digest_of(texts[path])} for path in texts
+    ]
+    record = {"text": proposal.change, "files": files}
+    stack = _undo_file(project)
+    _write_all(texts, before)
+    with convert_errors(stack, "cannot be written"):
+        stack.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(stack, json.dumps([*_records(stack), record], ensure_ascii=False))
+    return tuple(texts)
+
+
+def _relative(project: "Project", path: Path) -> str:
+    """Return a path as seen from the project, whose folder may be moved."""
+    folder = project.path.parent
+    return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+
+
+def _require_valid(project: "Project", unsaved: Mapping[str, str]) -> None:
+    """Raise `InputError` if the project with other texts has errors."""
+    findings = type(project).read(project.path, unsaved).check()
+    errors = [finding for finding in findings if finding.severity == "error"]
+    if errors:
+        raise InputError([Finding(Location("proposal"), "cannot be added to the project"), *errors])
+
+
+def _write_all(texts: Mapping[Path, str], before: Mapping[Path, str]) -> None:
+    """Write all files or none."""
+    written: list[Path] = []
+    try:
+        for path, text in texts.items():
+            with convert_errors(path, "cannot be written"):
+                write_whole(path, text, durable=True, follow=True)
+            written.append(path)
+    except InputError:
+        for path in written:
+            write_whole(path, before[path], durable=True, follow=True)
+        raise
+
+
+def undo(project: "Project") -> tuple[str, tuple[Path, ...]]:
+    """Restore the files as they were before the last term was applied.
+
+    Returns:
+        The term in words, and the files.
+
+    Raises:
+        InputError: there is none, or a file has been changed since.
+    """
+    stack = _undo_file(project)
+    records = _records(stack)
+    if not records:
+        raise InputError.of(Location(project.path.name), "no proposal was applied that could be undone")
+    record = records.pop()
+    texts = {project.path.parent / file["path"]: file["before"] for file in record["files"]}
+    present = {path: path.read_bytes().decode("utf-8") for path in texts}
+    for path, file in zip(texts, record["files"], strict=True):
+        if digest_of(present[path]) != file["after"]:
+            message = "the file was changed after the proposal was applied"
+            raise InputError.of(Location.of_file(path), message, "Undo the changes by hand, or with version control.")
+    _write_all(texts, present)
+    with convert_errors(stack, "cannot be written"):
+        write_whole(stack, json.dumps(records, ensure_ascii=False))
+    return str(record["text"]), tuple(texts)
+
+
+def _undo_file(project: "Project") -> Path:
+    path = project.path.parent / ".kennfeld" / project.path.stem / UNDO
+    with convert_errors(path, "cannot be written"):
+        return below(project.path.parent, path)
+
+
+def _records(stack: Path) -> list[dict[str, Any]]:
+    if not stack.is_file():
+        return []
+    with suppress(ValueError, OSError):
+        content = json.loads(stack.read_text(encoding="utf-8"))
+        return content if isinstance(content, list) else []
+    return []

@@ -1,0 +1,94 @@
+"""The command `propose`: which term is missing in the function of a project."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from kennfeld.base.errors import ArgumentError, InputError, Location
+from kennfeld.base.formatting import count_noun, join_names
+from kennfeld.terminal.command_line import DONE, INTERRUPTED, as_json, only_problems, option, project_file, trusted
+from kennfeld.terminal.opened_project import opened_project
+from kennfeld.terminal.output import print_lines, print_progress, print_values
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.missing.proposal import TermProposals
+    from kennfeld.project import Project
+
+
+@click.command
+@project_file
+@option("--apply number", "Write proposal N into the formula text and the project file.", "N", type=click.IntRange(1))
+@option("--undo", "Restore the files as they were before the last proposal was written.")
+@option("--channel channels", "Pattern of the channels that take part. Repeatable.", "NAME", "all", multiple=True)
+@option("--node nodes", "Pattern of the nodes that take part. Repeatable.", "NAME", "all", multiple=True)
+@option("--kind kinds", "add, multiply, lag or delay. Repeatable.", "KIND", "all", multiple=True)
+@option("--least", "Effect that a proposal must explain, in the unit of the target.", "X", "0", type=float, default=0.0)
+@as_json
+@trusted
+@only_problems
+def propose(
+    path: Path,
+    number: int | None,
+    undo: bool,
+    channels: tuple[str, ...],
+    nodes: tuple[str, ...],
+    kinds: tuple[str, ...],
+    least: float,
+    as_json: bool,
+    trust: bool,
+) -> int:
+    """Find terms that the function lacks: which channel or lag, and at which node.
+
+    All channels of the recordings take part. Nothing is written without --apply.
+    """
+    with opened_project(path, trust=trust) as project:
+        if undo:
+            return _undo(project)
+        try:
+            found = project.propose(
+                channels=channels or ("*",),
+                nodes=nodes or ("*",),
+                kinds=kinds or ("add", "multiply", "lag", "delay"),  # type: ignore[arg-type]
+                least=least,
+                report=print_progress,
+            )
+        except ArgumentError as error:
+            raise InputError.of(Location("propose"), str(error)) from None
+        except KeyboardInterrupt:
+            return INTERRUPTED
+        if number is not None and found.proposals and number > len(found):
+            message = f"there is no proposal {number}, only {count_noun(len(found), 'proposal')}"
+            raise InputError.of(Location("--apply"), message, f"Write a number from 1 to {len(found)}.")
+        written = project.apply(found[number - 1]) if number is not None and found.proposals else ()
+    if as_json:
+        applied = {"applied": {"number": number, "files": [str(file) for file in written]}} if written else {}
+        print_values(json.dumps(found.as_json() | applied, indent=2, ensure_ascii=False))
+        return DONE
+    _print(found)
+    if written and number is not None:
+        print_lines("", f"Applied proposal {number}: {found[number - 1].change}.")
+        print_lines(f"Written to {join_names([str(file) for file in written])}")
+        print_lines(f"Next: kennfeld calibrate {path}", f"Undo: kennfeld propose {path} --undo")
+    elif found.proposals:
+        print_lines(f"Next: kennfeld propose {path} --apply 1")
+    return DONE
+
+
+def _print(found: "TermProposals") -> None:
+    print_lines(*found.lines())
+    print_lines(
+        f"{found.candidates} candidates; {found.seconds[0]:.1f} s to score them, {found.seconds[1]:.1f} s to fit"
+    )
+    if found.excluded:
+        print_lines("Channels that take no part:")
+        print_lines(*(f"  {name}: {reason}" for name, reason in found.excluded.items()))
+
+
+def _undo(project: "Project") -> int:
+    from kennfeld.project.missing_terms import undo
+
+    text, files = undo(project)
+    print_lines(f"Undone: {text}.", f"Restored {join_names([str(file) for file in files])}")
+    return DONE

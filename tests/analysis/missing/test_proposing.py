@@ -1,0 +1,139 @@
+"""`propose` finds planted terms at their place, and nothing where nothing is missing."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+TEXT = "trq = M(n, load)\neta = E(dev)\ndrag = D(n)\ny = trq * eta - drag"
+START = kf.ParameterSet(
+    [
+        kf.Map("M", kf.Axis([0, 0.5, 1]), kf.Axis([0, 0.5, 1]), 50 + 30 * np.add.outer(np.arange(3), np.arange(3))),
+        kf.Curve("E", [-1, 0, 1], [0.8, 1.0, 0.8]),
+        kf.Curve("D", [0, 0.5, 1], [5.0, 8.0, 12.0]),
+    ]
+)
+PINS = [kf.Pin("E", (0.0,), 1.0)]
+
+
+def bench(planted="", samples=600, seed=0, noise=0.5, size=1.0):
+    rng = np.random.default_rng(seed)
+    data = {"n": rng.uniform(0, 1, samples), "load": rng.uniform(0, 1, samples), "dev": rng.uniform(-1, 1, samples)}
+    data |= {f"c{number}": rng.normal(size=samples) for number in range(6)}
+    nodes = {name: kf.simulate(TEXT, data, START)[name].values for name in ("trq", "eta", "drag")}
+    nodes[planted] = nodes.get(planted, 0.0) + size * data["c2"]
+    return data | {"m": nodes["trq"] * nodes["eta"] - nodes["drag"] + noise * rng.normal(size=samples)}
+
+
+def proposed(data, **settings):
+    return kf.propose(TEXT, data, START, "m", node="y", smoothness=0.01, pins=PINS, **settings)
+
+
+def test_a_planted_term_is_found_at_its_place():
+    proposals = proposed(bench("drag"))
+    first = proposals[0]
+    assert (proposals.status, first.term.channel) == ("found", "c2")
+    assert "drag" in {first.term.node, *(place.node for place in first.equal_places)}
+    assert first.rmse.after == pytest.approx(first.predicted, rel=0.03)
+    assert first.held_out.after < 0.6 * first.held_out.before
+    # adding to y is the same as taking from drag
+    assert {"drag", "y"} <= {first.term.node, *first.as_json()["equal_places"]}
+    assert "choose by physics" in first.remark
+
+
+def test_a_term_inside_a_product_differs_from_a_term_behind_it():
+    proposals = proposed(bench("eta", size=0.03))
+    first = proposals[0]
+    assert first.term.channel == "c2"
+    assert not {"drag"} & {first.term.node, *(place.node for place in first.equal_places)}
+
+
+def test_nothing_is_proposed_where_nothing_is_missing():
+    proposals = proposed(bench())
+    assert (proposals.status, list(proposals.proposals)) == ("none", [])
+    assert proposals.message.startswith("Nothing is missing that these channels explain")
+    assert 0 < proposals.smallest_effect < 0.25
+
+
+def test_a_permuted_channel_is_not_proposed():
+    data = bench("drag")
+    data["c2"] = np.random.default_rng(5).permutation(data["c2"])
+    assert not proposed(data).proposals
+
+
+def test_two_runs_give_the_same_text():
+    data = bench("drag", samples=200)
+    first, second = (json.dumps(proposed(data, kinds=["add"], nodes=["y"]).as_json()) for _ in range(2))
+    assert first == second
+
+
+def test_the_json_has_the_keys_of_its_contract():
+    content = proposed(bench("drag", samples=300)).as_json()
+    assert {"proposals", "smallest_effect", "status"} <= set(content)
+    first = content["proposals"][0]
+    keys = {"node", "kind", "channel", "text", "equal_places", "rmse", "held_out", "patch"}
+    assert keys <= set(first)
+    assert set(first["rmse"]) == set(first["held_out"]) == {"before", "after"}
+    json.dumps(content, allow_nan=False)
+
+
+def test_channels_that_cannot_take_part_are_named_with_the_reason():
+    data = bench(samples=300)
+    data["constant"] = np.ones(300)
+    data["gaps"] = np.where(np.arange(300) % 3, np.nan, 1.0 * np.arange(300))
+    data["copy"] = 3 * data["m"] + 1e-3
+    excluded = proposed(data, kinds=["add"]).excluded
+    assert excluded["constant"] == "it is constant"
+    assert excluded["gaps"] == "67% of its samples are missing"
+    assert excluded["copy"] == "its correlation with the target m is 1.0000"
+    assert excluded["m"] == "it is the target"
+
+
+def test_too_few_samples_fail_with_a_sentence():
+    proposals = proposed(bench(samples=25))
+    assert proposals.status == "failed"
+    assert proposals.message == "25 samples are too few for 15 values: no term can be judged."
+
+
+def test_a_calibration_that_has_not_ended_is_fitted_first():
+    data = bench("drag", samples=300)
+    proposals = kf.propose("y = k * n", data, {"k": 0.0}, "m", kinds=["add"])
+    assert proposals.remarks[0].startswith("The values were fitted further first: cost ")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, lag, delay."),
+        ({"channels": "n"}, "channels='n' must be a list: channels=['n']"),
+        ({"channels": ["c22"]}, "channels: the training data have no channel c22"),
+        ({"nodes": ["drg"]}, "nodes: the function has no node drg. Did you mean drag?"),
+        ({"least": -1.0}, "least must be >= 0, got -1.0"),
+    ],
+)
+def test_wrong_arguments_are_named(settings, message):
+    with pytest.raises(kf.ArgumentError, match=f"^{re.escape(message)}"):
+        proposed(bench(samples=100), **settings)
+
+
+def test_a_missing_lag_is_found_with_its_time_constant():
+    rng = np.random.default_rng(1)
+    time = 0.1 * np.arange(1500)
+    u = np.repeat(rng.uniform(0, 1, 75), 20)
+    clean = kf.simulate("y = PT1(3 * u, 1.5)", {"u": u, "time": time}, {})["y"].values
+    data = {"u": u, "time": time, "bait": np.cumsum(rng.normal(size=1500)), "m": clean + 0.05 * rng.normal(size=1500)}
+    proposals = kf.propose("y = k * u", data, {"k": 2.0}, "m")
+    first = proposals[0]
+    assert first.term.kind == "lag"
+    assert first.term.seconds == pytest.approx(1.5, rel=0.05)
+    assert first.change == f"Delay y by a PT1 of about {first.term.seconds:.3g} s"
+    assert not any(proposal.term.channel == "bait" for proposal in proposals.proposals)
+
+
+def test_an_effect_below_the_least_is_left_out():
+    proposals = proposed(bench("drag", samples=300), least=2.0)
+    assert not proposals.proposals
+    assert "an effect of 2 would have been seen" in proposals.message

@@ -1,0 +1,269 @@
+import json
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.design import design
+from kennfeld.design.open_directions import amount_of, reduced_functions, regular_curvature
+from kennfeld.design.point_design import point_kinds
+from kennfeld.design.segments import cut_segments
+from tests.design.fits import drive, fitted, lag_fit, map_fit, product_fit, surface
+
+NARROW, WIDE = (0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+def test_segments_go_where_the_use_is_and_the_data_are_not():
+    result = lag_fit(drive(60, NARROW))
+    candidates = [drive(60, NARROW, 1, name="known"), drive(60, WIDE, 2, name="new")]
+    proposal = design(result, segments=2, candidates=candidates, use=drive(60, WIDE, 3), length=10.0)
+    assert {segment.file for segment in proposal.segments} == {"new"}
+    assert all("C at" in segment.settles for segment in proposal.segments)
+    assert proposal.warmup == pytest.approx(3.0, abs=0.3)
+    assert all(segment.begin >= proposal.warmup - 0.1 for segment in proposal.segments)
+    assert np.all(proposal.after["C"] <= proposal.before["C"] * (1 + 1e-9))
+    assert proposal.after["C"][-1] < 0.1 * proposal.before["C"][-1]
+    assert proposal.factor < 0.1
+
+
+def test_the_use_decides_which_segments_are_worth_driving():
+    result = lag_fit(drive(60, (0.25, 0.5)))
+    candidates = [drive(40, (0.0, 0.1), 1, name="low"), drive(40, (0.9, 1.0), 2, name="high")]
+    for use, expected in (((0.0, 0.2), "low"), ((0.8, 1.0), "high")):
+        proposal = design(result, segments=1, candidates=candidates, use=drive(40, use, 3), length=10.0)
+        assert proposal.segments[0].file == expected
+
+
+def test_what_is_planned_needs_no_targets():
+    planned = kf.Dataset.of("planned", {"u": np.linspace(0, 1, 600)}, time=0.1 * np.arange(600))
+    proposal = design(lag_fit(drive(60, NARROW)), segments=1, candidates=planned, length=10.0)
+    assert proposal.segments[0].file == "planned"
+
+
+def test_the_information_of_a_segment_is_that_of_the_segment_driven_alone():
+    from kennfeld.design.candidate_data import CandidateData
+    from kennfeld.design.segments import owners
+
+    fit, data = fitted(lag_fit(drive(60, WIDE))), drive(60, WIDE, 5)
+    segments = cut_segments([data], 10.0, 5.0)
+    together = CandidateData(fit, [data]).squares(fit.values, owners(segments, [data]), len(segments))
+    for number, segment in enumerate(segments):
+        alone = np.diagonal(CandidateData(fit, [segment.cut(data)]).curvature(fit.values))
+        # what remains of a start 5 s before, with a lag of 1 s
+        np.testing.assert_allclose(together[number], alone, rtol=0.05, atol=0.02 * alone.max())
+
+
+def test_of_equal_recordings_all_but_one_can_go():
+    drives = [drive(30, WIDE, 7, name=f"same {number}") for number in range(3)]
+    proposal = design(lag_fit([*drives, drive(30, NARROW, 8, name="other")]), reduce=True, keep=2)
+    assert len(proposal.drop) == 2
+    assert sum(name.startswith("same") for name in proposal.drop) >= 1
+    assert not {"same 0", "same 1", "same 2"} <= {*proposal.drop}
+
+
+def test_recordings_that_all_differ_are_kept():
+    drives = [drive(30, (level,), number, name=str(number)) for number, level in enumerate((0.05, 0.35, 0.65, 0.95))]
+    assert design(lag_fit(drives), reduce=True).drop == ()
+
+
+def test_points_go_to_grid_points_without_data():
+    result = map_fit(upper=0.6)
+    proposal = design(result, n=8, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
+    assert sum(point["n"] > 0.66 for point in proposal.points) >= 4
+    far = (slice(-1, None), slice(None))
+    assert np.all(proposal.after["M"][far] < 0.5 * proposal.before["M"][far])
+
+
+def test_the_predicted_deviation_is_that_of_the_fit_with_the_points():
+    result = map_fit(count=60, upper=0.7)
+    proposal = design(result, n=20, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
+    random = np.random.default_rng(9)
+    n, l = (np.array([point[name] for point in proposal.points]) for name in ("n", "l"))  # noqa: E741
+    measured = {"n": n, "l": l, "m": surface(n, l) + random.normal(0, 0.05, n.size)}
+    before = result.inspection.problem
+    again = kf.calibrate(
+        before.model, [*before.datasets, kf.Dataset.of("measured", measured)], before.parameters, "m", smoothness=0.01
+    )
+    # the noise is estimated anew
+    noise = again.trust.noise["y"] / result.trust.noise["y"]
+    np.testing.assert_allclose(again.trust.deviation["M"] / noise, proposal.after["M"], rtol=0.1)
+
+
+def refitted_factor(result, proposal, direction):
+    """The deviation along a direction after the points are measured and fitted, relative to that before."""
+    fit = fitted(result)
+    function = reduced_functions(fit, [amount_of(fit, result.trust.directions[direction - 1])])
+    random = np.random.default_rng(3)
+    n, g = (np.array([point[name] for point in proposal.points]) for name in ("n", "g"))
+    m = (50 + 20 * n) * (1 - 0.4 * abs(g - 0.5)) - 10 * n - 5 + random.normal(0, 0.1, n.size)
+    problem = result.inspection.problem
+    again = kf.calibrate(
+        problem.model,
+        [*problem.datasets, kf.Dataset.of("measured", {"n": n, "g": g, "m": m})],
+        result.parameters,
+        "m",
+        free=problem.free,
+    )
+    after = fitted(again)
+
+    def deviation(own):
+        variance = function[0] @ np.linalg.solve(regular_curvature(own), function[0])
+        return float(np.sqrt(variance))
+
+    return deviation(after) / deviation(fit)
+
+
+@pytest.mark.parametrize("ranges", [{"n": (0, 1), "g": (0, 1)}, {"n": (0, 1), "g": (0.4, 0.6)}])
+def test_the_predicted_factor_of_a_direction_is_that_of_the_refitted_one(ranges):
+    result = product_fit(free=("C", "D"))
+    proposal = design(result, n=20, direction=1, ranges=ranges)
+    predicted = float(proposal.sentences[0].split(" leave ")[1].split()[0])
+    assert predicted == pytest.approx(refitted_factor(result, proposal, 1), rel=0.05)
+    assert (predicted < 0.5) == (ranges["g"] == (0, 1))
+
+
+def test_a_direction_that_no_point_settles_names_what_does():
+    result = product_fit()
+    proposal = design(result, n=20, direction=1, ranges={"n": (0, 1), "g": (0.49, 0.51)})
+    assert len(proposal.unsettled) == 1
+    assert (
+        "No fired point settles that: 100 points leave 0.9" in proposal.unsettled[0]
+        or "leave 1.00" in proposal.unsettled[0]
+    )
+    assert "Measuring ideal at 20 points as well" in proposal.unsettled[0]
+    assert result.trust.directions[0].remedy in proposal.unsettled[0]
+
+
+def test_points_of_another_kind_are_offered():
+    random = np.random.default_rng(0)
+    fired = {"n": random.uniform(0, 1, 200), "m": np.zeros(200)}
+    fired["m"] = 50 + 20 * fired["n"] - (10 * fired["n"] + 5) + random.normal(0, 0.1, 200)
+    motored = {"n": random.uniform(0, 1, 5)}
+    motored["d"] = 10 * motored["n"] + 5 + random.normal(0, 0.1, 5)
+    start = kf.ParameterSet([kf.Curve(name, np.linspace(0, 1, 3), np.ones(3)) for name in ("C", "D")])
+    criteria = [kf.Criterion("y", kf.Target("channel", "m")), kf.Criterion("drag", kf.Target("channel", "d"))]
+    data = [kf.Dataset.of("fired", fired), kf.Dataset.of("motored", motored)]
+    result = kf.calibrate("input n\ndrag = D(n)\ny = C(n) - drag", data, start, criteria=criteria)
+    assert [kind.name for kind in point_kinds(fitted(result))] == ["fired", "motored"]
+    proposal = design(result, n=20, names=["D"])
+    assert "20 points as in motored would leave 0." in " ".join([*proposal.sentences, *proposal.unsettled])
+
+
+def test_candidates_are_checked():
+    result = map_fit()
+    point = {"n": [0.2, 0.2, 1.5, np.nan], "l": [0.3, 0.3, 0.5, 0.5]}
+    with pytest.warns(kf.InputWarning) as warned:
+        proposal = design(result, n=5, candidates=kf.Dataset.of("list", point))
+    texts = [str(each.message) for each in warned] + [str(finding) for finding in proposal.findings]
+    for expected in (
+        "1 candidate left out, as values are missing",
+        "1 duplicate",
+        "beyond the axes",
+        "fewer than the 5",
+    ):
+        assert any(expected in text for text in texts), expected
+    assert len(proposal.points) == 2
+    with pytest.raises(kf.InputError, match="has no channel l"):
+        design(result, n=5, candidates=kf.Dataset.of("list", {"n": [0.1]}))
+
+
+def test_segments_that_cannot_be_cut_are_an_error_or_a_warning():
+    result = lag_fit(drive(60, NARROW))
+    with pytest.raises(kf.InputError, match="no recording is as long as a segment of 600 s"):
+        design(result, segments=2, candidates=drive(60, WIDE), length=600.0)
+    with pytest.raises(kf.InputError, match="there is nothing to choose segments from"):
+        design(result, segments=2)
+    with pytest.warns(kf.InputWarning, match="shorter than their warm-up"):
+        design(result, segments=1, candidates=drive(60, WIDE), length=1.0)
+    with pytest.warns(kf.InputWarning, match="fewer than the 30 asked for"):
+        proposal = design(result, segments=30, candidates=drive(60, WIDE), length=20.0)
+    assert len(proposal.segments) == 2
+
+
+def test_a_function_that_misses_a_term_is_a_warning_that_names_propose():
+    random = np.random.default_rng(0)
+    data = {"n": random.uniform(0, 1, 400), "throttle": random.uniform(0, 1, 400)}
+    data["m"] = 2 * data["n"] + data["throttle"] ** 2 + random.normal(0, 0.05, 400)
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 4), np.zeros(4))])
+    with pytest.warns(kf.InputWarning, match=r"% of the variance of the errors of y follow throttle.*kennfeld propose"):
+        design(kf.calibrate("input n\ny = C(n)", kf.Dataset.of("bench", data), start, "m"), n=3)
+
+
+def test_a_fit_that_did_not_converge_is_a_warning():
+    random = np.random.default_rng(0)
+    data = {"n": random.uniform(0, 1, 50), "l": random.uniform(0, 1, 50)}
+    data["m"] = surface(data["n"], data["l"]) + random.normal(0, 0.05, 50)
+    axis = np.linspace(0, 1, 4)
+    start = kf.ParameterSet([kf.Map("M", axis, axis, np.zeros((4, 4)))])
+    result = kf.calibrate(
+        "input n\ninput l\ny = M(n, l) * M(l, n)", data, start, "m", options=kf.Options(max_iterations=1)
+    )
+    assert not result.converged
+    with pytest.warns(kf.InputWarning, match="the fit did not converge"):
+        design(result, n=3)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"n": 3, "segments": 2}, "exclude each other"),
+        ({"keep": 2}, "keep requires reduce"),
+        ({"n": 0}, "must be >= 1, got 0"),
+        ({"n": 3, "names": ["M"], "direction": 1}, "for named parameters or for a direction"),
+        ({"segments": 3}, "requires a fit"),
+        ({"n": 3}, "no channel has a range"),
+    ],
+)
+def test_requests_that_make_no_sense_are_errors(words, message):
+    with pytest.raises(kf.InputError, match=message):
+        design(**words)
+
+
+def test_unknown_names_are_errors_with_the_nearest():
+    with pytest.raises(kf.ArgumentError, match=r"unknown setting rangs.*Did you mean ranges"):
+        design(n=3, rangs={})
+    with pytest.raises(kf.InputError, match="no free value of a parameter named N"):
+        design(map_fit(), n=3, names=["N"])
+    with pytest.raises(kf.InputError, match="there is no direction 99"):
+        design(map_fit(), n=3, direction=99)
+    with pytest.raises(kf.InputError, match="unknown channel load"):
+        design(n=3, ranges={"speed": (0, 1)}, where=["load < 2"], slew={"load": 1.0})
+
+
+def test_a_design_is_the_same_for_any_number_of_threads(monkeypatch):
+    result = lag_fit(drive(60, NARROW))
+    proposal = []
+    for cores in (1, 4):
+        monkeypatch.setattr("kennfeld.native.accumulator.available_cores", lambda cores=cores: cores)
+        proposal.append(design(result, segments=3, candidates=drive(120, WIDE, 2), length=10.0))
+    assert proposal[0].segments == proposal[1].segments
+    assert proposal[0].factor == proposal[1].factor
+
+
+@pytest.mark.parametrize("ending", [".csv", ".xlsx", ".parquet", ".mf4"])
+def test_written_manoeuvres_are_read_as_they_were_planned(ending, tmp_path):
+    plans = [{"kind": "aprbs", "duration": 30.0}]
+    proposal = design(ranges={"speed": (800, 6000), "load": (10, 100)}, slew={"speed": 500.0}, manoeuvres=plans)
+    path = proposal.save(tmp_path / f"plan{ending}")
+    data = kf.read(path, channels=["speed", "load"])
+    np.testing.assert_allclose(data.time, proposal.tables[0].time, rtol=0, atol=1e-9)
+    for name in ("speed", "load"):
+        np.testing.assert_allclose(data[name].values, proposal.tables[0].columns[name], rtol=1e-12)
+
+
+def test_a_written_list_has_points_blocks_and_times(tmp_path):
+    proposal = design(n=6, ranges={"speed": (800, 6000)}, slew={"speed": 100.0}, wait=20.0, repeat=3, blocks=2)
+    lines = proposal.save(tmp_path / "points.csv").read_text("utf-8").splitlines()
+    assert lines[0].replace('"', "") == "number,block,kind,ramp,wait,speed"
+    assert len(lines) == 1 + len(proposal.points) == 1 + 6 + 3
+    content = json.loads(proposal.save(tmp_path / "points.json").read_text("utf-8"))
+    assert content["points"] == [dict(point) for point in proposal.points]
+    assert {"points", "segments", "drop", "deviation", "unsettled"} <= content.keys()
+
+
+def test_a_file_that_cannot_hold_a_design_is_an_error(tmp_path):
+    proposal = design(lag_fit(drive(60, NARROW)), segments=1, candidates=drive(60, WIDE), length=10.0)
+    with pytest.raises(kf.InputError, match=r"no time, which \.mf4 requires"):
+        proposal.save(tmp_path / "list.mf4")
+    with pytest.raises(kf.InputError, match=r"must have the extension .*, got \.txt"):
+        proposal.save(tmp_path / "list.txt")

@@ -1,0 +1,132 @@
+"""Missing terms of a project: found among all channels of its recordings, written into its files, taken back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from kennfeld import InputError, Project, cli
+from kennfeld.project.missing_terms import undo
+
+TEXT = (
+    "# two branches\n1 base[Nm] = MapBase(speed, load)\n2 drag[Nm] = CurveDrag(speed)  # motored\ny[Nm] = base - drag\n"
+)
+TOML = """# a bench
+[model]
+file = "f.kf"
+
+[[dataset]]
+name = "bench"
+files = ["run_*.csv"]
+{more}
+[[criterion]]
+node = "y"
+target = {{ channel = "m" }}
+
+[parameters.MapBase]
+x = {{ input = "speed", breakpoints = [0, 0.5, 1] }}
+y = {{ input = "load", breakpoints = [0, 0.5, 1] }}
+initial = 1.0
+
+[parameters.CurveDrag]
+x = {{ input = "speed", breakpoints = [0, 0.5, 1] }}
+initial = 0.5
+lock = true
+"""
+
+
+def write_bench(folder, planted="drag", more="", timed=False, files=3, samples=150):
+    rng = np.random.default_rng(4)
+    for number in range(files):
+        data = {name: rng.uniform(0, 1, samples) for name in ("speed", "load", "oil", "humidity")}
+        y = 2 + data["speed"] + data["load"] - 0.5 + 0.02 * rng.normal(size=samples)
+        y -= 0.3 * data["oil"] ** 2 if planted else 0.0
+        columns = ({"time": 0.1 * np.arange(samples)} if timed else {}) | data | {"m": y, "flat": np.ones(samples)}
+        rows = zip(*(column.round(5).tolist() for column in columns.values()), strict=True)
+        lines = [",".join([*columns, "note"]), *(",".join([*map(str, row), "ok"]) for row in rows)]
+        (folder / f"run_{number}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "f.kf").write_text(TEXT, encoding="utf-8")
+    path = folder / "kennfeld.toml"
+    path.write_text(TOML.format(more=more), encoding="utf-8")
+    return path
+
+
+def test_a_channel_that_the_project_does_not_read_is_proposed(tmp_path):
+    path = write_bench(tmp_path)
+    proposals = Project.read(path).propose(kinds=["add"])
+    first = proposals[0]
+    assert (first.term.channel, first.held_name) == ("oil", "files")
+    assert first.location
+    assert proposals.excluded == {"m": "it is the target", "flat": "it is constant"}
+    assert proposals.remarks[0] == "Calibrated first, as the results folder has no values of this function."
+    assert "+[parameters.Add" in first.patch
+
+
+def test_a_proposal_is_written_into_both_files_and_taken_back(tmp_path):
+    path = write_bench(tmp_path)
+    project = Project.read(path)
+    before = [(tmp_path / name).read_bytes() for name in ("f.kf", "kennfeld.toml")]
+    proposal = project.propose(kinds=["add"], nodes=["drag"])[0]
+    assert project.apply(proposal) == (tmp_path / "f.kf", path)
+    text = (tmp_path / "f.kf").read_text(encoding="utf-8")
+    assert "2 drag[Nm] = CurveDrag(speed) + AddDragOil(oil)  # motored\n" in text
+    changed = Project.read(path)
+    result = changed.calibrate()
+    rmse = [row.rmse_after for row in result.quality]
+    assert rmse[0] == pytest.approx(proposal.rmse.after, rel=1e-3)
+    assert undo(changed) == (proposal.change, (tmp_path / "f.kf", path))
+    assert [(tmp_path / name).read_bytes() for name in ("f.kf", "kennfeld.toml")] == before
+
+
+def test_an_undo_does_not_overwrite_later_changes(tmp_path):
+    path = write_bench(tmp_path)
+    project = Project.read(path)
+    with pytest.raises(InputError, match="no proposal was applied that could be undone"):
+        undo(project)
+    project.apply(project.propose(kinds=["add"], nodes=["drag"])[0])
+    path.write_text(path.read_text(encoding="utf-8") + "# mine\n", encoding="utf-8")
+    with pytest.raises(InputError, match="the file was changed after the proposal was applied"):
+        undo(project)
+    assert path.read_text(encoding="utf-8").endswith("# mine\n")
+
+
+@pytest.mark.slow
+def test_partitions_give_the_same_list(tmp_path):
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    for folder, more in ((whole, ""), (parts, "[cluster]\npartition = 200\n")):
+        folder.mkdir()
+        write_bench(folder, more=more, timed=True, files=4)
+    contents = []
+    for folder in (whole, parts):
+        project = Project.read(folder / "kennfeld.toml")
+        content = project.propose(kinds=["add"], nodes=["drag"], channels=["oil", "humidity"]).as_json()
+        contents.append(content | {"proposals": [each | {"patch": ""} for each in content["proposals"]]})
+        project.close()
+    assert json.dumps(contents[0]) == json.dumps(contents[1])
+
+
+def test_the_command_prints_the_list_and_applies_one(tmp_path, capsys):
+    path = write_bench(tmp_path)
+    arguments = ["propose", str(path), "--kind", "add", "--node", "drag"]
+    assert cli.run([*arguments, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert [proposal["channel"] for proposal in content["proposals"]] == ["oil"]
+    assert cli.run([*arguments, "--apply", "2"]) == 2
+    assert "there is no proposal 2, only 1 proposal" in capsys.readouterr().err
+    assert cli.run([*arguments, "--apply", "1"]) == 0
+    assert f"Undo: kennfeld propose {path} --undo" in capsys.readouterr().out
+    assert cli.run(["propose", str(path), "--undo"]) == 0
+    assert capsys.readouterr().out.startswith("Undone: Add a curve of oil to drag.")
+
+
+def test_nothing_missing_is_an_empty_list_and_no_error(tmp_path, capsys):
+    path = write_bench(tmp_path, planted="")
+    assert cli.run(["propose", str(path), "--kind", "add", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert (content["proposals"], content["status"]) == ([], "none")
+
+
+def test_a_wrong_pattern_is_wrong_input(tmp_path, capsys):
+    path = write_bench(tmp_path)
+    assert cli.run(["propose", str(path), "--channel", "oli"]) == 2
+    assert "the training data have no channel oli. Did you mean oil?" in capsys.readouterr().err
