@@ -1313,7 +1313,7 @@ export interface ExistingFile {
   exists: string;
 }
 
-/** What the screen of the control unit offers. */
+/** The choices of the screen of the control unit. */
 export interface ControlUnit {
   /** In the project file; empty if nothing is rounded. */
   method: "" | "nearest" | "joint";

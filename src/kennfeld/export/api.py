@@ -88,7 +88,7 @@ class ExportContents:
     name: str
     files: Mapping[str, str | bytes]
     findings: tuple[Finding, ...] = ()
-    comparison: Comparison | None = None
+    comparison: CodeComparison | None = None
 
     def written(self, folder: Path) -> Export:
         """Write the files together."""

@@ -26,7 +26,7 @@ from kennfeld.base.numeric import number
 from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.export.api import ExportSettings
-from kennfeld.export.comparison import Comparison
+from kennfeld.export.comparison import CodeComparison
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.prepared import Precision
 from kennfeld.optimize.rounding.outcome import LabelRounding, RoundingResult
@@ -62,7 +62,7 @@ class StorageRow:
 
 @dataclass(frozen=True)
 class ControlUnit:
-    """What the screen of the control unit offers.
+    """The choices of the screen of the control unit.
 
     Attributes:
         method: in the project file; empty if nothing is rounded.
@@ -421,7 +421,7 @@ def _tables(session: Session, values: Mapping[str, Parameter]) -> list[Parameter
     return [values[name] for name in session.require_view().model.problem.model.graph.parameters]
 
 
-def _compared(own: Comparison | None) -> ComparedCode | None:
+def _compared(own: CodeComparison | None) -> ComparedCode | None:
     if own is None:
         return None
     rows = [DeviationRow(each.name, each.unit, finite(each.largest), each.range) for each in own.outputs]

@@ -1,4 +1,4 @@
-"""What goes into the control unit: rounded values, code of the function with them, and the files that are written."""
+"""Content of a control unit: rounded values, code of the function with them, and the files that are written."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from kennfeld.calfiles import write as write_parameters
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import RoundingMethod, StorageRounding
 from kennfeld.export.api import ExportContents, ExportSettings, project_contents, write_files
-from kennfeld.export.comparison import Comparison
+from kennfeld.export.comparison import CodeComparison
 
 Applied = Literal["", "nearest", "joint"]  # empty: the values as they are
 FOLDER = "export"
@@ -41,7 +41,7 @@ class UnitFiles:
 
     files: Contents
     findings: tuple[Finding, ...]
-    comparison: Comparison | None
+    comparison: CodeComparison | None
 
 
 def rounding_of(session: Session) -> StorageRounding | None:
