@@ -117,10 +117,11 @@ class _InitialFiles:
             axes = tuple(moved.get(axis.name, axis) for axis in table.axes)
             if any(not np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(axes, table.axes, strict=True)):
                 values = regrid(table.values, table.axes, axes, table.extrapolation)
-                # limits of single values have no counterpart on a grid of another size
-                plain = {"lower": -np.inf, "upper": np.inf, "locked": False}
-                same = values.shape == table.values.shape
-                changed.append(table.changed(axes=axes, values=values, **({} if same else plain)))
+                if values.shape == table.values.shape:
+                    changed.append(table.changed(axes=axes, values=values))
+                else:
+                    # limits of single values have no counterpart on a grid of another size
+                    changed.append(table.changed(axes=axes, values=values, lower=-np.inf, upper=np.inf, locked=False))
         if not changed:
             return self.merged
         names = [table.name for table in changed]
