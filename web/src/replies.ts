@@ -519,7 +519,7 @@ export interface ErrorsByFile {
   several: boolean;
 }
 
-/** The sets that can be compared: the present values, runs and cross-validations, the last one first, and the start. */
+/** The sets that can be compared: present values, runs and cross-validations, the last one first, and the start. */
 export interface SetHistory {
   rows: SetRow[];
 }
