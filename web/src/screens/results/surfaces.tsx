@@ -24,7 +24,7 @@ export function Surfaces({ own, taken, pick }: Shown) {
   const turned = (): void => {
     for (const redraw of views.current) redraw();
   };
-  const range = extent(own.first, own.second);
+  const range = widened(extent(own.first, own.second), 0); // equal values have a height, too
   const difference = own.second.map((value, k) => value - own.first[k]!);
   if (own.axes.length === 2)
     return (
@@ -188,7 +188,8 @@ function drawDifference(
   const [x, y] = own.axes as [AxisPoints, AxisPoints];
   const [nx, ny] = [x.points.length, y.points.length];
   const box = { left: 62, right: width - 14, top: 6, bottom: height - 56 };
-  const reach = Math.max(...values.map(Math.abs), 1e-300);
+  // without any change, the scale is that of a change of one unit
+  const reach = Math.max(0, ...values.filter(Number.isFinite).map(Math.abs)) || 1;
   const edges = drawCells(pen, box, nx, ny, (i, j) => {
     const value = values[i * ny + j]!;
     return Number.isFinite(value) ? css(diverging(value / reach)) : null;
