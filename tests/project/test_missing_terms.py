@@ -105,7 +105,7 @@ def test_files_with_a_byte_order_mark_in_other_folders_get_a_term_and_lose_it(tm
     assert [file.read_bytes() for file in (function, path)] == before
     project.apply(project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0])
     function.unlink()
-    with pytest.raises(InputError, match="f.kf"):
+    with pytest.raises(InputError, match=r"f\.kf"):
         undo(project)
 
 
