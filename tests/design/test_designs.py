@@ -171,6 +171,8 @@ def test_segments_that_cannot_be_cut_are_an_error_or_a_warning():
     result = lag_fit(drive(60, NARROW))
     with pytest.raises(kf.InputError, match="no recording is as long as a segment of 600 s"):
         design(result, segments=2, candidates=drive(60, WIDE), length=600.0)
+    with pytest.raises(kf.InputError, match="segments of 1e-09 s are shorter than the step of"):
+        design(result, segments=2, candidates=drive(60, WIDE), length=1e-9)
     with pytest.raises(kf.InputError, match="there is nothing to choose segments from"):
         design(result, segments=2)
     with pytest.warns(kf.InputWarning, match="shorter than their warm-up"):

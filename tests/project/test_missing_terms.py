@@ -103,7 +103,15 @@ def test_files_with_a_byte_order_mark_in_other_folders_get_a_term_and_lose_it(tm
     assert not [finding for finding in Project.read(path).check() if finding.severity != "remark"]
     undo(project)
     assert [file.read_bytes() for file in (function, path)] == before
-    project.apply(project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0])
+    stack = tmp_path / ".kennfeld" / "kennfeld" / "proposals.json"
+    stack.unlink()
+    stack.mkdir()
+    proposal = project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0]
+    with pytest.raises(InputError, match=r"proposals\.json"):
+        project.apply(proposal)
+    assert [file.read_bytes() for file in (function, path)] == before
+    stack.rmdir()
+    project.apply(proposal)
     function.unlink()
     with pytest.raises(InputError, match=r"f\.kf"):
         undo(project)

@@ -347,7 +347,10 @@ def with_settings(entry: DesignEntry, settings: Mapping[str, Any]) -> DesignEntr
     stated = {name: _as_toml(value) for name, value in settings.items() if value is not None}
     section = Section(stated, KeyLocation("design"), Findings())
     forms = {name: form_of(part) for name, part in keys_of(DesignEntry).items() if name in settings}
-    changed = {name: form.read(section, name) if name in stated else None for name, form in forms.items()}
+    default = DesignEntry()  # None states the default
+    changed: dict[str, Any] = {
+        name: form.read(section, name) if name in stated else getattr(default, name) for name, form in forms.items()
+    }
     section.findings.finish()
     return replace(entry, **changed)
 

@@ -227,9 +227,13 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
     record = {"text": proposal.change, "files": files}
     stack = _undo_file(project)
     _write_all(texts, before)
-    with convert_errors(stack, "cannot be written"):
-        stack.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(stack, json.dumps([*_records(stack), record], ensure_ascii=False))
+    try:
+        with convert_errors(stack, "cannot be written"):
+            stack.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(stack, json.dumps([*_records(stack), record], ensure_ascii=False))
+    except InputError:
+        _write_all(before, texts)  # no term without a way back
+        raise
     return tuple(texts)
 
 
