@@ -54,7 +54,7 @@ class Request:
         if sum(kinds) > 1:
             findings.error(PLACE, "points (n), segments and reduce exclude each other", "Ask for one of them.")
         for name, value in (("n", self.n), ("segments", self.segments), ("keep", self.keep)):
-            if value is not None and not (isinstance(value, Integral) and value >= 1):
+            if value is not None and not _is_count(value):
                 findings.error(Location(name), f"must be an integer >= 1, got {value!r}")
         if self.keep is not None and not self.reduce:
             findings.error(Location("keep"), "keep requires reduce", "Add --reduce.")
@@ -63,6 +63,10 @@ class Request:
         if (self.names or self.direction is not None) and (self.reduce or self.segments):
             findings.error(PLACE, "segments are chosen for the whole function", "Ask for points with n.")
         findings.finish()
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, Integral | np.integer) and int(value) >= 1
 
 
 def design(
