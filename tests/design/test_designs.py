@@ -171,6 +171,8 @@ def test_segments_that_cannot_be_cut_are_an_error_or_a_warning():
     result = lag_fit(drive(60, NARROW))
     with pytest.raises(kf.InputError, match="no recording is as long as a segment of 600 s"):
         design(result, segments=2, candidates=drive(60, WIDE), length=600.0)
+    with pytest.raises(kf.InputError, match="segments of 1e-09 s are shorter than the step of"):
+        design(result, segments=2, candidates=drive(60, WIDE), length=1e-9)
     with pytest.raises(kf.InputError, match="there is nothing to choose segments from"):
         design(result, segments=2)
     with pytest.warns(kf.InputWarning, match="shorter than their warm-up"):
@@ -208,10 +210,22 @@ def test_a_fit_that_did_not_converge_is_a_warning():
     [
         ({"n": 3, "segments": 2}, "exclude each other"),
         ({"keep": 2}, "keep requires reduce"),
-        ({"n": 0}, "must be >= 1, got 0"),
+        ({"n": 0}, "must be an integer >= 1, got 0"),
         ({"n": 3, "names": ["M"], "direction": 1}, "for named parameters or for a direction"),
         ({"segments": 3}, "requires a fit"),
         ({"n": 3}, "no channel has a range"),
+        ({"n": 2.5}, "n: must be an integer >= 1, got 2.5"),
+        ({"n": 3, "ranges": {"x": (0, 1)}, "method": "latin"}, "method: unknown value 'latin'"),
+        ({"ranges": {"x": (0, 1)}, "manoeuvres": [{"kind": "zap", "duration": 5}]}, "kind: unknown value 'zap'"),
+        ({"n": 3, "ranges": {"x": (0, 1)}, "slew": {"x": 0}}, "x: must be > 0, got 0"),
+        (
+            {
+                "n": 3,
+                "ranges": {"x": (0, 1), "z": (0, 1)},
+                "curves": [{"channel": "z", "over": "x", "at": [1, 0], "limits": [0, 1]}],
+            },
+            "the values of x must rise",
+        ),
     ],
 )
 def test_requests_that_make_no_sense_are_errors(words, message):

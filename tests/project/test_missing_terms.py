@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kennfeld import InputError, Project, cli
-from kennfeld.project.missing_terms import undo
+from kennfeld.project.missing_terms import _with_more_channels, undo
 
 TEXT = (
     "# two branches\n1 base[Nm] = MapBase(speed, load)\n2 drag[Nm] = CurveDrag(speed)  # motored\ny[Nm] = base - drag\n"
@@ -88,6 +88,52 @@ def test_an_undo_does_not_overwrite_later_changes(tmp_path):
     with pytest.raises(InputError, match="the file was changed after the proposal was applied"):
         undo(project)
     assert path.read_text(encoding="utf-8").endswith("# mine\n")
+
+
+def test_files_with_a_byte_order_mark_in_other_folders_get_a_term_and_lose_it(tmp_path):
+    path, function = write_bench(tmp_path), tmp_path / "parts" / "f.kf"
+    function.parent.mkdir()
+    function.write_text("\ufeff" + TEXT, encoding="utf-8")
+    text = TOML.format(more="").replace('"f.kf"', '"parts/f.kf"')
+    path.write_text("\ufeff" + text, encoding="utf-8")
+    before = [file.read_bytes() for file in (function, path)]
+    project = Project.read(path)
+    project.apply(project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0])
+    assert all(file.read_bytes().startswith(b"\xef\xbb\xbf") for file in (function, path))
+    assert not [finding for finding in Project.read(path).check() if finding.severity != "remark"]
+    undo(project)
+    assert [file.read_bytes() for file in (function, path)] == before
+    stack = tmp_path / ".kennfeld" / "kennfeld" / "proposals.json"
+    stack.unlink()
+    stack.mkdir()
+    proposal = project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0]
+    with pytest.raises(InputError, match=r"proposals\.json"):
+        project.apply(proposal)
+    assert [file.read_bytes() for file in (function, path)] == before
+    stack.rmdir()
+    project.apply(proposal)
+    function.unlink()
+    with pytest.raises(InputError, match=r"f\.kf"):
+        undo(project)
+
+
+def test_a_column_that_is_the_time_stays_the_time(tmp_path):
+    path = write_bench(tmp_path, timed=True)
+    for file in tmp_path.glob("run_*.csv"):
+        file.write_text(file.read_text(encoding="utf-8").replace("time,", "t,", 1), encoding="utf-8")
+    project = Project.read(path)
+    proposals = project.propose(kinds=["add"], nodes=["drag"], channels=["*"])
+    assert proposals[0].term.channel == "oil"
+    problem, remarks = _with_more_channels(project, ["*"])
+    assert (problem.datasets[0].time is not None, "oil" in problem.datasets[0], remarks) == (True, True, [])
+
+
+def test_a_channel_that_test_data_lack_takes_no_part(tmp_path):
+    path = write_bench(tmp_path, more='[[dataset]]\nname = "fresh"\nfiles = ["fresh.csv"]\nuse = "test"\n')
+    text = (tmp_path / "run_0.csv").read_text(encoding="utf-8")
+    (tmp_path / "fresh.csv").write_text(text.replace("oil", "water", 1), encoding="utf-8")
+    proposals = Project.read(path).propose(kinds=["add"], nodes=["drag"])
+    assert proposals.excluded["oil"] == "dataset fresh has no such channel"
 
 
 @pytest.mark.slow

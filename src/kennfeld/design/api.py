@@ -1,7 +1,8 @@
 """`design`: what to measure next, from a project, from a result, or from nothing."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,9 @@ from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.coercion import Data, to_dataset
 from kennfeld.project import Project
-from kennfeld.project.design_table import CurveEntry, DesignEntry, ManoeuvreEntry
+from kennfeld.project.design_table import DesignEntry
+from kennfeld.project.forms import form_of, keys_of
+from kennfeld.project.section import KeyLocation, Section
 
 POINTS, SEGMENTS = 20, 15  # of a design that states no number
 CANDIDATES = 1000  # points of the region among which those by the fit are chosen
@@ -51,8 +54,8 @@ class Request:
         if sum(kinds) > 1:
             findings.error(PLACE, "points (n), segments and reduce exclude each other", "Ask for one of them.")
         for name, value in (("n", self.n), ("segments", self.segments), ("keep", self.keep)):
-            if value is not None and value < 1:
-                findings.error(Location(name), f"must be >= 1, got {value}")
+            if value is not None and not _is_count(value):
+                findings.error(Location(name), f"must be an integer >= 1, got {value!r}")
         if self.keep is not None and not self.reduce:
             findings.error(Location("keep"), "keep requires reduce", "Add --reduce.")
         if self.names and self.direction is not None:
@@ -60,6 +63,10 @@ class Request:
         if (self.names or self.direction is not None) and (self.reduce or self.segments):
             findings.error(PLACE, "segments are chosen for the whole function", "Ask for points with n.")
         findings.finish()
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, Integral | np.integer) and int(value) >= 1
 
 
 def design(
@@ -334,32 +341,33 @@ def with_settings(entry: DesignEntry, settings: Mapping[str, Any]) -> DesignEntr
     """Return settings with some of them replaced, as Python or the command line state them.
 
     Raises:
-        ArgumentError: an unknown name, or a value of another kind.
+        ArgumentError: an unknown name.
+        InputError: values that cannot be used.
     """
     known = [part.name for part in fields(DesignEntry)]
     for name in settings:
         if name not in known:
             raise ArgumentError(f"unknown setting {name} of a design. {nearest(name, known)}".strip())
-    changed = {name: _setting(name, value) for name, value in settings.items()}
+    stated = {name: _as_toml(value) for name, value in settings.items() if value is not None}
+    section = Section(stated, KeyLocation("design"), Findings())
+    forms = {name: form_of(part) for name, part in keys_of(DesignEntry).items() if name in settings}
+    default = DesignEntry()  # None states the default
+    changed: dict[str, Any] = {
+        name: form.read(section, name) if name in stated else getattr(default, name) for name, form in forms.items()
+    }
+    section.findings.finish()
     return replace(entry, **changed)
 
 
-def _setting(name: str, value: Any) -> Any:
-    classes: dict[str, type] = {"curves": CurveEntry, "manoeuvres": ManoeuvreEntry}
-    if name in classes:
-        try:
-            return tuple(classes[name](**_tuples(item)) if isinstance(item, Mapping) else item for item in value)
-        except TypeError as error:
-            raise ArgumentError(f"{name} of a design: {error}") from error
-    if name == "ranges":
-        return {key: (float(low), float(high)) for key, (low, high) in dict(value).items()}
-    if name in ("where", "forbidden", "hard", "use"):
-        return (value,) if isinstance(value, str) else tuple(value)
-    return value
-
-
-def _tuples(item: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in item.items()}
+def _as_toml(value: Any) -> Any:
+    """Return a value of Python as a project file holds it, so that the same checks apply."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {part.name: _as_toml(getattr(value, part.name)) for part in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: _as_toml(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_as_toml(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _texts(supplied: Any) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.base.arrays import Int
+from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Dataset
 
@@ -48,6 +49,9 @@ def cut_segments(datasets: Sequence[Dataset], length: float, warmup: float) -> l
         datasets: recordings with time stamps.
         length: of a segment, in s.
         warmup: time before each segment that the recording must contain, in s.
+
+    Raises:
+        InputError: a segment is shorter than the step of a recording.
     """
     return [segment for number, data in enumerate(datasets) for segment in _cut(number, data, length, warmup)]
 
@@ -59,6 +63,9 @@ def _cut(number: int, data: Dataset, length: float, warmup: float) -> Iterator[R
         if time.size < 2:
             continue
         step = float(np.median(np.diff(time)))
+        if length < step:
+            message = f"segments of {length:g} s are shorter than the step of {data.name}, {step:g} s"
+            raise InputError.of(Location("design"), message, "Increase length.")
         begins = np.arange(time[0] + warmup, time[-1] + 1.5 * step - length, length)
         # half a step of tolerance, so that rounded time stamps do not shorten a segment by a sample
         edges = np.searchsorted(time, [begins - step / 2, begins + length - step / 2, begins - warmup - step / 2])

@@ -21,6 +21,8 @@ from kennfeld.base.output_paths import below
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.measurement.reader import describe
+from kennfeld.measurement.table_conversion import ChannelDescription, TableDescription
+from kennfeld.measurement.time_column import is_named_time
 from kennfeld.models.formula.frontend import text_of
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from kennfeld.project.project import Project
 
 UNDO = "proposals.json"
+_BOM = "\ufeff"
 
 
 def propose(project: "Project", scope: SearchScope, report: Callable[[str], None]) -> TermProposals:
@@ -102,8 +105,14 @@ def _channel_names(project: "Project") -> list[str]:
             continue
         with suppress(InputError):
             for table in describe(files[0]).tables:
-                names |= dict.fromkeys(channel.name for channel in table.channels)
+                names |= dict.fromkeys(channel.name for channel in table.channels if not _is_time(channel, table))
     return list(names)
+
+
+def _is_time(channel: ChannelDescription, table: TableDescription) -> bool:
+    """Return if a column is the time of a recording only as long as nobody asks for it as a channel, as `t`."""
+    named = table.time is not None and table.time.channel == channel.name
+    return named and not is_named_time(channel.name, channel.unit)
 
 
 @dataclass(frozen=True)
@@ -206,10 +215,11 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
         remedy = "Add the term where the function was made, or write the function as text by kennfeld convert."
         raise InputError.of(project.file.location("model", "file"), message, remedy)
     texts = {change.function: change.function_text, project.path: change.project_text}
-    unsaved = {path.name: text for path, text in texts.items()}
+    # without the mark, as texts are read from files
+    unsaved = {project.file.model.file: change.function_text, project.path.name: change.project_text.removeprefix(_BOM)}
     _require_valid(project, unsaved)
     before = {path: path.read_bytes().decode("utf-8") for path in texts}
-    mark = "\ufeff" if before[change.function].startswith("\ufeff") else ""
+    mark = _BOM if before[change.function].startswith(_BOM) else ""
     texts[change.function] = mark + texts[change.function]
     files = [
         {"path": _relative(project, path), "before": before[path], "after": digest_of(texts[path])} for path in texts
@@ -217,9 +227,13 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
     record = {"text": proposal.change, "files": files}
     stack = _undo_file(project)
     _write_all(texts, before)
-    with convert_errors(stack, "cannot be written"):
-        stack.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(stack, json.dumps([*_records(stack), record], ensure_ascii=False))
+    try:
+        with convert_errors(stack, "cannot be written"):
+            stack.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(stack, json.dumps([*_records(stack), record], ensure_ascii=False))
+    except InputError:
+        _write_all(before, texts)  # no term without a way back
+        raise
     return tuple(texts)
 
 
@@ -266,7 +280,7 @@ def undo(project: "Project") -> tuple[str, tuple[Path, ...]]:
         raise InputError.of(Location(project.path.name), "no proposal was applied that could be undone")
     record = records.pop()
     texts = {project.path.parent / file["path"]: file["before"] for file in record["files"]}
-    present = {path: path.read_bytes().decode("utf-8") for path in texts}
+    present = {path: _present_text(path) for path in texts}
     for path, file in zip(texts, record["files"], strict=True):
         if digest_of(present[path]) != file["after"]:
             message = "the file was changed after the proposal was applied"
@@ -275,6 +289,11 @@ def undo(project: "Project") -> tuple[str, tuple[Path, ...]]:
     with convert_errors(stack, "cannot be written"):
         write_whole(stack, json.dumps(records, ensure_ascii=False))
     return str(record["text"]), tuple(texts)
+
+
+def _present_text(path: Path) -> str:
+    with convert_errors(path, "cannot be read"):
+        return path.read_bytes().decode("utf-8", "replace")
 
 
 def _undo_file(project: "Project") -> Path:

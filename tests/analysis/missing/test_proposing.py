@@ -137,3 +137,9 @@ def test_an_effect_below_the_least_is_left_out():
     proposals = proposed(bench("drag", samples=300), least=2.0)
     assert not proposals.proposals
     assert "an effect of 2 would have been seen" in proposals.message
+
+
+def test_a_channel_that_varies_less_than_single_precision_resolves_is_constant():
+    data = bench("drag")
+    data["stamp"] = 1.7e9 + 0.1 * np.arange(data["m"].size)
+    assert proposed(data, channels=["stamp", "c1"], kinds=["add"]).excluded == {"stamp": "it is constant"}

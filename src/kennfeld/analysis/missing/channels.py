@@ -80,8 +80,9 @@ def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
     graph = problem.model.graph
     if name in graph.names or name in graph.parameters:
         return "a node or a parameter of the function has its name"
-    if not all(name in data for data in datasets):
-        lacking = next(data.name for data in datasets if name not in data)
+    # also test data: the function with the term could not be evaluated on them
+    lacking = next((data.name for data in (*datasets, *problem.datasets) if name not in data), None)
+    if lacking is not None:
         return f"dataset {lacking} has no such channel"
     values = np.concatenate([data[name].values[data.counting] for data in datasets])
     missing = float(np.mean(~np.isfinite(values))) if values.size else 1.0
@@ -123,6 +124,8 @@ def _points(problem: Problem, name: str, points: int) -> tuple[float, ...]:
 
 def _spread(points: Float) -> Float:
     """Return points without those that are close to the one before."""
+    if points.size < 2:
+        return points
     least = CLOSEST * (points[-1] - points[0])
     kept = [points[0]]
     for point in points[1:-1]:
