@@ -11,6 +11,7 @@ from kennfeld.analysis.missing.text_patch import with_term
 TEXT = (
     "# a sensor\r\n1 a[Nm] = M(x) - b  # the base\r\nb = prev(%long name%, 0) + x\r\n"
     "%long name%[-] = if(a > 1, (a\r\n  + 2), b)\r\ny = -a ^ 2\r\n"
+    "w = PT1(x, 2)\r\nv = w + 2 * prev(w, 0) + integrator(w)\r\n"
 )
 NAMES = ["M"]
 
@@ -22,7 +23,7 @@ def addition(node, kind, **settings):
 
 TERMS = [
     addition(node, kind, **settings)
-    for node in ("a", "b", "long name", "y")
+    for node in ("a", "b", "long name", "y", "w")
     for kind, settings in (
         ("add", {"channel": "z", "breakpoints": (0.0, 1.0)}),
         ("multiply", {"channel": "n [rpm]", "breakpoints": (0.0, 1.0)}),
@@ -41,13 +42,13 @@ def test_the_patched_text_is_the_function_with_the_term(term):
     rng = np.random.default_rng(0)
     data = {name: rng.uniform(-1, 1, 40) for name in ("x", "z", "n [rpm]")} | {"time": 0.1 * np.arange(40)}
     data = {name: values for name, values in data.items() if name in model.graph.inputs or name == "time"}
-    values = kf.ParameterSet(
-        [kf.Curve("M", [-1, 1], [0.5, 2.0]), *([] if term.parameter is None else [term.parameter])]
-    )
-    for name in ("a", "b", "long name", "y"):
-        np.testing.assert_array_equal(
-            kf.simulate(model, data, values)[name].values, kf.simulate(expected, data, values)[name].values
-        )
+    values = kf.ParameterSet([kf.Curve("M", [-1, 1], [0.5, 2.0])])
+    if term.parameter is not None:
+        effect = [0.3, 0.7] if term.parameter.axes else [2.0]
+        values = values.with_parameters(term.parameter.with_values(effect))
+    patched_nodes, corrected = (kf.simulate(each, data, values) for each in (model, expected))
+    for name in ("a", "b", "long name", "y", "w", "v"):
+        np.testing.assert_array_equal(patched_nodes[name].values, corrected[name].values)
 
 
 def test_all_other_lines_stay_to_the_byte():
@@ -73,3 +74,8 @@ def test_new_names_are_declared_in_texts_that_declare_theirs():
 
 def test_a_text_without_the_node_has_no_patch():
     assert with_term("y = C(x)\n", addition("z", "lag", seconds=1.0)) is None
+
+
+def test_a_node_by_its_own_earlier_values_is_not_changed():
+    term = addition("y", "add", channel="z", breakpoints=(0.0, 1.0))
+    assert with_term("y = 0.9 * prev(y, 0) + x", term) is None

@@ -107,8 +107,27 @@ def _correction(graph: Graph, term: MissingTerm, parameter: str) -> Correction:
     return correct
 
 
+def remembers_itself(graph: Graph, state: int) -> bool:
+    """Return if the node whose value a state holds is computed from that state itself, as by a PT1.
+
+    A loop through another named node reads the node by its name.
+    """
+    named = set(graph.names.values())
+    open_nodes, seen = [graph.states[state].next], set[int]()
+    while open_nodes:
+        op, args, payload = graph.nodes[open_nodes.pop()]
+        if op == "state" and payload == state:
+            return True
+        open_nodes += [at for at in args if at not in seen and at not in named]
+        seen.update(args)
+    return False
+
+
 def with_corrections(graph: Graph, corrections: Mapping[int, Correction]) -> Graph:
     """Return a graph in which all that reads some nodes reads what the corrections make of them.
+
+    The memory that a node has of itself, as a PT1 has, keeps the uncorrected node: formula text adds the term to the
+    call, whose memory does not see it.
 
     Args:
         graph: the graph.
@@ -118,11 +137,16 @@ def with_corrections(graph: Graph, corrections: Mapping[int, Correction]) -> Gra
     # states keep their numbers; those of the corrections follow
     b.states.extend(graph.states)
     number: list[int] = []
+    uncorrected: list[int] = []
     names: dict[str, int] = {}
     for at, (op, args, payload) in enumerate(graph.nodes):
         own = b.node(op, tuple(number[a] for a in args), payload)
+        uncorrected.append(own)
         number.append(corrections[at](b, own, names) if at in corrections else own)
-    b.states[: len(graph.states)] = [State(number[s.init], number[s.next], s.latency) for s in graph.states]
+    b.states[: len(graph.states)] = [
+        State(number[s.init], (uncorrected if remembers_itself(graph, k) else number)[s.next], s.latency)
+        for k, s in enumerate(graph.states)
+    ]
     b.settle()
     named = {name: number[at] for name, at in graph.names.items()} | names
     return extract(b.nodes, b.states, named, graph.units, graph.outputs)

@@ -12,7 +12,9 @@ _SUMS, _PRODUCTS = frozenset("+-*/^"), frozenset("*/^")
 
 
 def with_term(text: str, addition: Addition, inputs: Collection[str] = (), taken: Collection[str] = ()) -> str | None:
-    """Return formula text with a term; None if the text does not define the node.
+    """Return formula text with a term; None if the text does not define the node, or by its own earlier values.
+
+    A node such as `y = 0.9 * prev(y) + x` would remember the term, too, which was not fitted so.
 
     Args:
         text: the formula text.
@@ -35,6 +37,8 @@ def with_term(text: str, addition: Addition, inputs: Collection[str] = (), taken
         if equals is None or len(own) < equals + 3:
             continue
         expression = own[equals + 1 : -1]
+        if any(token.kind in ("name", "quoted") and token.name == term.node for token in expression):
+            return None
         label = "" if addition.parameter is None else addition.parameter.name
         constant = quoted_name(term.time_constant(taken))
         before, after = _around(term, label, constant, expression, lines)
