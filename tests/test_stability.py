@@ -19,7 +19,8 @@ ARGUMENTS = Path(__file__).with_name("stable_arguments.json")
 PROVISIONAL = {
     *("DynamicSurrogate", "FilteredSurrogate", "StaticSurrogate", "SurrogateSettings", "train_surrogate"),
     *("compress_map", "find_extrapolation", "inspect_simulink", "import_esdl", "import_simulink", "read_surrogate"),
-    *("write_surrogate", "report", "Export", "export_function"),
+    *("write_surrogate", "report", "Export", "export_function", "design"),
+    *("propose", "TermProposal", "TermProposals"),
 }
 # values that only this package makes, from what users state otherwise
 MADE = {

@@ -105,7 +105,7 @@ def test_data_points_of_a_table_are_lookups_of_samples(exhaust: Path) -> None:
         assert np.abs(recorded - point).max(axis=1).min() < 1e-2
 
 
-def test_training_and_test_samples_of_a_value_are_told_apart_and_training_is_shown(exhaust: Path) -> None:
+def test_training_and_test_samples_of_a_value_are_counted_apart_and_training_is_shown(exhaust: Path) -> None:
     session = Session(exhaust)
     view = session.require_view()
     by_use = {

@@ -116,7 +116,7 @@ def test_unsaved_edits_survive_the_end_of_the_server(torque: Path, tmp_path: Pat
         page.wait_for_selector("[data-cell='1,1']:has-text('99')")
 
 
-SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "files", "start")
+SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "files", "control-unit", "start")
 
 
 def test_every_screen_opens_and_the_page_never_scrolls(exhaust: Path) -> None:

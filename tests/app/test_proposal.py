@@ -142,7 +142,7 @@ def test_starts_and_smoothness_follow_the_size_of_the_target(tmp_path: Path, uni
     assert fitted.quality[0].rmse_after < 0.1 * score.rmse  # smooth, but not against the data
 
 
-def test_a_declared_input_without_a_channel_asks_for_it_and_is_no_scalar(tmp_path: Path) -> None:
+def test_a_declared_input_without_a_channel_asks_for_it_and_does_not_become_a_scalar(tmp_path: Path) -> None:
     session = begin(tmp_path / "p", "input n[rpm]\ny = C(n)\n", "speed,y\n1,2\n2,3\n3,5\n")
     rows = {row["title"]: row for row in ask(session, "proposals")["proposals"]}
     assert "scalar n" not in rows

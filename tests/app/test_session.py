@@ -119,7 +119,7 @@ def test_a_project_that_cannot_be_read_shows_the_reason(torque: Path) -> None:
         session.run()
 
 
-def test_no_run_begins_on_data_that_have_changed_since_and_what_changed_is_said(exhaust: Path) -> None:
+def test_a_run_on_data_that_have_changed_is_refused_with_what_changed(exhaust: Path) -> None:
     session = Session(exhaust)
     drive, other = exhaust.parent / "drive.csv", exhaust.parent / "another_drive.csv"
     stat, text, others = drive.stat(), drive.read_text(encoding="utf-8"), other.read_text(encoding="utf-8")
@@ -138,7 +138,7 @@ def test_no_run_begins_on_data_that_have_changed_since_and_what_changed_is_said(
     assert not session.findings
 
 
-def test_a_recording_that_a_change_of_a_setting_reads_again_is_told(exhaust: Path) -> None:
+def test_a_recording_that_a_change_of_a_setting_reads_again_is_announced(exhaust: Path) -> None:
     session = Session(exhaust)
     drive = exhaust.parent / "another_drive.csv"
     drive.write_text("\n".join(drive.read_text(encoding="utf-8").splitlines()[:1001]) + "\n", encoding="utf-8")

@@ -7,7 +7,7 @@ import pytest
 from tests.app.browser import READY
 from tests.app.shared_app import project_page
 
-SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "files")
+SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "files", "control-unit")
 OF_TORQUE = ("TorquePredict", "MapOptTorque", "CurveEta", "bench")
 OF_EXHAUST = ("MapSettled", "TimeConstant", "drive.csv")
 

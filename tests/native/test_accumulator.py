@@ -359,7 +359,7 @@ def test_samples_that_touch_a_value_are_those_with_a_slope(model, monkeypatch):
     assert code.accumulator().touched(code.values).tolist() == per_sample.sum(axis=0).tolist()
 
 
-@pytest.mark.parametrize("model", ["static", "lag", "coupled"])
+@pytest.mark.parametrize("model", ["static", "lag", "coupled2"])
 @pytest.mark.parametrize("order", ["runs", "mixed"])
 def test_squares_are_those_of_the_rows_by_group(model, order):
     code = compiled(case(MODELS[model](), 400, STARTS))

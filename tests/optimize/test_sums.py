@@ -105,7 +105,18 @@ def test_native_code_meets_the_protocol():
     compiled = CompiledProblem(torque_problem())
     sums: Sums = compiled.sums
     names = [name for name in vars(Sums) if not name.startswith("_")]
-    expected = ["stateful", "prepare", "cost", "normal", "residual", "rows", "rows_at", "squares", "touched"]
+    expected = [
+        "stateful",
+        "prepare",
+        "cost",
+        "normal",
+        "residual",
+        "rows",
+        "rows_at",
+        "squares",
+        "touched",
+        "each_tape",
+    ]
     assert sorted(names) == sorted(expected)
     assert all(hasattr(sums, name) for name in [*names, "widths"])
 

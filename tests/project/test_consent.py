@@ -17,7 +17,7 @@ files = "d.csv"
 node = "m"
 target = "y"
 """
-TRANSLATED = "def f(x):\n    return 2.0 * x + 0.0 * 1234567890123456789\n"
+TRANSLATED = "def f(x):\n    return 2.0 * x + 0.0 * 12345678901.2345678\n"
 RUN = "def f(x):\n    open('written', 'w')\n    return 2.0 * x\n"
 
 

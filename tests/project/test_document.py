@@ -272,6 +272,26 @@ def test_new_sections_stand_in_the_documented_order():
     )
 
 
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ('model.file = "a.kf"  # the sensor\n', ("parameters", "Gain"), {"initial": 1.0}),
+        ('model.file = "a.kf"', ("parameters",), {"Gain": {"initial": 1.0}, "Offset": {"initial": 0.0}}),
+        ('model.file = "a.kf"\r\noptimizer.starts = 2\r\n', ("dataset", 1), {"files": "a.csv"}),
+        ('# text\n\nmodel = { file = "a.kf" }\n\n[[dataset]]\nfiles = "a.csv"\n', ("channels", "u"), "v"),
+        ("parameters = { Gain = { initial = 1.0 } }\n", ("parameters", "Offset"), {"initial": 0.0}),
+    ],
+)
+def test_a_new_section_takes_in_no_keys_without_a_heading(text, path, value):
+    document = ProjectDocument(text)
+    others = {key: inner for key, inner in tomllib.loads(text).items() if key != path[0]}
+
+    document.set(path, value)
+
+    assert document.get(*path) == value
+    assert others.items() <= tomllib.loads(document.text).items()
+
+
 def test_a_training_file_has_its_own_order():
     document = ProjectDocument('[[dataset]]\nfiles = "a.csv"\n', entry=TrainingFile)
     document.set(("surrogate", "output"), "y")

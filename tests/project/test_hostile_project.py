@@ -205,7 +205,7 @@ def test_another_script_is_replaced_only_after_a_question(project: Path) -> None
     script = project.with_name("calibrate.py")
     script.write_text("mine = True\n", encoding="utf-8")
     workspace = AppWorkspace(project)
-    assert workspace.answer("export", {"script": True, "formats": [".dcm"]}).head == {"exists": "calibrate.py"}
+    assert workspace.answer("export", {"script": True, "formats": [".dcm"]}).head["exists"] == "calibrate.py"
     assert script.read_text("utf-8") == "mine = True\n"
     assert not (project.parent / "results").exists()
     answer = workspace.answer("export", {"script": True, "force": True}).head
@@ -241,7 +241,7 @@ def test_no_question_of_the_app_writes_outside(project: Path, outside: Path, tra
 
 def test_every_question_that_writes_is_asked() -> None:
     assert set(ARGUMENTS) <= {*QUESTIONS, *COMMANDS}
-    assert {*_OWN} == {"projects", "open", "demo", "new", "forget"}
+    assert {*_OWN} == {"projects", "open", "demo", "new", "forget", "show"}
 
 
 @pytest.mark.parametrize("name", ["../outside.kf", "/tmp/outside.kf", "a/../../outside.kf"])

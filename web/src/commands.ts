@@ -18,7 +18,7 @@ export interface Command {
 
 export const overlay = signal<"" | "palette" | "keys" | "errors">("");
 
-const screens: [Screen, string, number][] = [
+const screens: [Screen, string, number | string][] = [
   ["data", "Data", 1],
   ["function", "Function", 2],
   ["parameters", "Parameters", 3],
@@ -26,6 +26,7 @@ const screens: [Screen, string, number][] = [
   ["results", "Results", 5],
   ["plots", "Plots", 6],
   ["files", "Files", 7],
+  ["control-unit", "Control unit", "E"],
 ];
 
 export const COMMANDS: Command[] = [

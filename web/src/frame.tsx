@@ -2,6 +2,7 @@
 
 import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
+import { detail as written } from "./control-unit";
 import { count, MISSING } from "./drawing/numbers";
 import { Errors } from "./errors";
 import { shortened } from "./header-lines";
@@ -167,7 +168,7 @@ function jobText(job: typeof state.value.job, runs: number): string {
 
 interface Step {
   screen: Screen;
-  key: number;
+  key: number | string;
   title: string;
   detail: () => string;
 }
@@ -221,6 +222,8 @@ export function Rail() {
       <hr />
       <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
       <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge, convert" }} />
+      <hr />
+      <StepButton step={{ screen: "control-unit", key: "E", title: "Control unit", detail: () => written.value }} />
       <span style={{ flex: 1 }} />
       <hr />
       <button

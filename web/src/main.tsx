@@ -28,12 +28,14 @@ import "./screens/start.css";
 const before = state.value;
 
 const LAZY = {
+  "control-unit": lazy(async () => (await import("./screens/control-unit")).ControlUnitScreen),
   files: lazy(async () => (await import("./screens/files")).Files),
   function: lazy(async () => (await import("./screens/function")).FunctionScreen),
   plots: lazy(async () => (await import("./screens/plots")).Plots),
 };
 
 const SHOWN: Record<Screen, () => JSX.Element> = {
+  "control-unit": LAZY["control-unit"].Shown,
   data: Data,
   files: LAZY.files.Shown,
   function: LAZY.function.Shown,

@@ -519,7 +519,7 @@ export interface ErrorsByFile {
   several: boolean;
 }
 
-/** What can be compared: the present values, runs and cross-validations, the last one first, and the start. */
+/** The sets that can be compared: present values, runs and cross-validations, the last one first, and the start. */
 export interface SetHistory {
   rows: SetRow[];
 }
@@ -1313,6 +1313,197 @@ export interface ExistingFile {
   exists: string;
 }
 
+/** The choices of the screen of the control unit. */
+export interface ControlUnit {
+  /** In the project file; empty if nothing is rounded. */
+  method: "" | "nearest" | "joint";
+  /** The largest distance of a rounded value from the fit, in steps. */
+  maxShift: number;
+  /** The A2L file in the project file. */
+  storage: string;
+  /** True if the initial values are those of an image, whose A2L file states their storage. */
+  image: boolean;
+  /** A2L files of the folder. */
+  descriptions: string[];
+  /** The free parameters, `count` of them. */
+  rows: StorageRow[];
+  count: number;
+  /** The C compiler of this computer; empty if there is none. */
+  compiler: string;
+  /** Endings of calibration files that can be written, those of the project first. */
+  formats: string[];
+  /** Those of the project. */
+  own: string[];
+  /** Where files are written, unless another one is named. */
+  folder: string;
+}
+
+/** A free parameter, and how it is stored. */
+export interface StorageRow {
+  name: string;
+  unit: string;
+  /** Number of its values. */
+  values: number;
+  /** Distance of storable values; null if it is not known. */
+  step: number | null;
+  /** Of a stored number; 0 if unknown. */
+  bits: number;
+  /** The end of the range that can be stored; null if it is unknown. */
+  least: number | null;
+  /** Its other end. */
+  largest: number | null;
+  /** The step in the project file, which precedes that of the A2L file. */
+  typed: number | null;
+  /** Why it is not rounded, a clause; empty if it is. */
+  reason: string;
+}
+
+/** A set of values that is rounded. */
+export interface AskedRounding {
+  source: SourceName;
+  method: "joint" | "nearest";
+}
+
+/** A rounded set of values. */
+export interface RoundingReply {
+  /** By which the values are rounded. */
+  method: "joint" | "nearest";
+  errors: RoundedError[];
+  /** Those with the largest share first. */
+  labels: RoundedLabel[];
+  /** Labels whose finer storage is worth a trial. */
+  trials: string[][];
+  /** The label that would profit most from it; empty if none stands out. */
+  advice: string;
+  /** Bytes of all rounded labels; null if unknown. */
+  size: number | null;
+  findings: string[];
+  seconds: number;
+  /** Number of the run whose fit was rounded, in place of values that the run had rounded; 0 if none had. */
+  run: number;
+}
+
+/** RMSE of a criterion on a dataset, before and after rounding by either method. */
+export interface RoundedError {
+  criterion: string;
+  dataset: string;
+  use: string;
+  unit: string;
+  unrounded: number | null;
+  nearest: number | null;
+  joint: number | null;
+}
+
+/** The rounding of a parameter, or of the breakpoints of an axis. */
+export interface RoundedLabel {
+  name: string;
+  step: number;
+  bits: number;
+  values: number;
+  /** Values that are not the storable ones nearest to the fit. */
+  moved: number;
+  /** The largest distance from the fit, in steps. */
+  largestShift: number | null;
+  /** Of what rounding costs. */
+  share: number | null;
+}
+
+/** A set of values that is rounded with finer storage of some labels. */
+export interface AskedTrial {
+  source: SourceName;
+  method: "joint" | "nearest";
+  labels: string[];
+}
+
+/** Labels that are stored in 256 steps for each one. */
+export interface FinerRow {
+  /** By name. */
+  steps: Record<string, number>;
+  /** True if their bits are known to be 8. */
+  bits: boolean;
+  /** In the order of those of the rounding. */
+  errors: RoundedError[];
+  /** Bytes of all rounded labels; null if unknown. */
+  size: number | null;
+}
+
+/** The function as C code with a set of values. */
+export interface AskedCode {
+  source: SourceName;
+  /** How the values are rounded; empty for the values as they are. */
+  rounding?: "" | "nearest" | "joint";
+  precision?: "double" | "float";
+  name?: string;
+  /** Compile the code and compare it with the simulation. */
+  check?: boolean;
+}
+
+/** C code. */
+export interface CodeReply {
+  /** Of the code. */
+  name: string;
+  /** Of its file. */
+  text: string;
+  /** Of the whole file. */
+  lines: number;
+  /** Bytes of its tables. */
+  size: number;
+  findings: string[];
+  /** Null if it was not compiled. */
+  compared: ComparedCode | null;
+}
+
+/** Compiled code over all datasets, in comparison with the simulation. */
+export interface ComparedCode {
+  compiler: string;
+  samples: number;
+  exact: boolean;
+  outputs: DeviationRow[];
+}
+
+/** The largest deviation of an output from the simulation, null if only one of both is NaN; and its range. */
+export interface DeviationRow {
+  name: string;
+  unit: string;
+  largest: number | null;
+  range: number;
+}
+
+/** Files that are written together. */
+export interface UnitCommand {
+  source: SourceName;
+  /** In which the function is written. */
+  languages: ("c" | "fmu" | "m")[];
+  /** Endings of calibration files. */
+  formats: string[];
+  /** How the values are rounded; empty for the values as they are. */
+  rounding?: "" | "nearest" | "joint";
+  precision?: "double" | "float";
+  name?: string;
+  /** Version of FMI. */
+  fmi?: 2 | 3;
+  /** Whether inputs of an FMU that are set before a step count at its start or its end. */
+  inputs?: "start" | "end";
+  /** Of an FMU in s; null for that of the function or its data. */
+  step?: number | null;
+  /** Of the project's folder. */
+  folder?: string;
+  /** Replace files that exist with another content. */
+  force?: boolean;
+}
+
+/** Files that were written, relative to the folder of the project. */
+export interface WrittenUnit {
+  files: string[];
+  findings: string[];
+  compared: ComparedCode | null;
+}
+
+/** Files that would be replaced; nothing was written. */
+export interface ExistingFiles {
+  existing: string[];
+}
+
 /** The calibration files of the folder. */
 export interface CalibrationFiles {
   files: ListedCalibration[];
@@ -1604,7 +1795,7 @@ export interface AddedProposals {
   choices: Record<string, string>;
 }
 
-/** What the project says after proposals were added. */
+/** The state of the project after proposals were added. */
 export interface AddedReply {
   /** Error of the first criterion on training data; null if the project still lacks something. */
   rmse: number | null;
@@ -1634,6 +1825,12 @@ export interface TakeCommand {
 export interface TakenValues {
   taken: number;
   findings: string[];
+}
+
+/** Steps of parameters, null to remove one; the A2L file, empty to remove it, null to leave it as it is. */
+export interface StorageEdit {
+  steps: Record<string, number | null>;
+  storage?: string | null;
 }
 
 /** Recent projects, the demos, the folder in which new projects are made, and the version of Kennfeld. */
@@ -1921,6 +2118,11 @@ export interface Questions {
   validity: { asks: Nothing; head: ValidityRows; arrays: Nothing };
   formats: { asks: Nothing; head: ExportFormats; arrays: Nothing };
   export: { asks: ExportCommand; head: ExportedFiles | ExistingFile; arrays: Nothing };
+  "control-unit": { asks: Nothing; head: ControlUnit; arrays: Nothing };
+  rounding: { asks: AskedRounding; head: RoundingReply; arrays: Nothing };
+  "finer-storage": { asks: AskedTrial; head: FinerRow; arrays: Nothing };
+  code: { asks: AskedCode; head: CodeReply; arrays: Nothing };
+  "write-unit": { asks: UnitCommand; head: WrittenUnit | ExistingFiles; arrays: Nothing };
   calibrations: { asks: Nothing; head: CalibrationFiles; arrays: Nothing };
   contents: { asks: AskedContents; head: SetContents; arrays: Nothing };
   differences: { asks: AskedDifferences; head: SetDifferences; arrays: Nothing };
@@ -1951,6 +2153,7 @@ export interface Questions {
   "add-proposals": { asks: AddedProposals; head: AddedReply; arrays: Nothing };
   "add-files": { asks: AddedFiles; head: FileKinds; arrays: Nothing };
   "take-values": { asks: TakeCommand; head: TakenValues; arrays: Nothing };
+  "set-storage": { asks: StorageEdit; head: Nothing; arrays: Nothing };
   projects: { asks: Nothing; head: KnownProjects; arrays: Nothing };
   open: { asks: ProjectPath; head: Nothing; arrays: Nothing };
   show: { asks: ProjectId; head: Nothing; arrays: Nothing };

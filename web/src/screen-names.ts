@@ -8,6 +8,7 @@ export const SCREENS = [
   "results",
   "plots",
   "files",
+  "control-unit",
   "start",
 ] as const;
 export type Screen = (typeof SCREENS)[number];

@@ -56,9 +56,9 @@ class Design:
         factor: predicted mean variance of prediction over the use, relative to that now; NaN if it is unknown.
 
     >>> from kennfeld import design
-    >>> made = design(n=4, ranges={"speed": (800, 6000)}, method="factorial")
-    >>> [point["speed"] for point in made.points]
-    [800.0, 2533.3333333333335, 4266.666666666667, 6000.0]
+    >>> levels = design(n=4, ranges={"speed": (800, 6000)}, method="factorial")
+    >>> [round(point["speed"], 1) for point in levels.points]
+    [800.0, 2533.3, 4266.7, 6000.0]
     """
 
     points: tuple[Mapping[str, float], ...] = ()

@@ -40,7 +40,7 @@ class StorageGrid:
 
     >>> grid = StorageGrid(0.75, -10.0, least=0, largest=255)
     >>> grid.step, grid.nearest(np.array([0.0, 1000.0]))
-    (0.75, array([  0.5 , 181.25]))
+    (0.75, array([ -0.25, 181.25]))
     """
 
     factor: float

@@ -81,6 +81,20 @@ class Export:
     comparison: CodeComparison | None = None
 
 
+@dataclass(frozen=True)
+class ExportContents:
+    """Files of an export that are not written yet, by their names; see `Export`."""
+
+    name: str
+    files: Mapping[str, str | bytes]
+    findings: tuple[Finding, ...] = ()
+    comparison: CodeComparison | None = None
+
+    def written(self, folder: Path) -> Export:
+        """Write the files together."""
+        return Export(write_files(self.files, folder), self.findings, self.comparison)
+
+
 def export_function(
     function: Project | Model | str,
     parameters: Start | None = None,
@@ -128,18 +142,23 @@ def export_function(
     model = _model(function, parameters)
     values = start_parameters(parameters or {}, model)
     model = bind_scalars(model, values)
-    return _write(model, values, Path(folder), settings, Location(model.name), model.name, None)
+    return _contents(model, values, settings, Location(model.name), model.name, None).written(Path(folder))
 
 
 def export_project(project: Project, parameters: ParameterSet | None, folder: Path, settings: ExportSettings) -> Export:
     """Write the function of a project; see `export_function`."""
+    return project_contents(project, parameters, settings).written(folder)
+
+
+def project_contents(project: Project, parameters: ParameterSet | None, settings: ExportSettings) -> ExportContents:
+    """Return the files of the function of a project; see `export_function`."""
     problem = project.problem()
     values = replace_parameters(problem, parameters)
     file = project.file.model.file
     name = Path(file.rpartition(":")[0] or file).stem
     location = Location(project.path.name)
     data = None if project.is_partitioned else problem
-    return _write(problem.model, values, folder, settings, location, name, data)
+    return _contents(problem.model, values, settings, location, name, data)
 
 
 def _model(function: Model | str, parameters: Start | None) -> Model:
@@ -150,22 +169,21 @@ def _model(function: Model | str, parameters: Start | None) -> Model:
     return formula(function, parameters=[*parameters_of(parameters or {})])
 
 
-def _write(
+def _contents(
     model: Model,
     values: ParameterSet,
-    folder: Path,
     settings: ExportSettings,
     location: Location,
     name: str,
     problem: Problem | None,
-) -> Export:
+) -> ExportContents:
     findings = Findings()
     # an FMU has the names of the function
     renamed = Findings() if settings.to == "fmu" else findings
     function = prepare(model, values, settings.name or name, location, renamed, settings.outputs, settings.precision)
     comparison = _checked(function, settings, problem, location, findings) if settings.check else None
     files = _files(function, settings, model.step or _step_of(problem), location, findings)
-    return Export(write_files(files, folder), tuple(findings), comparison)
+    return ExportContents(function.name, files, tuple(findings), comparison)
 
 
 def _files(

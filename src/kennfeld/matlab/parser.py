@@ -1,12 +1,13 @@
 """The parser of MATLAB text: expressions, and scripts with their local functions."""
 
+import re
 from collections.abc import Callable
 from functools import lru_cache
 
 from kennfeld.base.errors import Finding
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.expression_parser import ExpressionParser
-from kennfeld.matlab.lexer import MatlabToken, TokenKind, tokenize
+from kennfeld.matlab.lexer import KEYWORDS, MatlabToken, TokenKind, tokenize
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import assigned_name
 
@@ -18,6 +19,8 @@ _MAX_KEPT = 500  # characters of an expression whose tree is kept
 _CLAUSES = frozenset({"end", "else", "elseif", "case", "otherwise", "catch", "function"})
 
 _END = frozenset({"end"})
+_NAME = re.compile(r"[A-Za-z]\w*\Z", re.ASCII)
+_BEGINNING = m.TextPosition(1, 1)
 
 
 def parse_expression(text: str, name: str = "") -> m.Expression:
@@ -37,7 +40,10 @@ def parse_expression(text: str, name: str = "") -> m.Expression:
         >>> parse_expression("K*2") == m.Binary("*", m.Name("K"), m.Number(2.0))
         True
     """
-    # fields of blocks repeat: `[0 1 2 3]` or `Ts` stands in hundreds of blocks of a model
+    # most fields of blocks are the name of a variable
+    if _NAME.match(text) and text not in KEYWORDS:
+        return m.Name(text, place=_BEGINNING)
+    # others repeat: `[0 1 2 3]` stands in hundreds of blocks of a model
     return _parse(text, name) if len(text) > _MAX_KEPT else _parse_once(text, name)
 
 
@@ -51,7 +57,7 @@ def _parse(text: str, name: str) -> m.Expression:
     return tree
 
 
-_parse_once = lru_cache(2048)(_parse)  # trees are immutable
+_parse_once = lru_cache(8192)(_parse)  # trees are immutable
 
 
 def parse_script(text: str, name: str = "") -> m.Script:

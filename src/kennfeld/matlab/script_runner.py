@@ -97,7 +97,8 @@ def run_script(
         shared.report(location, f"{reason}; the rest of the script is skipped", "", "error")
     undefined = {key: why for key, why in runner.undefined.items() if key not in runner.variables}
     findings, missing = tuple(shared.findings.values()), tuple(shared.files.missing)
-    return ScriptResult(runner.variables, findings, runner.comments, undefined, runner.lines, missing)
+    comments = {target: text for own in runner.comments.values() for target, text in own.items()}
+    return ScriptResult(runner.variables, findings, comments, undefined, runner.lines, missing)
 
 
 @dataclass
@@ -140,7 +141,7 @@ class _ScriptRunner(NumericEvaluator):
         self.shared = shared
         self.caller: _ScriptRunner | None = None
         self.local: dict[str, m.FunctionDefinition] = {}
-        self.comments: dict[str, str] = {}
+        self.comments: dict[str, dict[str, str]] = {}  # by variable, on itself and on its fields
         self.lines: dict[str, int] = {}
         self.function = ""  # that runs; empty in a script
         self.kept: dict[str, str] = {}  # variables that outlast the call, with their keys in the session
@@ -260,9 +261,9 @@ class _ScriptRunner(NumericEvaluator):
         self.lines.setdefault(name, statement.place.line)
         # comments on fields of the value before
         if isinstance(target, m.Name):
-            self.comments = {key: comment for key, comment in self.comments.items() if key.partition(".")[0] != name}
+            self.comments.pop(name, None)
         if isinstance(target, m.Name | m.Field) and isinstance(statement, m.Assign) and statement.comment:
-            self.comments[format_expression(target)] = statement.comment
+            self.comments.setdefault(name, {})[format_expression(target)] = statement.comment
 
     def _evaluate(self, statement: m.Evaluate) -> None:
         base, steps = access_chain(statement.expression)

@@ -163,7 +163,7 @@ class ProjectDocument:
             self._insert_text(tuple(parent), _format_section(tuple(parent), value, "[[]]"))
         elif isinstance(name, int):
             self._set(tuple(parent), [*(self.get(*parent) or ()), value])
-        elif len(path) == 1 or self._is_section(path, value):
+        elif len(path) == 1 or (self._is_section(path, value) and not (around and around.has_value)):
             self._insert_sections(path, value)
         elif around is None:
             self._insert(tuple(parent), {name: value})
@@ -196,7 +196,8 @@ class ProjectDocument:
             before = [heading for heading in self._headings() if heading[:2] == path[:2]]
         else:
             before = [heading for heading in self._headings() if self._rank(heading) <= self._rank(path)]
-        at = self._keys.block_end(before[-1]) if before else 0
+        # not above keys without a heading, such as model.file = "a.kf", which it would take into the section
+        at = self._keys.block_end(before[-1] if before else ())
         # an empty line between sections
         lead = "" if at == 0 else "\n" if self._text[:at].endswith("\n") else "\n\n"
         follow = "\n" if at == 0 and self._text else ""

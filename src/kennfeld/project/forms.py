@@ -495,10 +495,9 @@ def read_entry(entry: type, section: Section, **further: Any) -> Any:
     others = {"location": section.location, **further}
     plain = [part.name for part in fields(entry) if "meaning" not in part.metadata]
     result = entry(**values, **{name: others[name] for name in plain if name in others})
-    # by the keys that are present: a default contradicts nothing, nor does it in place of an invalid value
-    if hasattr(result, "problems") and len(values) == sum(name in section.values for name in known):
-        for key, message, remedy in result.problems(section.values):
-            section.report(key, message, remedy)
+    # by the keys that are present: a default contradicts nothing
+    for key, message, remedy in result.problems(section.values) if hasattr(result, "problems") else ():
+        section.report(key, message, remedy)
     return result
 
 

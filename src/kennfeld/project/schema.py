@@ -286,9 +286,9 @@ class CriterionEntry:
         remedy=_REGION_EXAMPLE,
     )
 
-    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
-        """Yield a delta without effect."""
-        if self.loss == "square" and "delta" in present:
+    def problems(self, present: Mapping[str, Any]) -> Iterator[KeyProblem]:
+        """Yield a delta without effect; an invalid loss may have been meant as one that has a delta."""
+        if self.loss == "square" == present.get("loss", "square") and "delta" in present:
             remedy = f"Write loss = {_ROBUST.replace('`', '')}."
             yield "delta", f"delta requires the loss {' or '.join(ROBUST_LOSSES)}", remedy
 

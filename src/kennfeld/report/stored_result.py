@@ -224,7 +224,7 @@ def _rounding(row: Any) -> RoundingResult | None:
     """Return the rounding of a result; None if it was not rounded."""
     if row is None:
         return None
-    errors = {key: {name: _known(error) for name, error in row[key].items()} for key in ERRORS}
+    errors: dict[str, Any] = {key: {name: _known(error) for name, error in row[key].items()} for key in ERRORS}
     labels = (
         LabelRounding(name, **_select(label, *_names(LabelRounding)[1:])) for name, label in row["labels"].items()
     )

@@ -147,7 +147,7 @@ def test_a_table_from_a_calibration_file_is_never_scrambled_into_the_size_of_ano
     assert workspace["row"].value.tolist() == [[5], [6]]
 
 
-@pytest.mark.parametrize("value", [None, 1 + 2j, np.array([1j, 2.0]), Scalar("K", 2.0)])
+@pytest.mark.parametrize("value", [None, 1 + 2j, np.array([1j, 2.0])])
 def test_an_unusable_value_is_reported_by_its_name(tmp_path, value):
     with pytest.raises(InputError, match=r"parameters: K=.* is not a supported value\. Use numbers"):
         variables(tmp_path, sources=[{"K": value, "L": 1.0}])

@@ -47,7 +47,7 @@ class RmseChange:
         return f"{self.before:.4g} -> {self.after:.4g}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TermProposal:
     """A term that a function lacks.
 
@@ -152,7 +152,7 @@ def describe(term: MissingTerm, seconds: float | None = None) -> str:
     return f"{verb} {curve} {preposition} {term.node}" if term.kind == "add" else f"{verb} {term.node} by {curve}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TermProposals:
     """The terms that a function lacks, the best one first.
 

@@ -258,7 +258,14 @@ class _TermSearch:
         samples = mean_squares(result.quality, "training")[1]
         if samples < problem.free_size + FEWEST:
             message = f"{samples} samples are too few for {problem.free_size} values: no term can be judged."
-            return TermProposals((), 0.0, "failed", message, remarks=tuple(self._remarks), unit=self._unit)
+            return TermProposals(
+                proposals=(),
+                smallest_effect=0.0,
+                status="failed",
+                message=message,
+                remarks=tuple(self._remarks),
+                unit=self._unit,
+            )
         channels = Channels.of(problem, self._scope.channels)
         nodes = Nodes.of(problem, self._scope.nodes)
         if nodes.left_out:
@@ -274,19 +281,19 @@ class _TermSearch:
         kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
         smallest = float(np.sqrt(scored.smallest / scored.weights))
         return TermProposals(
-            tuple(kept),
-            smallest,
-            "found" if kept else "none",
-            self._message(kept, smallest),
-            len(scored.scores),
-            scored.own_share,
-            scored.share,
-            describe(groups[0].best.term) if groups else "",
-            tuple(rejected),
-            channels.excluded,
-            tuple(self._remarks),
-            (seconds, time.perf_counter() - self._began - seconds),
-            self._unit,
+            proposals=tuple(kept),
+            smallest_effect=smallest,
+            status="found" if kept else "none",
+            message=self._message(kept, smallest),
+            candidates=len(scored.scores),
+            share_left=scored.own_share,
+            share=scored.share,
+            best=describe(groups[0].best.term) if groups else "",
+            rejected=tuple(rejected),
+            excluded=channels.excluded,
+            remarks=tuple(self._remarks),
+            seconds=(seconds, time.perf_counter() - self._began - seconds),
+            unit=self._unit,
         )
 
     def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:

@@ -6,6 +6,7 @@ from kennfeld.app.questions import (
     additions,
     calibrations,
     comparison,
+    control_unit,
     error_split,
     evidence,
     exports,
@@ -68,6 +69,11 @@ _QUESTIONS: dict[str, Callable[..., object]] = {
     "validity": surrogates.validity,
     "formats": exports.formats,
     "export": exports.export,
+    "control-unit": control_unit.control_unit,
+    "rounding": control_unit.rounding,
+    "finer-storage": control_unit.finer_storage,
+    "code": control_unit.code,
+    "write-unit": control_unit.write_unit,
     "calibrations": calibrations.calibrations,
     "contents": calibrations.contents,
     "differences": calibrations.differences,
@@ -100,6 +106,7 @@ _COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which
     "add-proposals": proposals.add_proposals,
     "add-files": additions.add_files,
     "take-values": calibrations.take_values,
+    "set-storage": control_unit.set_storage,
 }
 
 QUESTIONS: dict[str, Question[Session]] = questions_of(_QUESTIONS)

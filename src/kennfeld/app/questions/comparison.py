@@ -55,7 +55,7 @@ class SetRow:
 
 @dataclass(frozen=True)
 class SetHistory:
-    """What can be compared: the present values, runs and cross-validations, the last one first, and the start."""
+    """The sets that can be compared: present values, runs and cross-validations, the last one first, and the start."""
 
     rows: Sequence[SetRow]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from kennfeld.app.folders import writable
 from kennfeld.app.questions.calibrations import ExistingFile, RoundedRow, rounded
-from kennfeld.app.session.calibration_source import is_image
+from kennfeld.app.session.calibration_source import initial_image, is_image
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
@@ -95,7 +95,7 @@ class ExportedFiles:
 def formats(session: Session) -> ExportFormats:
     """Return the extensions that values can be written as, those of the project first."""
     own = () if session.project is None else session.project.formats
-    image = _image(session)
+    image = initial_image(session)
     special = (
         ".msq",
         ".par",
@@ -114,18 +114,6 @@ def formats(session: Session) -> ExportFormats:
 def _is_of_function(session: Session, ending: str) -> bool:
     """Return True if the function's file has an ending, so that values can be written into a copy of it."""
     return session.project is not None and session.project.file.model.file.lower().endswith(ending)
-
-
-def _image(session: Session) -> tuple[Path, Path | None] | None:
-    """Return the image among the initial files, with its A2L file if the project names one."""
-    if session.project is None:
-        return None
-    calibration, folder = session.project.file.calibration, session.path.parent
-    images = [name for name in calibration.files if name.lower().endswith(IMAGE_ENDINGS)]
-    if not images:
-        return None
-    description = calibration.descriptions.get(images[-1])
-    return folder / images[-1], folder / description if description else None
 
 
 def _folder(session: Session) -> Path:
@@ -172,7 +160,7 @@ def _export(
     values, findings, written = view.now.parameters.without(project.surrogates), list[Finding](), list[Path]()
     rounding: list[RoundedRow] = []
     for ending in asked.formats:
-        path, (image, a2l) = writable(folder, f"parameters{ending}"), _image(session) or (None, None)
+        path, (image, a2l) = writable(folder, f"parameters{ending}"), initial_image(session) or (None, None)
         image = image if is_image(path.name) else None
         own = project.change_of_function(values, ending)
         findings += [*write_parameters(own, path, image, a2l), *losses(own, path)]

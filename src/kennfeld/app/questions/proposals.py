@@ -1,4 +1,4 @@
-"""What the function needs and the project lacks, and how it is added so that the project can be evaluated."""
+"""Proposals: keys that the function needs and the project lacks, added so that the project can be evaluated."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -46,7 +46,7 @@ class AddedProposals:
 
 @dataclass(frozen=True)
 class AddedReply:
-    """What the project says after proposals were added.
+    """The state of the project after proposals were added.
 
     Attributes:
         rmse: error of the first criterion on training data; null if the project still lacks something.

@@ -124,6 +124,18 @@ def is_image(name: str) -> bool:
     return name.lower().endswith(IMAGE_ENDINGS)
 
 
+def initial_image(session: Session) -> tuple[Path, Path | None] | None:
+    """Return the image among the initial files, with its A2L file if the project names one."""
+    if session.project is None:
+        return None
+    calibration, folder = session.project.file.calibration, session.path.parent
+    images = [name for name in calibration.files if is_image(name)]
+    if not images:
+        return None
+    description = calibration.descriptions.get(images[-1])
+    return folder / images[-1], folder / description if description else None
+
+
 def part_of(parameters: ParameterSet, names: Collection[str]) -> ParameterSet:
     """Return the named parameters, texts and group axes of a set, with the group axes of these parameters."""
     members = [member for member in parameters.parameters if member.name in names]

@@ -19,6 +19,7 @@ from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
+from kennfeld.app.session.rounding import SetRounding
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
 from kennfeld.app.session.runs import Job, Run, ValidationRun
@@ -96,6 +97,8 @@ class Session:
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
         self.validations: list[ValidationRun] = []
+        # by set and method, with the revision that they belong to
+        self.roundings: dict[tuple[str, str, str], tuple[int, SetRounding]] = {}
         self.job = Job()
         self.training = SurrogateTraining(changed)
         self._running: RunJob | None = None

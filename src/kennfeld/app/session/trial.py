@@ -26,7 +26,7 @@ SHARE = 1e-3  # of the weight of all samples that the roughness of a table gets
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What a trial says about proposed parameters.
+    """The result of a trial of proposed parameters.
 
     Attributes:
         levels: the number at which each starts.

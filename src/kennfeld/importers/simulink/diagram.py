@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.garbage_collection import no_collection
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.importers.simulink.import_report import SimulinkReport
 from kennfeld.importers.simulink.loaded_model import LoadedModel
@@ -102,6 +103,7 @@ class Diagram:
     findings: tuple[Finding, ...] = ()
 
 
+@no_collection()
 def read_diagram(
     path: str | Path,
     subsystem: str | None = None,

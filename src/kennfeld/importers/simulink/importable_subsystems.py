@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.garbage_collection import no_collection
 from kennfeld.importers.simulink.flattening.active_blocks import active_content
 from kennfeld.importers.simulink.import_report import ImportableSubsystem, SimulinkReport
 from kennfeld.importers.simulink.loaded_model import LoadedModel
@@ -27,6 +28,7 @@ _MIN_OPERATIONS = 10_000  # below this, a trial is pointless
 _LIMIT_REACHED = "the search for importable subsystems reached its limit: name a subsystem to inspect it"
 
 
+@no_collection()
 def inspect_simulink(
     path: str | Path,
     subsystem: str | None = None,
@@ -66,6 +68,7 @@ def inspect_simulink(
     return replace(report, subsystems=search.largest, remarks=(*limit, *report.remarks))
 
 
+@no_collection()
 def find_subsystems(
     path: str | Path, parameters: Iterable[ParameterSource] = (), folders: Iterable[str | Path] = ()
 ) -> tuple[ImportableSubsystem, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.formatting import nearest
+from kennfeld.base.garbage_collection import no_collection
 from kennfeld.importers.simulink.flattening.flat_model import FlatModel
 from kennfeld.importers.simulink.loaded_model import LoadedModel
 from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES
@@ -61,6 +62,7 @@ def simulink(
     return imported.require_model()
 
 
+@no_collection()  # a large model is millions of objects, of which few are given back before the end
 def import_simulink(
     path: str | Path,
     subsystem: str | None = None,

@@ -157,7 +157,10 @@ def _type_of_result(op: str, args: Sequence[Signal | float]) -> FloatType | None
 
 def broadcast(*signals: Signal) -> list[Signal]:
     """Broadcast signals to their common shape; raise `EvaluationError` if they do not match."""
-    shape = common_shape(*(signal.shape for signal in signals))
+    shapes = [signal.shape for signal in signals]
+    if shapes.count(shapes[0]) == len(shapes):
+        return list(signals)
+    shape = common_shape(*shapes)
     if shape is None:
         sizes = ", ".join(size_text(signal.shape) for signal in signals)
         raise EvaluationError(f"its inputs have the sizes {sizes}, which do not match{width_notes(*signals)}")

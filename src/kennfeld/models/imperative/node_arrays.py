@@ -44,7 +44,9 @@ def align_dimensions(*arrays: Nodes) -> list[Nodes]:
 def elementwise(builder: GraphBuilder, op: str, *args: Nodes | float) -> Nodes:
     """Apply an operation element by element, with broadcasting; numbers are constants."""
     arrays = [np.asarray(builder.const(arg) if isinstance(arg, float | int) else arg, dtype=np.int64) for arg in args]
-    spread = np.broadcast_arrays(*align_dimensions(*arrays))
+    # most arrays of a block diagram are scalars: broadcasting would take most of the time
+    is_even = all(array.shape == arrays[0].shape for array in arrays)
+    spread = arrays if is_even else np.broadcast_arrays(*align_dimensions(*arrays))
     check_size(spread[0].size)
     result = [builder.call(op, *(int(a) for a in parts)) for parts in zip(*(a.ravel() for a in spread), strict=True)]
     return np.array(result, dtype=np.int64).reshape(spread[0].shape)

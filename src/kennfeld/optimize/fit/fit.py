@@ -43,8 +43,7 @@ from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.validation import check_fittable
 from kennfeld.optimize.quality.quality import Quality, Scorer
-from kennfeld.optimize.rounding.outcome import RoundingResult, errors_by_criterion, finer_label
-from kennfeld.optimize.rounding.round_fit import round_fit
+from kennfeld.optimize.rounding.rounded_values import rounded_values
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
     Iteration,
@@ -211,29 +210,16 @@ class FitRun:
     def _rounded(self, result: Result, rounding: StorageRounding, limits: LinearLimits, fit: Float) -> Result:
         """Return a result with storable values, and their errors."""
         keeps_outputs = (lambda values: True) if self.outputs is None else self.outputs.is_satisfied
-        rounded = round_fit(self.exact, rounding, limits, fit, keeps_outputs)
-        start, (nearest, joint) = result.start, map(self.parameters, (rounded.nearest, rounded.joint))
-        scores = {"nearest": self.scorer.scores(start, nearest)}
-        same = np.array_equal(rounded.nearest, rounded.joint)
-        scores["joint"] = scores["nearest"] if same else self.scorer.scores(start, joint)
-        applied = scores[rounding.method]
-        outcome = RoundingResult(
-            rounding.method,
-            rounding.max_shift,
-            **{name: errors_by_criterion(each.quality) for name, each in scores.items()},
-            unrounded=errors_by_criterion(result.quality),
-            labels=rounded.labels,
-            finer=finer_label(rounded.labels, result.quality, applied.quality),
-        )
+        rounded = rounded_values(self.exact, rounding, limits, fit, result.quality, keeps_outputs)
         return replace(
             result,
-            parameters=joint if rounding.method == "joint" else nearest,
-            quality=applied.quality,
-            recordings=applied.recordings,
-            cost_after=self.objective.cost(rounded.joint if rounding.method == "joint" else rounded.nearest),
+            parameters=rounded.parameters,
+            quality=rounded.scores.quality,
+            recordings=rounded.scores.recordings,
+            cost_after=self.objective.cost(rounded.values),
             seconds=replace(result.seconds, total=self.read + time.perf_counter() - self.began),
             warnings=(*result.warnings, *rounded.warnings),
-            rounding=outcome,
+            rounding=rounded.outcome,
         )
 
     def minimise(self, search: Search | None = None, begin: Float | None = None) -> tuple[SolverResult, str]:

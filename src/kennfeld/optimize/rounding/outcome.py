@@ -1,10 +1,12 @@
 """Errors of a calibration before and after rounding to storable values, and the share of each label."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import field
 from typing import Any
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import RoundingMethod
 from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.quality.recording_quality import error_text
@@ -54,6 +56,7 @@ class RoundingResult:
         joint: the same if all values are rounded together.
         labels: the rounded parameters and axes.
         finer: the label that would profit most from finer storage; empty if none stands out.
+        fit: the values before rounding; None if the result was read from a file.
     """
 
     method: RoundingMethod
@@ -63,6 +66,7 @@ class RoundingResult:
     joint: Mapping[str, float]
     labels: tuple[LabelRounding, ...] = ()
     finer: str = ""
+    fit: ParameterSet | None = field(default=None, compare=False, repr=False)
 
     def as_json(self) -> dict[str, Any]:
         """Return "rounding" of `result.json`."""

@@ -192,7 +192,8 @@ class BlockContext:
                 remedy = "Select one signal of the bus with a Bus Selector."
                 raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
             signal = members[0]
-        return self.compiler.floats.operand(replace(signal, builder=self.builder))
+        own = signal if signal.builder is self.builder else replace(signal, builder=self.builder)
+        return self.compiler.floats.operand(own)
 
     def _check_frame(self, signal: Signal) -> None:
         """Raise `UnsupportedError` if the rows of an input are successive samples."""

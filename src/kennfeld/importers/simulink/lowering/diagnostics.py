@@ -85,6 +85,8 @@ class _Noting(AbstractContextManager[None, bool]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
     ) -> bool:
+        if error is None:
+            return False
         if isinstance(error, UnsupportedError):
             self.failures.note(self.flat, *error.parts)
         elif isinstance(error, PARAMETER_ERRORS):

@@ -7,7 +7,7 @@ precision: each of its operations is rounded. Any other block of type single rou
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from typing import Final
 
@@ -39,6 +39,7 @@ _SINGLE_CALL: Final = re.compile(r"\bsingle\s*\(")
 _NAME: Final = re.compile(r"[A-Za-z]\w*")
 _MAX_NAMED: Final = 3
 _MAX_DEPTH: Final = 20  # of masks within masks
+_UNROUNDED: Final = nullcontext()
 
 Readers = Callable[[FlatBlock], Iterable[FlatBlock]]
 
@@ -150,17 +151,10 @@ class FloatTypes:
 
     # rounding
 
-    @contextmanager
-    def rounding(self, flat: FlatBlock) -> Iterator[None]:
+    def rounding(self, flat: FlatBlock) -> AbstractContextManager[None]:
         """Round each operation of a block that computes in single precision."""
-        if self.builder is None or not self._computes_in_single(flat):
-            yield
-            return
-        before, self.builder.rounds = self.builder.rounds, True
-        try:
-            yield
-        finally:
-            self.builder.rounds = before
+        is_single = self.builder is not None and self._computes_in_single(flat)
+        return _rounding(self.builder) if is_single and self.builder is not None else _UNROUNDED
 
     def _computes_in_single(self, flat: FlatBlock) -> bool:
         # times within a chart are double, whatever its data are
@@ -237,6 +231,15 @@ class FloatTypes:
 
 def _are_constant(builder: GraphBuilder, nodes: Nodes) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     return np.array([builder.value(int(node)) is not None for node in nodes.ravel()], dtype=bool).reshape(nodes.shape)
+
+
+@contextmanager
+def _rounding(builder: SinglePrecisionBuilder) -> Iterator[None]:
+    before, builder.rounds = builder.rounds, True
+    try:
+        yield
+    finally:
+        builder.rounds = before
 
 
 def _in_single(builder: SinglePrecisionBuilder, nodes: Nodes) -> Nodes:

@@ -144,8 +144,8 @@ class BlockReader:
             return self._separate(name, path)
         if len(path) > _MAX_DEPTH:
             raise self.diagnostics.refuse(join_path(*path)[:80], f"has subsystems more than {_MAX_DEPTH} levels deep")
-        parts = enumerate(section.all("Block"))
-        blocks = self._distinct([self._block(part, number, path) for number, part in parts], path)
+        parts, prefix = enumerate(section.all("Block")), f"{join_path(*path)}/" if path else ""
+        blocks = self._distinct([self._block(part, number, path, prefix) for number, part in parts], path)
         return System(tuple(blocks), self._lines(section, blocks, path))
 
     def _separate(self, name: str, path: tuple[str, ...]) -> System:
@@ -162,11 +162,11 @@ class BlockReader:
             raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which contains no system")
         return self.system(section, path)
 
-    def _block(self, section: SectionNode, number: int, parents: tuple[str, ...]) -> ModelBlock:
+    def _block(self, section: SectionNode, number: int, parents: tuple[str, ...], prefix: str) -> ModelBlock:
+        """Build the block of a section; `prefix` is the path of its parents, with a slash behind it."""
         keys = section.keys
         kind, name = keys.get("BlockType", ""), normalize_name(keys.get("Name", ""))
-        names = (*parents, name)
-        path = join_path(*names)
+        path = f"{prefix}{join_path(name)}"
         instance = section.first("InstanceData")
         parameters = {key: value for key, value in keys.items() if key not in _NAMING}
         if instance is not None:
@@ -185,7 +185,7 @@ class BlockReader:
             ports=self._checked_ports(section, path),
             mask=read_mask(section),
             reference=_reference(kind, parameters, instance),
-            system=self.system(inner, names) if inner is not None else None,
+            system=self.system(inner, (*parents, name)) if inner is not None else None,
             script=chart.script if chart is not None else "",
             chart=chart,
             model=next((keys[key] for key in _MODEL_KEYS if keys.get(key)), "") if kind == "ModelReference" else "",

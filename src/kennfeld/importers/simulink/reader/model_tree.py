@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from kennfeld.base.errors import Finding
 from kennfeld.base.lazy_dataclass import dataclass
@@ -180,8 +180,7 @@ def normalize_path(path: str) -> str:
     return join_path(*split_path(path))
 
 
-@dataclass(frozen=True, slots=True)
-class Endpoint:
+class Endpoint(NamedTuple):
     """One end of a line: the SID of a block, and its port.
 
     `port` is "out", "in", a control port ("enable", "trigger", "ifaction", "reset", "state"), or a physical connection
@@ -311,7 +310,8 @@ class ModelBlock:
 
     def value(self, name: str) -> str | None:
         """Read a field as text: of the block, else of its type in the file; or None."""
-        return self.parameters.get(name, self.defaults.get(name))
+        written = self.parameters.get(name)
+        return self.defaults.get(name) if written is None else written
 
     def is_set_to(self, name: str, *words: str, default: str = "") -> bool:
         """Return True if a field is one of some words of a dialog; `default` stands for a field without a value.

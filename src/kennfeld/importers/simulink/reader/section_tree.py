@@ -66,7 +66,10 @@ class SectionNode:
 
     def first(self, *kinds: str) -> "SectionNode | None":
         """Find the first direct child section of one of the kinds."""
-        return next(self.all(*kinds), None)
+        for part in self.parts:
+            if part.kind in kinds:
+                return part
+        return None
 
     def get(self, key: str, default: str = "") -> str:
         """Look up the value of a key, or the text of a child section of that kind."""

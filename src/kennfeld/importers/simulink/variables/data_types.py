@@ -112,21 +112,21 @@ DataType: TypeAlias = PlainType | FixedPointType | BusType | BusElement | Undefi
 def data_type(written: str, scope: Scope, depth: int = 0) -> DataType | None:
     """Return the type that a field specifies, through aliases and masks; None if it is inherited or enumerated."""
     written = written.strip()
-    of_bus = after_word(written, "Bus:")
-    name = after_word(written, "ValueType:") if of_bus is None else of_bus
-    name = written if name is None else name
+    if written.casefold() in _BUILT_IN:
+        return PlainType(written.casefold())
     if not written or depth > _MAX_DEPTH or match_word(written, ["auto"]) is not None:
         return None
     if any(begins_with_word(written, word) for word in _NO_TYPE):
         return None
-    if written.casefold() in _BUILT_IN:
-        return PlainType(written.casefold())
     if (word := integer_type_named(written)) is not None:
         return FixedPointType(word.bits, word.signed)
     if (encoded := _encoded_type(written)) is not None:
         return encoded
     if (floating := _FLOAT.match(written)) is not None:
         return data_type(floating[1], scope, depth + 1)
+    of_bus = after_word(written, "Bus:")
+    name = after_word(written, "ValueType:") if of_bus is None else of_bus
+    name = written if name is None else name
     if not _NAME.match(name):
         return _type_of_expression(written, scope, depth)
     meaning = scope.find(name)
@@ -160,13 +160,13 @@ def _is_inherited(word: str) -> bool:
 def has_type_of_input(block: ModelBlock) -> bool:
     """Return True if a block takes the type of its output from its first input."""
     written = _inheritance(block)
-    return match_word(after_word(written, "Inherit:") or written, _SAME) is not None
+    return bool(written) and match_word(after_word(written, "Inherit:") or written, _SAME) is not None
 
 
 def has_type_of_readers(block: ModelBlock) -> bool:
     """Return True if a block takes the type of its output from those that read it, as conversions do by default."""
     written = _inheritance(block) or (_BACK if block.type == "DataTypeConversion" else "")
-    return match_word(after_word(written, "Inherit:") or written, [_BACK]) is not None
+    return bool(written) and match_word(after_word(written, "Inherit:") or written, [_BACK]) is not None
 
 
 def _inheritance(block: ModelBlock) -> str:
