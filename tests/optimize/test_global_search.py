@@ -400,3 +400,14 @@ def test_limits_that_cannot_be_satisfied_are_infeasible_for_an_engine():
     assert result.status == "infeasible"
     assert most > 1500
     assert result.cost_after < 1e100
+
+
+def test_a_parameter_that_affects_no_criterion_keeps_its_value():
+    x = np.linspace(0, 5, 20)
+    start = [kf.Scalar("k", 1.0, lower=0.0, upper=5.0), kf.Scalar("idle", 2.0, lower=0.0, upper=9.0)]
+    options = kf.Options(method="global", max_evaluations=100)
+    result = kf.calibrate(
+        "m = round(k * x)\nw = idle * x", {"x": x, "z": np.round(1.7 * x)}, start, "z", node="m", options=options
+    )
+    assert result.parameters["idle"].value == 2.0
+    assert result.parameters["k"].value != 1.0

@@ -57,6 +57,16 @@ def test_a_table_changes_smoothly_and_in_its_shape(bounds):
             assert steps.max() < 0.5 * max(np.abs(inside).max(), np.ptp(change))
 
 
+def test_a_parameter_that_affects_no_criterion_stays_at_every_start():
+    parameters = kf.ParameterSet([kf.Scalar("k", 1.0), kf.Scalar("gain", 2.0), kf.Scalar("idle", 5.0)])
+    data = kf.Dataset.of("d", {"x": X, "z": X})
+    model = kf.formula("m = k * prev(w, 0) * x\nw = gain * x\nother = idle * x", parameters=list(parameters))
+    posed = Problem(model, (data,), parameters, (kf.Criterion("m", "z"),))
+    drawn = [draw_start(posed, number, 0, 0.5) for number in range(2, 6)]
+    assert [float(start["idle"]) for start in drawn] == [5.0] * 4
+    assert all(start["k"] != 1.0 and start["gain"] != 2.0 for start in drawn)  # gain by way of a memory
+
+
 def test_locked_values_and_parameters_that_are_not_free_stay():
     locked = np.zeros((5, 7), bool)
     locked[1:3] = True

@@ -451,10 +451,8 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
     for entry, at in zip(file.criteria, ends, strict=True):
         if at not in moving:
             yield entry.location, f"no free parameter affects {entry.node}", "Is it the right node?"
-    for name in problem.free_names:
-        reached = dependents(graph, lambda node, name=name: node.parameter == name)  # type: ignore[misc]
-        if reached.isdisjoint(ends):
-            yield file.location("calibration", "free"), f"{name} affects no criterion and keeps its initial value", ""
+    for name in problem.unscored_names:
+        yield file.location("calibration", "free"), f"{name} affects no criterion and keeps its initial value", ""
 
 
 def _unread_class(file: ProjectFile) -> Iterator[_Warning]:

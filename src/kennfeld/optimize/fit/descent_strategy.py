@@ -209,12 +209,30 @@ def _search_globally(setup: DescentSetup, start: Float, limits: LinearLimits) ->
 
     settings, report = setup.options.settings, setup.report
     search = strategy.GlobalSettings(setup.options.max_evaluations, setup.options.seed)
+    limits = _without_idle_values(setup, start, limits)
     if setup.outputs is not None:
         feasible_first = strategy.FeasibilityFirstCost(setup.objective, setup.outputs)
         result = feasible_first.search(start, limits, search, partial(report, "global"))
         return feasible_first.polish(result, limits, settings, report)
     result = strategy.global_search(setup.objective, start, limits, search, partial(report, "global"))
     return strategy.polish(setup.objective, result, limits, settings, partial(report, "polish"))
+
+
+def _without_idle_values(setup: DescentSetup, start: Float, limits: LinearLimits) -> LinearLimits:
+    """Return limits that keep the values at the start on which neither the cost nor a limit depends.
+
+    A search would end at arbitrary ones: its best point differs from the start in all values.
+    """
+    problem, layout = setup.exact.problem, setup.exact.kernel.layout
+    if setup.outputs is not None:
+        return limits
+    linked = np.zeros(start.size, dtype=bool)
+    linked[limits.rows.columns[limits.rows.coefficients != 0]] = True
+    idle = np.zeros(start.size, dtype=bool)
+    for name in problem.unscored_names:
+        own = slice(layout.offsets[name], layout.offsets[name] + problem.parameters[name].size)
+        idle[own] = not any(problem.factors(name)) and not linked[own].any()
+    return replace(limits, lower=np.where(idle, start, limits.lower), upper=np.where(idle, start, limits.upper))
 
 
 def _costs_differ(ends: Sequence[SolverResult], difference: float) -> bool:

@@ -18,6 +18,7 @@ from kennfeld.domain.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import StorageRounding
 from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.optimize.problem.limit_nodes import keeps_pieces
 from kennfeld.optimize.problem.partitions import (
@@ -97,6 +98,13 @@ class Problem:
         carried = {surrogate.name for surrogate in self.model.surrogates}
         carried |= {n for n in self.model.graph.layers if n in self.parameters and self.parameters[n].locked.all()}
         return tuple(n for n in named if n not in carried)
+
+    @cached_property
+    def unscored_names(self) -> tuple[str, ...]:
+        """The free parameters that no criterion depends on, at any weight."""
+        graph, scored = self.graph, {self.graph.names[name] for name in self.differences}
+        affected = ((n, dependents(graph, lambda node, name=n: node.parameter == name)) for n in self.free_names)  # type: ignore[misc]
+        return tuple(name for name, nodes in affected if nodes.isdisjoint(scored))
 
     @property
     def has_goals(self) -> bool:

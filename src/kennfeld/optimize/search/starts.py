@@ -88,7 +88,8 @@ def draw_start(problem: Problem, number: int, seed: int, spread: float) -> dict[
     from 1 (slopes) to 3, weighted by 1/n and by random coefficients. If all values have two bounds, the mean is drawn
     between the mean bounds and the shape is scaled by `spread` times half their distance. Otherwise both are scaled by
     `spread` times the largest magnitude in the table (1 if all values are 0). Values are clipped to their bounds, and
-    locked ones stay. The random coefficients are a point of a Sobol sequence, levels first.
+    locked ones stay, as do parameters that affect no criterion: no descent would bring them back. The random
+    coefficients are a point of a Sobol sequence, levels first.
 
     Args:
         problem: the problem.
@@ -99,15 +100,17 @@ def draw_start(problem: Problem, number: int, seed: int, spread: float) -> dict[
     Returns:
         Values by free parameter, in the shape of its values.
     """
-    free = [problem.parameters[name] for name in problem.free_names]
+    initial = {name: np.asarray(problem.parameters[name].values) for name in problem.free_names}
     if number == 1:
-        return {parameter.name: np.asarray(parameter.values) for parameter in free}
+        return initial
+    free = [problem.parameters[name] for name in problem.free_names if name not in problem.unscored_names]
     counts = [len(_shapes(parameter)) for parameter in free]
     shares = 2 * sobol(number - 2, len(free) + sum(counts), seed) - 1
     # levels of all tables come first, then the shapes table by table
     levels, *shapes = np.split(shares, len(free) + np.cumsum([0, *counts]))
     drawn = zip(free, levels.tolist(), shapes, strict=False)  # an empty rest ends the shapes
-    return {parameter.name: _change_values(parameter, level, shape, spread) for parameter, level, shape in drawn}
+    changed = {parameter.name: _change_values(parameter, level, shape, spread) for parameter, level, shape in drawn}
+    return {**initial, **changed}
 
 
 def _shapes(parameter: Parameter) -> Sequence[tuple[int, ...]]:
