@@ -173,6 +173,7 @@ def test_an_initial_file_that_cannot_be_read_is_named_beside_the_proposals(tmp_p
     assert all(name in text for name, text in zip(("a.dcm", "a.dcm", "gone.dcm"), problems, strict=True))
 
 
+@pytest.mark.guests
 def test_a_function_of_another_tool_gets_a_criterion_proposed(tmp_path: Path) -> None:
     path = write_functions(tmp_path / "c", file="gain.py:gain")
     text = path.read_text(encoding="utf-8")

@@ -137,5 +137,5 @@ class _CandidateState:
         effects = self._effects[candidate].copy()
         self._own -= across @ (self._rows @ reach.T).transpose(0, 2, 1)
         self._effects -= across @ effects
-        self._variances = self._variances - np.einsum("ot,op,pt->t", effects, sign * middle, effects)
+        self._variances = self._variances - np.einsum("os,op,ps->s", effects, sign * middle, effects)
         self._inverse -= change @ reach

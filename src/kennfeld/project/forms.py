@@ -279,6 +279,9 @@ class EitherForm(Form):
     def read(self, section: Section, key: str) -> Any:
         return (self.table if isinstance(section.values[key], dict) else self.plain).read(section, key)
 
+    def write(self, value: Any) -> Any:
+        return (self.table if isinstance(value, Mapping) else self.plain).write(value)
+
     def json_schema(self) -> dict[str, Any]:
         return {"anyOf": [self.plain.json_schema(), self.table.json_schema()]}
 

@@ -98,6 +98,9 @@ class BoundsForm(Form):
                 sides.append(side)
         return (sides[0], sides[1]) if len(sides) == 2 and _are_ordered(section, key, *sides) else None
 
+    def write(self, value: tuple[Float, Float] | Around) -> Any:
+        return _AROUND.write(value) if isinstance(value, Around) else super().write(value)
+
     def json_schema(self) -> dict[str, Any]:
         return {"anyOf": [{"type": "array", "minItems": 2, "maxItems": 2}, _AROUND.json_schema()]}
 
