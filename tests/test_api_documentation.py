@@ -26,7 +26,8 @@ def script(monkeypatch):
 
 
 def docstring(name):
-    return inspect.getdoc(getattr(kennfeld, name)) or ""
+    # a package that can be called has the function as its own
+    return inspect.getdoc(inspect.unwrap(getattr(kennfeld, name))) or ""
 
 
 def described(text):

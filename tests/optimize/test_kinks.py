@@ -27,10 +27,13 @@ Y = -2 * X + 3 * Z + 1 + 0.1 * RANDOM.normal(size=100)  # falls with x, which ab
 )
 def test_the_other_values_are_optimal_if_one_is_at_a_kink(text, start):
     result = kf.calibrate(text, {"x": X, "z": Z, "m": Y}, start, target="m")
-    best, *_ = np.linalg.lstsq(np.stack([Z, np.ones(100)], axis=1), Y, rcond=None)
+    plane = np.stack([Z, np.ones(100)], axis=1)
+    best, *_ = np.linalg.lstsq(plane, Y, rcond=None)
     assert result.converged
     assert result.parameters["a"].value == pytest.approx(0, abs=1e-6)
-    assert [result.parameters[name].value for name in "bc"] == pytest.approx(best, abs=1e-4)
+    # a cost within a millionth of the least leaves the third digit of the values open
+    assert [result.parameters[name].value for name in "bc"] == pytest.approx(best, abs=3e-3)
+    assert result.quality[0].rmse_after == pytest.approx(np.sqrt(np.mean((plane @ best - Y) ** 2)), rel=1e-6)
     assert result.certificate.predicted_decrease < 1e-6
     (warning,) = result.warnings
     assert warning.message.startswith("a")
