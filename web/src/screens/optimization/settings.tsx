@@ -48,7 +48,6 @@ export function OptimizationSettings() {
       <QuickFields />
       <Further section="optimizer" skip={QUICK} label="all settings" />
       <Further section="cluster" skip={[]} label="partitions and cluster" />
-      <Further section="design" skip={[]} label="what to measure next" />
       <EntryList
         section="step"
         noun="step"
