@@ -97,7 +97,7 @@ class _Name:
     @classmethod
     def of(cls, name: str) -> "_Name":
         if name not in _SHARED:
-            return cls(name, getattr(kennfeld, name))
+            return cls(name, inspect.unwrap(getattr(kennfeld, name)))  # a callable package is the function it wraps
         module, _, member = _SHARED[name].rpartition(".")
         return cls(name, getattr(import_module(module), member))
 
