@@ -319,6 +319,7 @@ def test_states_may_be_saved_in_another_folder(make, tmp_path):
     assert isinstance(make(SAVING).saves(tmp_path / "other"), Saves)
 
 
+@pytest.mark.slow
 def test_moving_breakpoints_are_saved_and_resumed(make, tmp_path, monkeypatch):
     monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("[0, 1, 2, 3, 4] }", "[0, 1, 2, 3, 4], free = true }"))
     whole = make(SAVING).calibrate()

@@ -534,6 +534,7 @@ def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path, monkeyp
     assert entries == set((tmp_path / ".kennfeld" / "partitions").iterdir())
 
 
+@pytest.mark.slow
 def test_folds_hold_out_partitions(tmp_path):
     parted = in_partitions(write_few(tmp_path, FEW + OFF + "max_iterations = 4\n"), 150)
     validation = cross_validate(parted.problem(), folds=2, options=parted.options)
@@ -643,6 +644,7 @@ def test_a_search_that_begins_with_some_recordings_ends_on_all_samples(tmp_path,
         assert parted.parameters[name].values == pytest.approx(plain.parameters[name].values, rel=1e-2, abs=1e-2)
 
 
+@pytest.mark.slow
 def test_smoothed_lookups_of_a_model_with_memory_use_the_same_recordings(tmp_path, few_recordings):
     path = write_many(tmp_path, TIMED + "\n[optimizer]\nmax_iterations = 2\n")
     (tmp_path / "lag.kf").write_text("input u\nLagged = K(PT1(u, T))\n")

@@ -30,6 +30,7 @@ def test_a_crash_is_a_message_that_names_the_function_and_the_session_goes_on(tm
     assert len(lines) == len(result.trace) > 1
 
 
+@pytest.mark.slow
 def test_a_crash_in_a_project_is_a_message_too(tmp_path):
     build(tmp_path, 2, "-DIN_GET=if (m->used_tau > 9.0) raise(SIGSEGV)")
     text = """[model]
