@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scipy.stats import qmc
 
 import kennfeld as kf
 from kennfeld.base.errors import Location
@@ -32,6 +31,8 @@ def test_of_many_points_none_is_outside_the_limits(kind):
 
 @pytest.mark.parametrize("kind", ["sobol", "lhs"])
 def test_points_fill_a_region_more_evenly_than_chance(kind):
+    from scipy.stats import qmc  # loaded when the test runs: it takes a second
+
     points = fill(BenchRegion({"x": (0.0, 1.0), "y": (0.0, 1.0)}), 64, kind)
     chance = np.random.default_rng(0).random((20, 64, 2))
     usual = np.mean([qmc.discrepancy(sample) for sample in chance])
