@@ -62,7 +62,7 @@ def paths(document: ProjectDocument) -> Iterator[tuple[tuple[str | int, ...], di
             yield (*base, key["name"]), key["form"]
 
 
-@pytest.mark.parametrize("demo", mostly_slow(["torque", "exhaust", "idle"], ["torque"]))
+@pytest.mark.parametrize("demo", mostly_slow(["torque", "exhaust", "idle"], ["exhaust"]))
 def test_a_key_that_is_set_and_removed_leaves_the_file_byte_for_byte(demo: str, tmp_path: Path) -> None:
     text = write(demo, tmp_path / demo).read_bytes().decode()
     state, document, count = SessionState({"kennfeld.toml": text}), ProjectDocument(text), 0

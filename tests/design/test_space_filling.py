@@ -3,6 +3,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.base.errors import Location
+from kennfeld.design import space_filling
 from kennfeld.design.region import BenchRegion, DataEnvelope, RegionCondition
 from kennfeld.design.space_filling import FILLINGS, factorial, fill
 from kennfeld.models.formula import expression
@@ -19,9 +20,9 @@ TRIANGLE = BenchRegion(RANGES, [condition("l < n / 60"), condition("n > 5000 and
 
 @pytest.mark.parametrize("kind", FILLINGS)
 def test_of_many_points_none_is_outside_the_limits(kind):
-    points = fill(TRIANGLE, 100_000, kind)
+    points = fill(TRIANGLE, 20_000, kind)
     count = points["n"].size
-    assert count == 100_000 or (kind == "factorial" and 90_000 < count <= 100_000)
+    assert count == 20_000 or (kind == "factorial" and 18_000 < count <= 20_000)
     assert (points["l"] < points["n"] / 60).all()
     assert not ((points["n"] > 5000) & (points["l"] > 80)).any()
     for name, (low, high) in RANGES.items():
@@ -59,7 +60,8 @@ def test_a_factorial_has_as_many_points_as_fit():
     ],
 )
 @pytest.mark.parametrize("kind", FILLINGS)
-def test_contradictory_limits_are_an_error(limits, message, kind):
+def test_contradictory_limits_are_an_error(limits, message, kind, monkeypatch):
+    monkeypatch.setattr(space_filling, "EMPTY", 10_000)
     with pytest.raises(kf.InputError, match=message):
         fill(BenchRegion(RANGES, limits), 5, kind)
 

@@ -13,6 +13,7 @@ from kennfeld.export.api import export_function
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.graph import GraphBuilder
 from kennfeld.models import Model
+from tests.draws import mostly_slow
 from tests.export.compiled import STRICT, needs_compiler
 from tests.export.fmi2_instance import ERROR, OK, Fmi2
 
@@ -73,7 +74,7 @@ def _expected(text, columns, time, outputs):
 
 
 @needs_compiler
-@pytest.mark.parametrize("text", [STATIC, MEMORY], ids=["static", "memory"])
+@pytest.mark.parametrize("text", mostly_slow([MEMORY, STATIC], 1), ids=["memory", "static"])
 def test_inputs_at_the_end_of_a_step_give_the_simulation_on_uneven_time(text, tmp_path):
     time, columns = np.cumsum(np.random.default_rng(3).uniform(0.05, 0.3, 60)), _columns(60)
     outputs = ["y", "z"] if text == STATIC else ["y", "y2"]
@@ -82,6 +83,7 @@ def test_inputs_at_the_end_of_a_step_give_the_simulation_on_uneven_time(text, tm
     np.testing.assert_allclose(got, _expected(text, columns, time, outputs), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_inputs_at_the_start_of_a_step_give_the_simulation_before_and_behind_it(tmp_path):
     time, columns = np.arange(40) * 0.1, _columns(40)
@@ -196,6 +198,7 @@ def test_derivatives_are_those_of_finite_differences(text, tmp_path):
         np.testing.assert_allclose(instance.derivative("y", direction), difference, rtol=2e-8, atol=2e-8)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.guests
 def test_a_calibration_of_the_fmu_finds_the_values_of_the_function(tmp_path):

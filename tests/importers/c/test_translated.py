@@ -11,10 +11,12 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.function_files import read_function_file
 from kennfeld.models.model_function import as_model
+from tests.draws import mostly_slow
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytest.importorskip("pycparser")
 
+LONG = {"break and return", "turns"}  # programs of which every pass of a loop has several ends
 PROGRAMS = {
     "break and return": """
         static const double X[5] = {-8, -1, 0.5, 2, 7}, Y[5] = {5, 4, -2, 8, 1};
@@ -245,7 +247,7 @@ def _reference(source, folder, u, n):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("program", mostly_slow(PROGRAMS, PROGRAMS.keys() - LONG))
 def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     rng = np.random.default_rng(3)
     u, n = rng.normal(0.0, 5.0, 30), rng.integers(-2, 5 if program == "ends" else 6, 30).astype(float)
