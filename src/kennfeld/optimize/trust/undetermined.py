@@ -51,8 +51,8 @@ def unused_values(trust: Trust) -> list[str]:
         unused = (samples == 0) & (trust.deviation[name] != 0)  # 0 is fixed, by a lock or a pin
         if unused.any():
             counts.append(f"{np.count_nonzero(unused)} of {samples.size} values of {name}")
-            determined = np.count_nonzero(unused & trust.by_smoothness[name])
-            smooth, kept = smooth + determined, kept + np.count_nonzero(unused) - determined
+            determined = int(np.count_nonzero(unused & trust.by_smoothness[name]))
+            smooth, kept = smooth + determined, kept + int(np.count_nonzero(unused)) - determined
     if not counts:
         return []
     fate = "filled in by smoothness" if smooth else "kept at the start"
