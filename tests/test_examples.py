@@ -47,11 +47,18 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # be followed at once
 NOISE = {
     **{"air-flow": 1.0, "exhaust-temperature": 2.0, "simulink": 2.0, "idle-speed": 76.0, "nox": 8.0},
-    **{"battery-cell": 0.0015, "maf-curve": 0.4, "motor-efficiency": 25.0, "pedal-map": 0.05, "ve-table": 0.08},
+    **{
+        "battery-cell": 0.0015,
+        "maf-curve": 0.4,
+        "motor-efficiency": 25.0,
+        "pedal-map": 0.05,
+        "sensor-drift": 0.15,
+        "ve-table": 0.08,
+    },
 }
 NEEDS = {"nox": ("onnx", "pycparser")}  # packages
 
-QUICK = ("air-flow", "maf-curve", "motor-efficiency", "nox", "simulink")  # examples
+QUICK = ("air-flow", "maf-curve", "motor-efficiency", "nox", "sensor-drift", "simulink")  # examples
 
 # of tutorials: the example that they start from; the others start from a demo
 STARTS = {"exhaust.md": "exhaust-temperature", "simulink.md": "simulink"}

@@ -38,24 +38,17 @@ def undetermined_lines(trust: Trust, pointer: str, settle: str = "") -> list[str
 
 
 def unused_values(trust: Trust) -> list[str]:
-    """Return a line with the numbers of free values that no training sample uses, by parameter; none if all are used.
+    """Return a line with the numbers of values that smoothness alone determines, by parameter; none if there are none.
 
     >>> from kennfeld import Curve, calibrate
     >>> data = {"x": [1.0, 1.5, 2.0], "m": [2.0, 3.1, 4.0]}
     >>> curve = Curve("C", [1.0, 2.0, 3.0], [0.0, 0.0, 0.0])
-    >>> unused_values(calibrate("y = C(x)", data, {"C": curve}, target="m").trust)
-    ['No training sample uses 1 of 3 values of C; kept at the start.']
+    >>> unused_values(calibrate("y = C(x)", data, {"C": curve}, target="m", smoothness={"C": 0.1}).trust)
+    ['No training sample uses 1 of 3 values of C; filled in by smoothness.']
     """
-    counts, kept, smooth = [], 0, 0
-    for name, samples in trust.samples.items():
-        unused = (samples == 0) & (trust.deviation[name] != 0)  # 0 is fixed, by a lock or a pin
-        if unused.any():
-            counts.append(f"{np.count_nonzero(unused)} of {samples.size} values of {name}")
-            determined = int(np.count_nonzero(unused & trust.by_smoothness[name]))
-            smooth, kept = smooth + determined, kept + int(np.count_nonzero(unused)) - determined
-    if not counts:
-        return []
-    fate = "filled in by smoothness" if smooth else "kept at the start"
-    if smooth and kept:
-        fate = f"{smooth} filled in by smoothness, {kept} kept at the start"
-    return [f"No training sample uses {join_names(counts)}; {fate}."]
+    counts = [
+        f"{np.count_nonzero(unused)} of {unused.size} values of {name}"
+        for name, unused in trust.by_smoothness.items()
+        if unused.any()
+    ]
+    return [f"No training sample uses {join_names(counts)}; filled in by smoothness."] if counts else []
