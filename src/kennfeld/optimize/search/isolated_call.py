@@ -74,9 +74,10 @@ def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outc
     cannot be sent to another process: such a call runs here, without protection.
     """
 
+    taken = signature(work)
+
     @wraps(work)
     def call(*arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Outcome:
-        taken = signature(work)
         values = taken.bind(*arguments, **named).arguments
         if not _needs_process(values.get("model") or values.get("problem")):
             return work(*arguments, **named)
