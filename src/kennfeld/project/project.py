@@ -282,6 +282,7 @@ class Project:
         folder: str | Path | None = None,
         workers: int | None = None,
         resume: bool = False,
+        max_seconds: float | None = None,
     ) -> "Result":
         """Fit the free parameters to the training data.
 
@@ -291,6 +292,7 @@ class Project:
                 `saves` if `save_every` is set.
             workers: number of processes for several starts, by default one per core.
             resume: resume from the checkpoints.
+            max_seconds: replaces that of the project.
 
         Returns:
             The result, also of a fit that did not converge.
@@ -302,6 +304,8 @@ class Project:
         from kennfeld.optimize.search.multistart import run
 
         problem, options = self.problem(), replace(self.options, workers=workers)
+        if max_seconds is not None:
+            options = replace(options, max_seconds=max_seconds)
         seconds = Seconds(read=self.seconds_read)
         if not (resume or options.save_every):
             return run(problem, options, progress, seconds)

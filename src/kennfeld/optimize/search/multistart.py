@@ -83,7 +83,7 @@ def stop_after(seconds: float, progress: Progress | None) -> Progress:
         if progress is not None:
             progress(line)
         if time.monotonic() - began >= seconds:
-            raise Stop
+            raise Stop(f"Stopped after max_seconds = {seconds:g}; these are the best values so far.")
 
     return report
 
@@ -107,6 +107,7 @@ class _Multistart:
         self.resumed_names: list[str] = []
         self.finished: list[int] = []  # starts that had converged before
         self.without_workers = False  # although several processes were requested
+        self.why_stopped = STOPPED
         self.began = time.perf_counter()
 
     @cached_property
@@ -216,7 +217,11 @@ class _Multistart:
         line = replace(line, seconds=time.perf_counter() - self.began)
         self.trace.append(line)
         if self.progress is not None:
-            self.progress(line)
+            try:
+                self.progress(line)
+            except Stop as stop:
+                self.why_stopped = str(stop) or STOPPED  # another process is not told the reason
+                raise
 
     def _save(self, saved: Checkpoint) -> None:
         if self.keep is not None and self.options.save_every:
@@ -236,7 +241,7 @@ class _Multistart:
     def _status_and_message(self, best: StartOutcome) -> tuple[Status, str]:
         rows = [outcome.row for outcome in self.outcomes.values()]
         stopped = any(row.status == "stopped" for row in rows)
-        sentences = [STOPPED if stopped else best.row.message]
+        sentences = [self.why_stopped if stopped else best.row.message]
         if len(rows) > 1:
             failed = [row.message for row in rows if row.status in ("failed", "infeasible")]
             sentences.append(f"Best of {len(rows)} starts: number {best.row.start}.")
