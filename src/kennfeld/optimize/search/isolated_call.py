@@ -73,7 +73,6 @@ def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outc
     Its argument `progress`, if it has one, is called here. What cannot be pickled, such as functions of the session,
     cannot be sent to another process: such a call runs here, without protection.
     """
-
     taken = signature(work)
 
     @wraps(work)
