@@ -70,7 +70,7 @@ def test_an_axis_of_a_shape_may_be_a_letter():
 
 
 def test_a_bound_may_be_none():
-    result = kf.calibrate(TEXT, DATA, START, target="z", limits={"a": (None, 1.5), "y": (-5, None)})
+    result = kf.calibrate(TEXT, DATA, START, target="z", bounds={"a": (None, 1.5)}, limits={"y": (-5, None)})
     assert result.parameters["a"].value == 1.5
     assert kf.Scalar("a", 1.0, lower=None, upper=2.0).lower == -np.inf
     assert kf.Limit("y", None, 3.0) == kf.Limit("y", upper=3.0)

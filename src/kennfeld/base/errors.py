@@ -252,6 +252,15 @@ def warn(findings: Iterable[Finding]) -> None:
         warnings.warn(str(finding), InputWarning, stacklevel=_frames_inside() + 1)
 
 
+def warn_deprecated(message: str) -> None:
+    """Issue a `DeprecationWarning`, at the line outside this package from which the call came.
+
+    Args:
+        message: what is deprecated, and what to write in its place.
+    """
+    warnings.warn(message, DeprecationWarning, stacklevel=_frames_inside() + 1)
+
+
 def repeat_warnings(messages: Iterable[Warning | str]) -> None:
     """Issue warnings of another process, at the line outside this package from which the call came."""
     for message in messages:

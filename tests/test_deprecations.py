@@ -1,0 +1,28 @@
+"""Former names of arguments work, give the same, and say what to write instead, as docs/stability.md promises."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+X = np.linspace(0.0, 3.0, 31)
+LINE = {"x": X, "z": 2 * X + 1}
+
+
+def fit(**arguments):
+    return kf.calibrate("y = a * x + b", LINE, {"a": 1.0, "b": 0.0}, target="z", **arguments)
+
+
+def test_bounds_of_parameters_may_be_stated_as_limits():
+    message = r"limits of the parameter a are bounds: write bounds=\{'a': \(0, 1.5\)\}"
+    with pytest.warns(DeprecationWarning, match=message) as issued:
+        former = fit(limits={"a": (0, 1.5), "y": (None, 5.0)})
+    assert [warning.filename for warning in issued] == [__file__]
+    assert former.parameters == fit(bounds={"a": (0, 1.5)}, limits={"y": (None, 5.0)}).parameters
+
+
+def test_a_bound_of_what_is_no_parameter_is_an_error():
+    with pytest.raises(kf.ArgumentError, match=r"bounds: unknown parameter A\. Did you mean a\?"):
+        fit(bounds={"A": (0, 1)})
+    with pytest.raises(kf.ArgumentError, match=r"bounds must be a dict of \(lower, upper\) by parameter, got 3.0"):
+        fit(bounds=3.0)
