@@ -74,7 +74,9 @@ def test_every_document_becomes_a_page_of_the_sidebar(documents, site):
     assert names <= {path.relative_to(site).as_posix() for path in pages(site)}
     sidebar = (site / "index.html").read_text(encoding="utf-8").partition('class="sidebar-tree"')[2]
     assert names - {name for name in names if f'href="{name}"' in sidebar} == {"index.html"}
-    assert [name for name in ("Start", "Tutorials", "How-to", "Reference", "Explanation") if name not in sidebar] == []
+    assert [
+        name for name in ("Start", "Tutorials", "Examples", "How-to", "Reference", "Explanation") if name not in sidebar
+    ] == []
 
 
 def test_pages_load_nothing_from_elsewhere(site):
