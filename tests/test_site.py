@@ -30,7 +30,7 @@ def write_small_site(root):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, root / name)
     docs = Path(shutil.copytree(ROOT / "docs" / "static", root / "docs" / "static")).parent
-    pages = dict.fromkeys(("index", "tutorials/torque", "how-to/ci", "architecture"), "")
+    pages = dict.fromkeys(("index", "tutorials/torque", "examples/ve-table", "how-to/ci", "architecture"), "")
     for name, language in CODE.items():
         text = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
         pages[name] = re.search(rf"^```{language}\n.*?^```", text, re.MULTILINE | re.DOTALL)[0]
