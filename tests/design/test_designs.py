@@ -295,14 +295,14 @@ def measured(points, noise=0.05):
 def test_after_measuring_the_deviations_are_compared_with_those_predicted(tmp_path):
     result = map_fit(count=60, upper=0.7)
     proposal = design(result, n=20, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
-    made = Design.read(proposal.save(tmp_path / "next.json"))
+    saved = Design.read(proposal.save(tmp_path / "next.json"))
     for name in ("before", "after"):
-        np.testing.assert_array_equal(getattr(made, name)["M"], getattr(proposal, name)["M"])
-    assert (made.points, made.noise) == (tuple(map(dict, proposal.points)), dict(result.trust.noise))
+        np.testing.assert_array_equal(getattr(saved, name)["M"], getattr(proposal, name)["M"])
+    assert (saved.points, saved.noise) == (tuple(map(dict, proposal.points)), dict(result.trust.noise))
     problem = result.inspection.problem
     rest = {"start": problem.parameters, "target": "m", "smoothness": 0.01}
     again = kf.calibrate(MAP, [*problem.datasets, measured(proposal.points)], **rest)
-    reached = made.compare(again)
+    reached = saved.compare(again)
     (row,) = reached.rows
     assert (row.parameter, row.values) == ("M", 16)
     assert row.before > 1.5 * row.predicted
@@ -312,7 +312,7 @@ def test_after_measuring_the_deviations_are_compared_with_those_predicted(tmp_pa
     assert " 16 values are determined as well as predicted, to 10 %." in str(reached)
     # the same place again and again, with four times the noise, is not what the design asked for
     elsewhere = kf.calibrate(MAP, [*problem.datasets, measured([{"n": 0.1, "l": 0.1}] * 20, 0.2)], **rest)
-    missed = made.compare(elsewhere)
+    missed = saved.compare(elsewhere)
     assert missed.rows[0].missed > 8
     assert missed.missed[0].startswith("M at (n 1, l ")
     assert missed.noise["y"] > 1.5
@@ -322,10 +322,10 @@ def test_after_measuring_the_deviations_are_compared_with_those_predicted(tmp_pa
 
 def test_what_cannot_be_compared_is_an_error_and_a_fit_without_the_new_data_a_warning(tmp_path):
     result = map_fit()
-    made = design(result, n=5, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
-    (warning,) = made.compare(result).findings
+    saved = design(result, n=5, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
+    (warning,) = saved.compare(result).findings
     assert "the deviations are those before the design. Add the measured data to the training data." in str(warning)
-    smaller = replace(made, after={"M": made.after["M"][:3]})
+    smaller = replace(saved, after={"M": saved.after["M"][:3]})
     with pytest.raises(InputError, match=r"M: has the shape \[4, 4\], but \[3, 4\] in the design"):
         smaller.compare(result)
     with pytest.raises(InputError, match="the design predicts no deviation"):

@@ -1,4 +1,4 @@
-"""What a design predicted, against what a fit with the measured data has reached."""
+"""Comparison of the deviations that a design predicted with those of a fit with the measured data."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -42,8 +42,8 @@ class ParameterComparison:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """What a design predicted, and what was reached.
+class DesignComparison:
+    """Deviations that a design predicted, beside those that were reached.
 
     Attributes:
         rows: the parameters.
@@ -106,7 +106,7 @@ class Comparison:
 
 def compare(
     before: Mapping[str, Float], predicted: Mapping[str, Float], noise: Mapping[str, float], fitted: FittedFunction
-) -> Comparison:
+) -> DesignComparison:
     """Compare the deviations of a fit with predicted ones.
 
     Args:
@@ -130,7 +130,7 @@ def compare(
         remedy = "Add the measured data to the training data."
         findings.append(Finding(PLACE, message, remedy, severity="warning"))
     now = fitted.trust.noise
-    return Comparison(
+    return DesignComparison(
         tuple(_row(name, before[name], predicted[name], reached[name]) for name in names),
         {node: now[node] / then for node, then in noise.items() if node in now and then > 0},
         tuple(_shortfalls(names, predicted, reached, fitted)),

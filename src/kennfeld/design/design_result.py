@@ -16,7 +16,7 @@ from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none, nested_or_none
 from kennfeld.design.bench_order import BenchRun
-from kennfeld.design.comparison import Comparison, compare
+from kennfeld.design.comparison import DesignComparison, compare
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.manoeuvres import TimeTable
 from kennfeld.domain.file_spans import short_names
@@ -109,7 +109,7 @@ class Design:
             remedy = "Name the .json file that kennfeld design -o has written."
             raise InputError.of(place, "is not a design", remedy) from error
 
-    def compare(self, result: Result) -> Comparison:
+    def compare(self, result: Result) -> DesignComparison:
         """Compare the predicted deviations with those of a fit of all data, the measured ones included.
 
         Raises:

@@ -111,11 +111,11 @@ def _compare(path: Path, earlier: Path, as_json: bool, trust: bool) -> int:
     from kennfeld.design import Design
     from kennfeld.terminal.progress import Interrupt, display
 
-    made = Design.read(earlier)
+    predicted = Design.read(earlier)
     with opened_project(path, trust=trust) as project:
         try:
             with Interrupt() as interrupt, display("compiling") as shown:
-                reached = made.compare(project.calibrate(interrupt.watch(shown)))
+                reached = predicted.compare(project.calibrate(interrupt.watch(shown)))
         except KeyboardInterrupt:
             print_findings("Stopped before there was anything to compare.")
             return INTERRUPTED
