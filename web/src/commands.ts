@@ -26,6 +26,7 @@ const screens: [Screen, string, number | string][] = [
   ["results", "Results", 5],
   ["plots", "Plots", 6],
   ["files", "Files", 7],
+  ["missing", "Missing terms", 8],
   ["control-unit", "Control unit", "E"],
 ];
 

@@ -30,6 +30,7 @@ const before = state.value;
 const LAZY = {
   "control-unit": lazy(async () => (await import("./screens/control-unit")).ControlUnitScreen),
   files: lazy(async () => (await import("./screens/files")).Files),
+  missing: lazy(async () => (await import("./screens/missing")).MissingScreen),
   function: lazy(async () => (await import("./screens/function")).FunctionScreen),
   plots: lazy(async () => (await import("./screens/plots")).Plots),
 };
@@ -39,6 +40,7 @@ const SHOWN: Record<Screen, () => JSX.Element> = {
   data: Data,
   files: LAZY.files.Shown,
   function: LAZY.function.Shown,
+  missing: LAZY.missing.Shown,
   start: Start,
   parameters: Parameters,
   optimization: Optimization,

@@ -1504,6 +1504,167 @@ export interface ExistingFiles {
   existing: string[];
 }
 
+/** What takes part in a search, and what the last one has found. */
+export interface MissingTerms {
+  /** Of the first criterion. */
+  node: string;
+  unit: string;
+  channels: TermChannel[];
+  kinds: TermKind[];
+  /** Those that can take part. */
+  nodes: string[];
+  /** Null if none has found anything yet. */
+  found: FoundTerms | null;
+}
+
+/** A channel of the recordings; `reason` says why it takes no part, as a clause. */
+export interface TermChannel {
+  name: string;
+  unit: string;
+  reason: string;
+}
+
+/** A kind of terms, with the number of nodes at which it is tried; 0 for lags of data that have no time. */
+export interface TermKind {
+  name: "add" | "multiply" | "lag" | "delay";
+  places: number;
+}
+
+/** The outcome of a search. */
+export interface FoundTerms {
+  /** True if values, function or data have changed since. */
+  old: boolean;
+  status: string;
+  /** The verdict, a sentence. */
+  message: string;
+  /** RMSE of the least effect that would have been seen. */
+  smallest: number | null;
+  unit: string;
+  candidates: number;
+  /** Candidates that were fitted, and all that were to be; null if the search has ended. */
+  stopped: [number, number] | null;
+  proposals: TermRow[];
+  /** Candidates that are not proposed, in words. */
+  rejected: string[];
+  /** Channels that took no part, with the reason. */
+  excluded: [string, string][];
+  remarks: string[];
+  seconds: number;
+}
+
+/** A proposal. */
+export interface TermRow {
+  /** In words. */
+  change: string;
+  node: string;
+  kind: "add" | "multiply" | "lag" | "delay";
+  channel: string;
+  training: BeforeAfter;
+  heldOut: BeforeAfter;
+  /** What was held out. */
+  heldName: string;
+  test: BeforeAfter | null;
+  /** Root of the difference of the squared errors on held-out data. */
+  explains: number | null;
+  /** Held-out parts that the term makes better, of `parts`. */
+  better: number;
+  parts: number;
+  /** Number of values of the term. */
+  values: number;
+  /** The first and the last breakpoint of a curve, each with its value. */
+  ends: [number, number][];
+  /** Others that the data cannot tell from it. */
+  places: PlaceRow[];
+  heldOutParts: HeldOutRow[];
+  /** Of the node in the source of the function. */
+  location: string;
+}
+
+/** An RMSE without a term and with it. */
+export interface BeforeAfter {
+  before: number | null;
+  after: number | null;
+}
+
+/** A node at which a term explains as much as at the one that is proposed; `number` names it in questions. */
+export interface PlaceRow {
+  number: number;
+  node: string;
+  kind: "add" | "multiply" | "lag" | "delay";
+  change: string;
+}
+
+/** The errors on a part of the data that was held out. */
+export interface HeldOutRow {
+  name: string;
+  samples: number;
+  rmse: BeforeAfter;
+}
+
+/** A proposal, from 0, at its best place or at an equal one, from 0. */
+export interface AskedTerm {
+  number: number;
+  place?: number | null;
+}
+
+/** A proposal in detail. */
+export interface ShownTerm {
+  /** Name of the new parameter; empty for a delay. */
+  parameter: string;
+  /** The channel, with its unit in `input_unit`. */
+  input: string;
+  inputUnit: string;
+  /** Breakpoints of a curve. */
+  points: number[];
+  /** Its values; the time constant of a lag. */
+  now: number[];
+  /** Standard deviation of each; null if nothing determines one. */
+  deviation: (number | null)[];
+  /** The value without effect. */
+  neutral: number;
+  /** False at an equal place, where the values are those without effect. */
+  fitted: boolean;
+  /** Node whose errors are drawn. */
+  criterion: string;
+  /** Of the errors. */
+  unit: string;
+  /** Samples by bin of the channel. */
+  counts: number[];
+  /** What changes; empty if the function has changed since. */
+  files: ChangedFile[];
+  /** The term as a line of formula text, for a function that is not. */
+  text: string;
+  /** Why it cannot be written; empty if it can. */
+  reason: string;
+}
+
+/** The change of a file. */
+export interface ChangedFile {
+  file: string;
+  lines: ChangedLine[];
+}
+
+/** A line of a changed text; `sign` is `+`, `-` or a space, `line` its number before or after, 0 for a gap. */
+export interface ChangedLine {
+  sign: string;
+  line: number;
+  text: string;
+}
+
+/** The arrays of ShownTerm. */
+export interface ShownTermArrays {
+  /** Of the bins. */
+  edges: Float32Array;
+  /** Mean error by bin without the term. */
+  before: Float32Array;
+  /** With it. */
+  after: Float32Array;
+  /** Channel of some samples. */
+  x: Float32Array;
+  /** Their errors without the term. */
+  error: Float32Array;
+}
+
 /** The calibration files of the folder. */
 export interface CalibrationFiles {
   files: ListedCalibration[];
@@ -1833,6 +1994,20 @@ export interface StorageEdit {
   storage?: string | null;
 }
 
+/** What takes part in a search; null for all. */
+export interface TermQuestion {
+  channels?: string[] | null;
+  nodes?: string[] | null;
+  kinds?: ("add" | "multiply" | "lag" | "delay")[] | null;
+  /** Effect that a proposal must explain on held-out data, in the unit of the target. */
+  least?: number;
+}
+
+/** The title of the command that applied a term. */
+export interface AppliedTerm {
+  title: string;
+}
+
 /** Recent projects, the demos, the folder in which new projects are made, and the version of Kennfeld. */
 export interface KnownProjects {
   recent: RecentRow[];
@@ -1945,6 +2120,8 @@ export interface AppState {
   /** Titles of edits that wait for the end of the run. */
   waiting: string[];
   training: TrainingState;
+  terms: SearchState;
+  design: SearchState;
   runs: RunRow[];
   seconds: number;
   /** Files of the project that another program has changed, each with how. */
@@ -2011,6 +2188,19 @@ export interface TrainingState {
   file: string;
   seconds: number;
   lines: string[];
+}
+
+/** The running or last search beside the calibration: idle, running, ended, failed or stopped. */
+export interface SearchState {
+  state: string;
+  /** What it does; why it failed. */
+  text: string;
+  /** Parts that are done, of `parts`; 0 if their number is not known. */
+  done: number;
+  parts: number;
+  seconds: number;
+  /** What it has found, in a few words. */
+  detail: string;
 }
 
 /** A calibration of this session. */
@@ -2123,6 +2313,8 @@ export interface Questions {
   "finer-storage": { asks: AskedTrial; head: FinerRow; arrays: Nothing };
   code: { asks: AskedCode; head: CodeReply; arrays: Nothing };
   "write-unit": { asks: UnitCommand; head: WrittenUnit | ExistingFiles; arrays: Nothing };
+  missing: { asks: Nothing; head: MissingTerms; arrays: Nothing };
+  term: { asks: AskedTerm; head: ShownTerm; arrays: ShownTermArrays };
   calibrations: { asks: Nothing; head: CalibrationFiles; arrays: Nothing };
   contents: { asks: AskedContents; head: SetContents; arrays: Nothing };
   differences: { asks: AskedDifferences; head: SetDifferences; arrays: Nothing };
@@ -2154,6 +2346,9 @@ export interface Questions {
   "add-files": { asks: AddedFiles; head: FileKinds; arrays: Nothing };
   "take-values": { asks: TakeCommand; head: TakenValues; arrays: Nothing };
   "set-storage": { asks: StorageEdit; head: Nothing; arrays: Nothing };
+  look: { asks: TermQuestion; head: Nothing; arrays: Nothing };
+  "stop-looking": { asks: Nothing; head: Nothing; arrays: Nothing };
+  "apply-term": { asks: AskedTerm; head: AppliedTerm; arrays: Nothing };
   projects: { asks: Nothing; head: KnownProjects; arrays: Nothing };
   open: { asks: ProjectPath; head: Nothing; arrays: Nothing };
   show: { asks: ProjectId; head: Nothing; arrays: Nothing };

@@ -8,6 +8,7 @@ export const SCREENS = [
   "results",
   "plots",
   "files",
+  "missing",
   "control-unit",
   "start",
 ] as const;

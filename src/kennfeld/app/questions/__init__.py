@@ -14,6 +14,7 @@ from kennfeld.app.questions import (
     function_files,
     history,
     imported,
+    missing,
     parameters,
     plots,
     proposals,
@@ -74,6 +75,8 @@ _QUESTIONS: dict[str, Callable[..., object]] = {
     "finer-storage": control_unit.finer_storage,
     "code": control_unit.code,
     "write-unit": control_unit.write_unit,
+    "missing": missing.missing,
+    "term": missing.term,
     "calibrations": calibrations.calibrations,
     "contents": calibrations.contents,
     "differences": calibrations.differences,
@@ -107,6 +110,9 @@ _COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which
     "add-files": additions.add_files,
     "take-values": calibrations.take_values,
     "set-storage": control_unit.set_storage,
+    "look": missing.look,
+    "stop-looking": missing.stop_looking,
+    "apply-term": missing.apply,
 }
 
 QUESTIONS: dict[str, Question[Session]] = questions_of(_QUESTIONS)
