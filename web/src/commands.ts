@@ -27,6 +27,7 @@ const screens: [Screen, string, number | string][] = [
   ["plots", "Plots", 6],
   ["files", "Files", 7],
   ["missing", "Missing terms", 8],
+  ["design", "Measure next", 9],
   ["control-unit", "Control unit", "E"],
 ];
 

@@ -230,6 +230,9 @@ export function Rail() {
       <StepButton
         step={{ screen: "missing", key: 8, title: "Missing terms", detail: searchDetail("terms", "looking") }}
       />
+      <StepButton
+        step={{ screen: "design", key: 9, title: "Measure next", detail: searchDetail("design", "computing") }}
+      />
       <StepButton step={{ screen: "control-unit", key: "E", title: "Control unit", detail: () => written.value }} />
       <span style={{ flex: 1 }} />
       <hr />

@@ -29,6 +29,7 @@ const before = state.value;
 
 const LAZY = {
   "control-unit": lazy(async () => (await import("./screens/control-unit")).ControlUnitScreen),
+  design: lazy(async () => (await import("./screens/design")).DesignScreen),
   files: lazy(async () => (await import("./screens/files")).Files),
   missing: lazy(async () => (await import("./screens/missing")).MissingScreen),
   function: lazy(async () => (await import("./screens/function")).FunctionScreen),
@@ -38,6 +39,7 @@ const LAZY = {
 const SHOWN: Record<Screen, () => JSX.Element> = {
   "control-unit": LAZY["control-unit"].Shown,
   data: Data,
+  design: LAZY.design.Shown,
   files: LAZY.files.Shown,
   function: LAZY.function.Shown,
   missing: LAZY.missing.Shown,

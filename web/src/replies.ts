@@ -726,7 +726,7 @@ export interface SectionRow {
   by: string;
   form: KeyForm;
   heading: string;
-  screen: "data" | "function" | "parameters" | "optimization" | "results";
+  screen: "data" | "function" | "parameters" | "optimization" | "results" | "design";
 }
 
 /** The kind of a value, and what its field needs. */
@@ -1504,7 +1504,159 @@ export interface ExistingFiles {
   existing: string[];
 }
 
-/** What takes part in a search, and what the last one has found. */
+/** The choices of a design, and the outcome of the last one. */
+export interface Designs {
+  /** True if the training data are recordings over time. */
+  timed: boolean;
+  /** True if the function remembers, so that a drive settles it and points do not. */
+  memory: boolean;
+  /** The free ones. */
+  parameters: DesignParameter[];
+  /**
+   * Sentences on joint changes that the data of the last run hardly notice, in the order of their numbers, the
+   * undetermined ones first.
+   */
+  directions: string[];
+  /** Null if there is none yet. */
+  found: FoundDesign | null;
+}
+
+/** A free parameter; `without_data` grid points have no samples. */
+export interface DesignParameter {
+  name: string;
+  unit: string;
+  values: number;
+  withoutData: number;
+}
+
+/** The outcome. */
+export interface FoundDesign {
+  /** True if values, function or data have changed since. */
+  old: boolean;
+  segments: SegmentRow[];
+  points: PointRow[];
+  /** Of the points. */
+  channels: string[];
+  planned: PlannedRow[];
+  /** Recordings that can go, the first is missed least. */
+  drop: string[];
+  /** Time before each segment, in s. */
+  warmup: number;
+  /** Predicted mean variance of prediction over the use, relative to now. */
+  factor: number | null;
+  /** Of all segments with their warm-up, or of the points on the bench, in s. */
+  duration: number;
+  sentences: string[];
+  /** What the design leaves open, in sentences. */
+  unsettled: string[];
+  /** Warnings and remarks. */
+  remarks: Remark[];
+  tables: DesignTableRow[];
+  formats: ("csv" | "xlsx" | "mf4" | "parquet" | "json")[];
+  seconds: number;
+}
+
+/** A piece of a recording to drive. */
+export interface SegmentRow {
+  file: string;
+  /** Time stamp in the file at which it begins to count, in s. */
+  begin: number;
+  end: number;
+  /** The values that it determines and the others do not. */
+  settles: string;
+  /** Mean variance over the use after it and those before it, relative to now. */
+  left: number | null;
+}
+
+/** A steady point, with its channels in the order of the list. */
+export interface PointRow {
+  channels: number[];
+  block: number;
+  kind: string;
+}
+
+/** A planned manoeuvre, with its duration in s. */
+export interface PlannedRow {
+  name: string;
+  duration: number;
+  channels: string[];
+}
+
+/** A warning or a remark, with what to do about it. */
+export interface Remark {
+  severity: "error" | "warning" | "remark";
+  message: string;
+  remedy: string;
+}
+
+/** The standard deviations of a table now and as predicted; null if one is undetermined. */
+export interface DesignTableRow {
+  name: string;
+  unit: string;
+  /** Number of axes; tables with one or two can be drawn. */
+  axes: number;
+  median: [number | null, number | null];
+  greatest: [number | null, number | null];
+  /** Values whose deviation falls to less than a half. */
+  settled: number;
+}
+
+/** A table of the last design. */
+export interface AskedMap {
+  name: string;
+}
+
+/** A table of the last design, and the operation over its axes. */
+export interface DesignMap {
+  name: string;
+  unit: string;
+  /** Of the table. */
+  axes: DesignAxis[];
+  /** For each value, true if no sample informs it; empty if unknown. */
+  empty: boolean[];
+  /** Where the steps of each segment begin in `way_x`, or points. */
+  ways: number[];
+  /** True if the ways are drives. */
+  isDrive: boolean;
+}
+
+/** An axis of a table. */
+export interface DesignAxis {
+  input: string;
+  unit: string;
+  points: number[];
+}
+
+/** The arrays of DesignMap. */
+export interface DesignMapArrays {
+  /** At the fit, in C order. */
+  values: Float32Array;
+  /** Standard deviation now; infinite if undetermined. */
+  before: Float32Array;
+  /** As predicted. */
+  after: Float32Array;
+  /** Of recorded samples. */
+  x: Float32Array;
+  /** The same along the second axis. */
+  y: Float32Array;
+  /** Of the segments, one after the other, or of the points. */
+  wayX: Float32Array;
+  /** The same along the second axis. */
+  wayY: Float32Array;
+}
+
+/** A file of the last design; `force` replaces another one. */
+export interface DesignExport {
+  format: "csv" | "xlsx" | "mf4" | "parquet" | "json";
+  force?: boolean;
+}
+
+/** The file that was written, relative to the folder of the project. */
+export interface WrittenDesign {
+  file: string;
+}
+
+/** Candidates for a search, and the outcome of the last one. */
 export interface MissingTerms {
   /** Of the first criterion. */
   node: string;
@@ -1994,7 +2146,23 @@ export interface StorageEdit {
   storage?: string | null;
 }
 
-/** What takes part in a search; null for all. */
+/** The question of a design; what is null is chosen from the data. */
+export interface DesignQuestion {
+  points?: number | null;
+  segments?: number | null;
+  /** Find recordings that add nothing. */
+  reduce?: boolean;
+  /** With `reduce`: recordings that are kept. */
+  keep?: number | null;
+  /** Recordings or points to choose from, paths or patterns. */
+  candidates?: string[];
+  /** Parameters that points should determine. */
+  names?: string[];
+  /** Number of the direction that points should determine, from 1. */
+  direction?: number | null;
+}
+
+/** The scope of a search; null for all. */
 export interface TermQuestion {
   channels?: string[] | null;
   nodes?: string[] | null;
@@ -2162,7 +2330,7 @@ export interface FindingRow {
   /** Place within the file: `[model] step`. */
   path: string;
   /** The screen on which it is solved. */
-  screen: "data" | "function" | "parameters" | "optimization" | "results";
+  screen: "data" | "function" | "parameters" | "optimization" | "results" | "design";
 }
 
 /** A file whose code, or an address that, has not been allowed. */
@@ -2313,6 +2481,9 @@ export interface Questions {
   "finer-storage": { asks: AskedTrial; head: FinerRow; arrays: Nothing };
   code: { asks: AskedCode; head: CodeReply; arrays: Nothing };
   "write-unit": { asks: UnitCommand; head: WrittenUnit | ExistingFiles; arrays: Nothing };
+  designs: { asks: Nothing; head: Designs; arrays: Nothing };
+  "design-map": { asks: AskedMap; head: DesignMap; arrays: DesignMapArrays };
+  "export-design": { asks: DesignExport; head: WrittenDesign | ExistingFiles; arrays: Nothing };
   missing: { asks: Nothing; head: MissingTerms; arrays: Nothing };
   term: { asks: AskedTerm; head: ShownTerm; arrays: ShownTermArrays };
   calibrations: { asks: Nothing; head: CalibrationFiles; arrays: Nothing };
@@ -2346,6 +2517,8 @@ export interface Questions {
   "add-files": { asks: AddedFiles; head: FileKinds; arrays: Nothing };
   "take-values": { asks: TakeCommand; head: TakenValues; arrays: Nothing };
   "set-storage": { asks: StorageEdit; head: Nothing; arrays: Nothing };
+  "propose-design": { asks: DesignQuestion; head: Nothing; arrays: Nothing };
+  "stop-design": { asks: Nothing; head: Nothing; arrays: Nothing };
   look: { asks: TermQuestion; head: Nothing; arrays: Nothing };
   "stop-looking": { asks: Nothing; head: Nothing; arrays: Nothing };
   "apply-term": { asks: AskedTerm; head: AppliedTerm; arrays: Nothing };

@@ -9,6 +9,7 @@ export const SCREENS = [
   "plots",
   "files",
   "missing",
+  "design",
   "control-unit",
   "start",
 ] as const;

@@ -54,6 +54,7 @@ class Design:
         run: the points with blocks, replicates and the time between them; None without points.
         tables: planned manoeuvres.
         factor: predicted mean variance of prediction over the use, relative to that now; NaN if it is unknown.
+        course: the same after each segment and those before it.
 
     >>> from kennfeld import design
     >>> levels = design(n=4, ranges={"speed": (800, 6000)}, method="factorial")
@@ -73,6 +74,7 @@ class Design:
     run: BenchRun | None = field(default=None, repr=False)
     tables: tuple[TimeTable, ...] = field(default=(), repr=False)
     factor: float = float("nan")
+    course: tuple[float, ...] = field(default=(), repr=False)
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of `kennfeld design --json`; numbers that are not finite are None."""

@@ -10,16 +10,18 @@ import { LookFor } from "./missing/look-for";
 import { TermPicture } from "./missing/picture";
 import { HeldOutPane, ProposalsPane, Verdict } from "./missing/proposals";
 import { WherePane } from "./missing/where";
+import "../instruments/search-panes.css";
 import "./missing.css";
 
 function keys(event: KeyboardEvent): void {
-  const typing = (event.target as HTMLElement).closest("input, select, textarea, button, [role=button]") !== null;
+  const typing = (event.target as HTMLElement).closest("input, select, textarea") !== null;
+  const onButton = (event.target as HTMLElement).closest("button, [role=button], summary") !== null; // takes Enter itself
   if (document.querySelector("dialog[open]") !== null || event.ctrlKey || event.metaKey || event.altKey) return;
   if (event.key === "Escape" && looking.value) void request("stop-looking");
   else if (typing) return;
   else if (event.key === "ArrowDown" || event.key === "ArrowUp") step(event.key === "ArrowDown" ? 1 : -1);
   else if (event.key === "l") void look();
-  else if (event.key === "Enter") void apply();
+  else if (event.key === "Enter" && !onButton) void apply();
   else return;
   event.preventDefault();
 }

@@ -24,7 +24,7 @@ from kennfeld.models.importer_registry import importer_of
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
-Screen = Literal["data", "function", "parameters", "optimization", "results"]
+Screen = Literal["data", "function", "parameters", "optimization", "results", "design"]
 
 
 @dataclass(frozen=True)
@@ -355,7 +355,7 @@ SCREENS: Mapping[str, Screen] = {
     "optimizer": "optimization",
     "cluster": "optimization",
     "report": "results",
-    "design": "data",
+    "design": "design",
 }
 
 
