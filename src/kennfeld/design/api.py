@@ -23,8 +23,8 @@ from kennfeld.design.region import BenchRegion
 from kennfeld.design.segment_design import design_segments, reduce_recordings
 from kennfeld.design.space_filling import fill
 from kennfeld.domain.dataset import Dataset
-from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.coercion import Data, to_dataset
