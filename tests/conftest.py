@@ -41,7 +41,7 @@ os.environ.setdefault(
 from kennfeld.base.machine_code import engine  # noqa: E402
 from kennfeld.models import code_consent  # noqa: E402
 
-pytest_plugins = ["tests.costs", "tests.doctests", "tests.guests", "tests.thin_reports"]
+pytest_plugins = ["tests.costs", "tests.doctests", "tests.guests"]
 
 MACHINE_CODE = {"native", "machine_code"}  # folders of tests
 
