@@ -238,7 +238,7 @@ class BlockContext:
 
     def truncate(self, x: Signal) -> Signal:
         """Round a signal toward zero."""
-        return self.signal(truncate(self.builder, x.nodes), x.period)
+        return replace(self.signal(truncate(self.builder, x.nodes), x.period), type=x.type)
 
     def is_among(self, x: Signal, values: Iterable[float]) -> Signal:
         """Return 1 if a signal equals one of several values, else 0."""
