@@ -256,7 +256,7 @@ def discrete_derivative(block: BlockContext) -> SignalOrBus:
 
 
 def scaled_difference(block: BlockContext, u: Signal, init: str, reset: Signal | None = None) -> Signal:
-    """Compute (u - u') / T, T in s, in which u' is the previous input; a field states u' / T at first and at a reset."""
+    """Compute (u - u') / T, T in s, u' being the previous input; a field states u' / T at first and at a reset."""
     # the state holds u' divided by the step that ends at the next sample
     now, then = u / block.sample_step(), u / block.next_sample_step()
     start = block.parameter(init)

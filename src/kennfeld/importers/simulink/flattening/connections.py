@@ -27,6 +27,7 @@ from kennfeld.importers.simulink.variables.mask_scope import (
 
 _NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
 
+_TRIGGERED = ("dspsigops/Sample and Hold",)  # blocks without a system whose trigger is their last input
 _MAX_INPUTS = 1_000_000  # of all blocks
 
 
@@ -351,6 +352,9 @@ class ConnectionResolver:
         if flat.type == "BusElement" and level.parent is not None and level.holder is not None:
             flat.inputs = [self.wires.source(level.parent, Endpoint(level.holder.sid, "in", port_number(flat.block)))]
             flat.bus_paths = (element_of(flat.block) or "",)
+        if flat.type in _TRIGGERED:
+            ends.append(Endpoint(sid, "trigger"))
+            flat.inputs.append(self.wires.source(level, ends[-1]))
         if flat.type == "Chart" and flat.block.system is not None:
             flat.control_ports = {SPECIAL[port.type]: port for port in flat.block.system.of("TriggerPort")}
             controls = [Endpoint(sid, kind) for kind in flat.control_ports]
