@@ -230,6 +230,12 @@ PROGRAMS = {
                    + fdim(u, 1)
                    + tanh(u) + log2(1 + u * u) + isnan(u) + M_PI * 0;
         }""",
+    "whole": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            *y = lround(u) / 2 + lrint(n / 2.0) * 100 + llround(-u) % 3;
+            return lroundf(u + 0.25f) + llrintf(n * 0.5f) / 2;
+        }""",
 }
 
 
