@@ -1,6 +1,7 @@
 """Export of a function with its calibration: `export_function`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -8,11 +9,13 @@ import numpy as np
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
 from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.export.c_code import write_c
 from kennfeld.export.comparison import CodeComparison, compare
 from kennfeld.export.host_compiler import HostCompiler
+from kennfeld.export.names import c_identifier
 from kennfeld.export.prepared import Precision, PreparedFunction, prepare
 from kennfeld.models import Model
 from kennfeld.models.model import bind_scalars
@@ -57,6 +60,10 @@ class ExportSettings:
             value, allowed = getattr(self, name), get_args(kind)
             if value not in allowed:
                 raise ArgumentError(f"{name}={value!r} must be {' or '.join(map(repr, allowed))}")
+        if self.name and c_identifier(self.name) != self.name:
+            # a path in particular: its folder would be dropped without a word
+            remedy = f"for example {c_identifier(self.name)!r}"
+            raise ArgumentError(f"name={self.name!r} must be an identifier of C, {remedy}")
         if self.precision == "float" and self.to != "c":
             raise ArgumentError(f"precision='float' is for to='c', not for to={self.to!r}")
         if self.step is not None and not self.step > 0:
@@ -158,7 +165,21 @@ def project_contents(project: Project, parameters: ParameterSet | None, settings
     name = Path(file.rpartition(":")[0] or file).stem
     location = Location(project.path.name)
     data = None if project.is_partitioned else problem
-    return _contents(problem.model, values, settings, location, name, data)
+    contents = _contents(problem.model, values, settings, location, name, data)
+    kept = () if parameters is None else _kept_initial(problem, parameters, location)
+    return replace(contents, findings=(*kept, *contents.findings))
+
+
+def _kept_initial(problem: Problem, parameters: ParameterSet, location: Location) -> Iterator[Finding]:
+    """Yield a finding on the parameters of the function that a calibration does not state."""
+    needed = problem.model.graph.parameters
+    kept = [name for name in needed if name not in parameters]
+    if kept and len(kept) == len(needed):
+        message = "the calibration has no parameter of the function: the initial values are exported"
+        yield Finding(location, message, "Check the names in the calibration file.", severity="warning")
+    elif kept:
+        message = f"initial values are exported for {join_names(kept)}, which the calibration does not state"
+        yield Finding(location, message, severity="remark")
 
 
 def _model(function: Model | str, parameters: Start | None) -> Model:
@@ -181,7 +202,9 @@ def _contents(
     # an FMU has the names of the function
     renamed = Findings() if settings.to == "fmu" else findings
     function = prepare(model, values, settings.name or name, location, renamed, settings.outputs, settings.precision)
-    comparison = _checked(function, settings, problem, location, findings) if settings.check else None
+    # what is compared is the C code, which says nothing about a function of MATLAB
+    checked = settings.check and settings.to != "m"
+    comparison = _checked(function, settings, problem, location, findings) if checked else None
     files = _files(function, settings, model.step or _step_of(problem), location, findings)
     return ExportContents(function.name, files, tuple(findings), comparison)
 
