@@ -110,6 +110,28 @@ class StorageGrid:
 
 
 @dataclass(frozen=True)
+class FloatStorage:
+    """Storage of a label in floating point: the conversion of its numbers, and their precision.
+
+    >>> float(FloatStorage(single=True).nearest(np.array(0.1)))
+    0.10000000149011612
+    """
+
+    factor: float = 1.0
+    shift: float = 0.0
+    divisor: float = 1.0
+    single: bool = False
+
+    def nearest(self, values: Float) -> Float:
+        """Round physical values, Float[...], to the nearest storable ones."""
+        if not self.single:
+            return values
+        with np.errstate(over="ignore"):
+            numbers = np.float64(np.float32((values * self.divisor - self.shift) / self.factor))
+        return np.asarray((self.factor * numbers + self.shift) / self.divisor)
+
+
+@dataclass(frozen=True)
 class StorageRounding:
     """Settings of rounding the end of a calibration to what a control unit stores.
 
@@ -117,6 +139,7 @@ class StorageRounding:
         method: "joint" or "nearest".
         grids: the grid of each parameter that is rounded.
         axes: the grid of the breakpoints of each axis that is rounded.
+        floats: the parameters that are stored in floating point; with "joint", they make up for the rounding of others.
         max_shift: the largest distance from the fit, in steps.
         unrounded: why other labels of the file are not rounded, a clause by name.
         source: name of the file that the grids are from; may be empty.
@@ -131,6 +154,7 @@ class StorageRounding:
     method: RoundingMethod = "joint"
     grids: Mapping[str, StorageGrid] = field(default_factory=dict)
     axes: Mapping[AxisKey, StorageGrid] = field(default_factory=dict)
+    floats: Mapping[str, FloatStorage] = field(default_factory=dict)
     max_shift: float = MAX_SHIFT
     unrounded: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
@@ -144,7 +168,8 @@ class StorageRounding:
         """Return the rounding with steps of some parameters, which replace those of the file."""
         own = {name: StorageGrid.of_step(step, name) for name, step in steps.items()}
         rest = {name: reason for name, reason in self.unrounded.items() if name not in own}
-        return replace(self, grids={**self.grids, **own}, unrounded=rest)
+        floats = {name: storage for name, storage in self.floats.items() if name not in own}
+        return replace(self, grids={**self.grids, **own}, floats=floats, unrounded=rest)
 
     def bounds(self, table: Parameter) -> tuple[Float, Float]:
         """Narrow the bounds of a parameter to the range of its storage, so that a search ends within; Float[...] each.
@@ -175,6 +200,8 @@ def storage_findings(
         if grid is None:
             missing = f"{rounding.source} does not define it" if rounding.source else "its step is not known"
             reason = rounding.unrounded.get(name, missing)
+            if name in rounding.floats and rounding.method == "joint":
+                reason += "; its values make up for the rounding of others"
             yield Finding(location(name), f"{name} is not rounded: {reason}", severity="remark")
             continue
         low, high = grid.range_within(table.lower, table.upper)

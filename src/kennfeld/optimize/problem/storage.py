@@ -42,7 +42,8 @@ def rounding_of(
         a2l = _described(storage)
         grids, name = storage_grids(a2l), a2l.file
         unrounded = {label: f"it {reason} in {name}" for label, reason in grids.unrounded.items()}
-        rounding = replace(rounding, grids=grids.labels, axes=grids.axes, unrounded=unrounded, source=name)
+        known = {"grids": grids.labels, "axes": grids.axes, "floats": grids.floats}
+        rounding = replace(rounding, **known, unrounded=unrounded, source=name)
     return rounding.with_steps(steps)
 
 
