@@ -88,6 +88,22 @@ class StorageGrid:
         """Round physical values, Float[...], to the nearest storable ones."""
         return self.values(np.clip(np.rint(self.positions(values)), self.least, self.largest))
 
+    def increasing(self, values: Float) -> Float:
+        """Round increasing values, Float[values], to different storable ones, as near as possible by least squares.
+
+        >>> StorageGrid(1.0).increasing(np.array([0.9, 1.0, 1.1, 5.2]))
+        array([0., 1., 2., 5.])
+        """
+        from scipy.optimize import isotonic_regression
+
+        # each whole number less its place does not fall; halves all to the same side, so that none of them meet
+        place = np.arange(values.size)
+        falling = self.slope < 0
+        numbers = self.positions(values[::-1] if falling else values) - place
+        level = np.clip(isotonic_regression(numbers).x, self.least, self.largest - (values.size - 1))
+        rounded = self.values(np.floor(level + 0.5) + place)
+        return rounded[::-1] if falling else rounded
+
     def holds(self, values: Float) -> Bool:
         """Mark the physical values that are stored as they are, Bool[...]."""
         return np.asarray(self.nearest(values) == values)
@@ -164,12 +180,14 @@ class StorageRounding:
             raise ArgumentError(f'rounding must be "joint" or "nearest", got {self.method!r}')
         object.__setattr__(self, "max_shift", number(self.max_shift, "max_shift", "the rounding", least=1))
 
-    def with_steps(self, steps: Mapping[str, float]) -> "StorageRounding":
-        """Return the rounding with steps of some parameters, which replace those of the file."""
+    def with_steps(self, steps: Mapping[str, float], axes: Mapping[AxisKey, float] | None = None) -> "StorageRounding":
+        """Return the rounding with steps of some parameters and breakpoints, which replace those of the file."""
         own = {name: StorageGrid.of_step(step, name) for name, step in steps.items()}
         rest = {name: reason for name, reason in self.unrounded.items() if name not in own}
         floats = {name: storage for name, storage in self.floats.items() if name not in own}
-        return replace(self, grids={**self.grids, **own}, floats=floats, unrounded=rest)
+        points = {key: StorageGrid.of_step(step, str(key)) for key, step in (axes or {}).items()}
+        known = {"grids": {**self.grids, **own}, "axes": {**self.axes, **points}, "floats": floats}
+        return replace(self, **known, unrounded=rest)
 
     def bounds(self, table: Parameter) -> tuple[Float, Float]:
         """Narrow the bounds of a parameter to the range of its storage, so that a search ends within; Float[...] each.

@@ -65,6 +65,9 @@ def _axes(a2l: A2l) -> Iterator[tuple[AxisKey, AxisPts | Characteristic, AxisPts
         for letter, axis in zip(AXIS_LETTERS, label.axes, strict=False):
             if axis.attribute == "STD_AXIS":
                 yield AxisKey(name, letter), label, axis
+            elif axis.attribute == "COM_AXIS" and (shared := a2l.axis_pts.get(axis.axis_pts_ref)) is not None:
+                # for tables whose axis has another name, or none, in the project
+                yield AxisKey(name, letter), shared, shared
 
 
 def _data_type(a2l: A2l, source: AxisPts | Characteristic, key: str) -> str:
