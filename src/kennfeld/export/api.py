@@ -8,12 +8,14 @@ from typing import Literal, get_args
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
+from kennfeld.base.fmi_platform import platform_tuple
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.export.c_code import write_c
 from kennfeld.export.comparison import CodeComparison, compare
+from kennfeld.export.cross_compiler import PLATFORMS, CrossCompiler, Platform
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.names import c_identifier
 from kennfeld.export.prepared import Precision, PreparedFunction, prepare
@@ -42,6 +44,7 @@ class ExportSettings:
         fmi: version of FMI, 2 or 3.
         inputs: of an FMU, "end" if inputs that are set before a step are those at its end, "start" if at its start.
         step: of an FMU in s; by default the step of the function.
+        platforms: machines for which an FMU has a library in addition to this one, such as "x86_64-windows".
         check: compile the code and compare it with a simulation, if there are data and a compiler.
     """
 
@@ -52,6 +55,7 @@ class ExportSettings:
     fmi: Literal[2, 3] = 2
     inputs: Literal["start", "end"] = "end"
     step: float | None = None
+    platforms: tuple[Platform, ...] = ()
     check: bool = True
 
     def __post_init__(self) -> None:
@@ -64,6 +68,13 @@ class ExportSettings:
             # a path in particular: its folder would be dropped without a word
             remedy = f"for example {c_identifier(self.name)!r}"
             raise ArgumentError(f"name={self.name!r} must be an identifier of C, {remedy}")
+        if unknown := [platform for platform in self.platforms if platform not in PLATFORMS]:
+            raise ArgumentError(f"platforms: unknown {unknown[0]!r}; known are {', '.join(PLATFORMS)}")
+        if self.platforms and self.to != "fmu":
+            raise ArgumentError(f"platforms={list(self.platforms)} is for to='fmu', not for to={self.to!r}")
+        for platform in self.platforms:
+            if platform != platform_tuple():
+                CrossCompiler.of(platform)  # before anything else takes time
         if self.precision == "float" and self.to != "c":
             raise ArgumentError(f"precision='float' is for to='c', not for to={self.to!r}")
         if self.step is not None and not self.step > 0:
@@ -114,6 +125,7 @@ def export_function(
     fmi: Literal[2, 3] = 2,
     inputs: Literal["start", "end"] = "end",
     step: float | None = None,
+    platforms: Sequence[Platform] = (),
 ) -> Export:
     """Write a function with its calibration as C99, as an FMU or as a function of MATLAB.
 
@@ -131,6 +143,8 @@ def export_function(
         fmi: version of FMI, 2 or 3.
         inputs: of an FMU, "end" if inputs that are set before a step are those at its end, "start" if at its start.
         step: of an FMU in s; by default the step of the function.
+        platforms: machines for which an FMU has a library in addition to this one: "x86_64-windows", "x86_64-linux",
+            "aarch64-linux", "x86_64-darwin", "aarch64-darwin". They need the extra `platforms`.
 
     Returns:
         The files written, with remarks.
@@ -142,7 +156,7 @@ def export_function(
     >>> [path.name for path in done.files]
     ['line.c', 'line.h']
     """
-    settings = ExportSettings(to, name, tuple(outputs), precision, fmi, inputs, step)
+    settings = ExportSettings(to, name, tuple(outputs), precision, fmi, inputs, step, tuple(platforms))
     if isinstance(function, Project):
         values = None if parameters is None else start_parameters(parameters, function.problem().model)
         return export_project(function, values, Path(folder), settings)
@@ -222,7 +236,7 @@ def _files(
 
     fixed = is_fixed_step(function)
     length = require_step(settings.step or step, fixed, location)
-    return write_fmu(function, FmuSettings(settings.fmi, settings.inputs, length, fixed), location, findings)
+    return write_fmu(function, FmuSettings(settings.fmi, settings.inputs, length, fixed, settings.platforms), location, findings)
 
 
 def _step_of(problem: Problem | None) -> float | None:
