@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from kennfeld.base.errors import InputError, Location
-from kennfeld.base.formatting import nearest
+from kennfeld.base.formatting import count_noun, nearest
 from kennfeld.base.garbage_collection import no_collection
 from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option, require_new
@@ -71,11 +71,18 @@ def _on_this_machine(address: str) -> Iterator[Path]:
 @argument("source", "IN", "Calibration file or model to read.")
 @argument("target", "OUT", "Output file. The extension selects the format.")
 @option("--image", "Image to write the values into.", "FILE", type=PATH)
+@option("--changed-since since", "Calibration file: only labels that differ from it are written.", "FILE", type=PATH)
 @command_line.description_file
 @model_options
 @command_line.force
 def convert(
-    source: Path, target: Path, image: Path | None, a2l: Path | None, part: "ImportOptions", force: bool
+    source: Path,
+    target: Path,
+    image: Path | None,
+    since: Path | None,
+    a2l: Path | None,
+    part: "ImportOptions",
+    force: bool,
 ) -> int:
     """Convert a calibration file, a Simulink model or an ASCET class; write the start values of an FMU.
 
@@ -108,6 +115,15 @@ def convert(
     else:
         [parameters], remarks = calfiles.read_several([source], a2l)
         print_findings(*remarks)
+    if since is not None:
+        [earlier], remarks = calfiles.read_several([since], a2l)
+        print_findings(*remarks)
+        everything, parameters = parameters, calfiles.changed(parameters, earlier)
+        count = count_noun(len(everything.parameters), "label")
+        if not (parameters.parameters or parameters.texts):
+            print_lines(f"None of {count} differs from {since}: nothing is written.")
+            return DONE
+        print_lines(f"{len(parameters.parameters)} of {count} differ from {since}")
     print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     print_lines(f"Written to {target}")
     return DONE
