@@ -7,18 +7,20 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.base.fmi_platform import platform_tuple
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.storage import StorageRounding
 from kennfeld.export.c_code import write_c
 from kennfeld.export.comparison import CodeComparison, compare
 from kennfeld.export.cross_compiler import PLATFORMS, CrossCompiler, Platform
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.names import c_identifier
 from kennfeld.export.prepared import Precision, PreparedFunction, prepare
+from kennfeld.export.stored_numbers import with_stored_numbers
 from kennfeld.models import Model
 from kennfeld.models.model import bind_scalars
 from kennfeld.optimize.problem.arguments import Start, parameters_of
@@ -45,6 +47,7 @@ class ExportSettings:
         inputs: of an FMU, "end" if inputs that are set before a step are those at its end, "start" if at its start.
         step: of an FMU in s; by default the step of the function.
         platforms: machines for which an FMU has a library in addition to this one, such as "x86_64-windows".
+        stored: C code holds values as a control unit stores them, by the rounding of the project.
         check: compile the code and compare it with a simulation, if there are data and a compiler.
     """
 
@@ -56,6 +59,7 @@ class ExportSettings:
     inputs: Literal["start", "end"] = "end"
     step: float | None = None
     platforms: tuple[Platform, ...] = ()
+    stored: bool = False
     check: bool = True
 
     def __post_init__(self) -> None:
@@ -77,6 +81,8 @@ class ExportSettings:
                 CrossCompiler.of(platform)  # before anything else takes time
         if self.precision == "float" and self.to != "c":
             raise ArgumentError(f"precision='float' is for to='c', not for to={self.to!r}")
+        if self.stored and self.to != "c":
+            raise ArgumentError(f"stored=True is for to='c', not for to={self.to!r}")
         if self.step is not None and not self.step > 0:
             raise ArgumentError(f"step={self.step!r} must be > 0")
 
@@ -126,6 +132,7 @@ def export_function(
     inputs: Literal["start", "end"] = "end",
     step: float | None = None,
     platforms: Sequence[Platform] = (),
+    stored: bool = False,
 ) -> Export:
     """Write a function with its calibration as C99, as an FMU or as a function of MATLAB.
 
@@ -145,6 +152,8 @@ def export_function(
         step: of an FMU in s; by default the step of the function.
         platforms: machines for which an FMU has a library in addition to this one: "x86_64-windows", "x86_64-linux",
             "aarch64-linux", "x86_64-darwin", "aarch64-darwin". They need the extra `platforms`.
+        stored: C code holds values as a control unit stores them, by the rounding of the project: as whole numbers of
+            8, 16 or 32 bits, which a lookup converts.
 
     Returns:
         The files written, with remarks.
@@ -156,7 +165,7 @@ def export_function(
     >>> [path.name for path in done.files]
     ['line.c', 'line.h']
     """
-    settings = ExportSettings(to, name, tuple(outputs), precision, fmi, inputs, step, tuple(platforms))
+    settings = ExportSettings(to, name, tuple(outputs), precision, fmi, inputs, step, tuple(platforms), stored)
     if isinstance(function, Project):
         values = None if parameters is None else start_parameters(parameters, function.problem().model)
         return export_project(function, values, Path(folder), settings)
@@ -179,7 +188,7 @@ def project_contents(project: Project, parameters: ParameterSet | None, settings
     name = Path(file.rpartition(":")[0] or file).stem
     location = Location(project.path.name)
     data = None if project.is_partitioned else problem
-    contents = _contents(problem.model, values, settings, location, name, data)
+    contents = _contents(problem.model, values, settings, location, name, data, problem.rounding)
     kept = () if parameters is None else _kept_initial(problem, parameters, location)
     return replace(contents, findings=(*kept, *contents.findings))
 
@@ -211,6 +220,7 @@ def _contents(
     location: Location,
     name: str,
     problem: Problem | None,
+    rounding: StorageRounding | None = None,
 ) -> ExportContents:
     findings = Findings()
     # an FMU has the names of the function
@@ -218,6 +228,12 @@ def _contents(
     function = prepare(model, values, settings.name or name, location, renamed, settings.outputs, settings.precision)
     # what is compared is the C code, which says nothing about a function of MATLAB
     checked = settings.check and settings.to != "m"
+    if settings.stored:
+        if rounding is None:
+            remedy = 'Write rounding = "joint" and storage = "....a2l" in [calibration], or a step for each parameter.'
+            raise InputError.of(location, "it is not known how a control unit stores the values", remedy)
+        function, remarks = with_stored_numbers(function, rounding)
+        findings.add(*remarks)
     comparison = _checked(function, settings, problem, location, findings) if checked else None
     files = _files(function, settings, model.step or _step_of(problem), location, findings)
     return ExportContents(function.name, files, tuple(findings), comparison)

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     multiple=True,
     type=click.Choice(["x86_64-windows", "x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin"]),
 )
+@option("--stored", "Write values in C as a control unit stores them, by [calibration] rounding.")
 @option("--no-check", "Do not compile the code and compare it with a simulation of the data.")
 @trusted
 @only_problems
