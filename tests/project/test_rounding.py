@@ -57,7 +57,7 @@ def test_a_result_that_is_read_back_has_its_rounding_and_the_report_a_section(fl
     rounding = result.rounding
     assert rounding.as_json() == project.calibrate().rounding.as_json()
     page = document(project, result)
-    assert "Rounding to storage" in page
+    assert "What is flashed" in page
     assert "No value is farther than 2 steps from the fit." in page
 
 

@@ -10,7 +10,8 @@ from kennfeld.export.host_compiler import HostCompiler
 
 Platform = Literal["x86_64-windows", "x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin"]
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
-# an old version of the C library, so that the library loads on older systems as well
+# an old version of the C library of Linux, so that the library loads on older systems as well
+TIMEOUT = 3600  # s
 _TARGETS = {
     "x86_64-windows": "x86_64-windows-gnu",
     "x86_64-linux": "x86_64-linux-gnu.2.17",
@@ -35,6 +36,11 @@ class CrossCompiler(HostCompiler):
             message = f"a library for {platform} needs the package ziglang, which is not installed"
             raise ArgumentError(f"{message}. Run: pip install kennfeld[platforms]")
         return cls((sys.executable, "-m", "ziglang", "cc", "-target", _TARGETS[platform]))
+
+    @property
+    def timeout(self) -> float:
+        """The longest time that it may take, in s: at first, it compiles the C library of the machine, too."""
+        return TIMEOUT
 
     @property
     def name(self) -> str:

@@ -20,6 +20,8 @@ from kennfeld.terminal.model_selection import model_options
 from kennfeld.terminal.output import print_findings, print_lines
 
 if TYPE_CHECKING:
+    from kennfeld.domain.parameter_set import ParameterSet
+    from kennfeld.files.file_format import FileFormat
     from kennfeld.models.importer import ImportOptions
 
 
@@ -70,7 +72,7 @@ def _on_this_machine(address: str) -> Iterator[Path]:
 @click.command
 @argument("source", "IN", "Calibration file or model to read.")
 @argument("target", "OUT", "Output file. The extension selects the format.")
-@option("--image", "Image to write the values into.", "FILE", type=PATH)
+@option("--image", "Image or Simulink data dictionary to write the values into.", "FILE", type=PATH)
 @option("--changed-since since", "Calibration file: only labels that differ from it are written.", "FILE", type=PATH)
 @command_line.description_file
 @model_options
@@ -97,7 +99,8 @@ def convert(
     from kennfeld.models.importer_registry import importer_of_format
     from kennfeld.models.model_export import write_formula
 
-    _require_known_ending(target, [".kf"])
+    into = identify(str(image)).format if image is not None else None
+    _require_known_ending(target, [".kf", *(into.endings if into is not None and into.update else ())])
     file, choice = split_reference(str(source))
     known = identify(file).format
     importer, is_formula = importer_of_format(known), target.suffix.lower() == ".kf"
@@ -124,9 +127,24 @@ def convert(
             print_lines(f"None of {count} differs from {since}: nothing is written.")
             return DONE
         print_lines(f"{len(parameters.parameters)} of {count} differ from {since}")
-    print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
+    if image is not None and into is not None and into.update:
+        _write_copy(into, parameters, image, target)
+    else:
+        print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     print_lines(f"Written to {target}")
     return DONE
+
+
+def _write_copy(known: "FileFormat", parameters: "ParameterSet", source: Path, target: Path) -> None:
+    """Write a copy of a file with other values."""
+    from kennfeld.base.atomic_files import write_whole
+    from kennfeld.base.file_errors import convert_errors
+    from kennfeld.files.file_format import call
+
+    result = call(known.update, parameters, source)
+    with convert_errors(target, "cannot be written", "Name another file."):
+        write_whole(target, result.raw)
+    print_findings(*result.findings)
 
 
 def _require_known_ending(target: Path, others: Sequence[str] = ()) -> None:
