@@ -22,9 +22,7 @@ class Fmi3:
         description = fromstring((folder / "modelDescription.xml").read_text(encoding="utf-8"))
         variables = description.find("ModelVariables")
         self.references = {v.get("name"): int(v.get("valueReference")) for v in variables}
-        self.library = ctypes.CDLL(
-            str(folder / "binaries" / platform_folder("3.0") / (path.stem + LIBRARY_SUFFIX))
-        )
+        self.library = ctypes.CDLL(str(folder / "binaries" / platform_folder("3.0") / (path.stem + LIBRARY_SUFFIX)))
         create = self.library.fmi3InstantiateCoSimulation
         create.restype = ctypes.c_void_p
         token, log = description.get("instantiationToken").encode(), ctypes.c_void_p()
@@ -33,7 +31,9 @@ class Fmi3:
         assert self.pointer
 
     def begin(self, values) -> None:
-        assert self.call("EnterInitializationMode", _Flag(False), _Real(0.0), _Real(0.0), _Flag(False), _Real(0.0)) == OK
+        assert (
+            self.call("EnterInitializationMode", _Flag(False), _Real(0.0), _Real(0.0), _Flag(False), _Real(0.0)) == OK
+        )
         self.set(values)
         assert self.call("ExitInitializationMode") == OK
 

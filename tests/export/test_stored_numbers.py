@@ -57,7 +57,14 @@ def test_stored_numbers_give_the_bits_of_the_values():
     values, columns = _values(), hostile(1, 300, ["u", "v"])
     function, remarks = _function(values)
     kinds = {p.name: p.stored.kind for p in function.parameters if p.stored is not None}
-    assert kinds == {"Byte": "uint8_t", "Word": "int16_t", "Long": "int32_t", "Step": "int8_t", "K": "uint8_t", "F": "float"}
+    assert kinds == {
+        "Byte": "uint8_t",
+        "Word": "int16_t",
+        "Long": "int32_t",
+        "Step": "int8_t",
+        "K": "uint8_t",
+        "F": "float",
+    }
     assert [str(remark) for remark in remarks] == ["f: Plain is written in floating point: its step is not known"]
     compiled = CompiledFunction(function, "double", HostCompiler.find(), STRICT)
     expected = simulated(formula(TEXT, parameters=list(values)), values, columns)
@@ -68,7 +75,7 @@ def test_stored_numbers_give_the_bits_of_the_values():
 def test_values_between_two_steps_stay_in_floating_point_and_a_remark_says_so():
     values = _values()
     table = values["Word"]
-    off = values.with_parameters(table.with_values(table.values + [0, 1e-4, 0, 0]))
+    off = values.with_parameters(table.with_values(table.values + np.array([0, 1e-4, 0, 0])))
     function, remarks = _function(off)
     assert function.parameter("Word").stored is None
     assert "Word is written in floating point: 1 value between two steps of 0.0078125" in str(remarks[0])

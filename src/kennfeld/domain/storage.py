@@ -186,8 +186,8 @@ class StorageRounding:
         rest = {name: reason for name, reason in self.unrounded.items() if name not in own}
         floats = {name: storage for name, storage in self.floats.items() if name not in own}
         points = {key: StorageGrid.of_step(step, str(key)) for key, step in (axes or {}).items()}
-        known = {"grids": {**self.grids, **own}, "axes": {**self.axes, **points}, "floats": floats}
-        return replace(self, **known, unrounded=rest)
+        grids, of_axes = {**self.grids, **own}, {**self.axes, **points}
+        return replace(self, grids=grids, axes=of_axes, floats=floats, unrounded=rest)
 
     def bounds(self, table: Parameter) -> tuple[Float, Float]:
         """Narrow the bounds of a parameter to the range of its storage, so that a search ends within; Float[...] each.

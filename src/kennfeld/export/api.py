@@ -8,8 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.base.fmi_platform import platform_tuple
 from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.fmi_platform import platform_tuple
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
@@ -252,7 +252,9 @@ def _files(
 
     fixed = is_fixed_step(function)
     length = require_step(settings.step or step, fixed, location)
-    return write_fmu(function, FmuSettings(settings.fmi, settings.inputs, length, fixed, settings.platforms), location, findings)
+    return write_fmu(
+        function, FmuSettings(settings.fmi, settings.inputs, length, fixed, settings.platforms), location, findings
+    )
 
 
 def _step_of(problem: Problem | None) -> float | None:

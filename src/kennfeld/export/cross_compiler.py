@@ -10,8 +10,8 @@ from kennfeld.export.host_compiler import HostCompiler
 
 Platform = Literal["x86_64-windows", "x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin"]
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
-# an old version of the C library of Linux, so that the library loads on older systems as well
 TIMEOUT = 3600  # s
+# an old version of the C library of Linux, so that the library loads on older systems as well
 _TARGETS = {
     "x86_64-windows": "x86_64-windows-gnu",
     "x86_64-linux": "x86_64-linux-gnu.2.17",

@@ -1,7 +1,7 @@
 """Values as a control unit stores them: whole numbers of few bits, or floats, which a lookup converts.
 
-The conversion is that of `domain.storage`, in the same order of operations, so that code with stored numbers computes the
-same bits as one with the values themselves.
+The conversion is that of `domain.storage`, in the same order of operations, so that code with stored numbers computes
+the same bits as one with the values themselves.
 """
 
 from dataclasses import replace

@@ -31,7 +31,9 @@ def calibrate(storage, rounding="joint", constraints=(), **single):
     own = kf.Curve("Single", [0, 1, 3.5, 5, 6, 8.5, 10], np.zeros(7), **single)
     start = kf.ParameterSet([byte, own])
     settings = {"rounding": rounding, "storage": storage} if rounding else {}
-    return kf.calibrate("y = Byte(x) + Single(x)", DATA, start, "m", constraints=constraints, smoothness=1e-4, **settings)
+    return kf.calibrate(
+        "y = Byte(x) + Single(x)", DATA, start, "m", constraints=constraints, smoothness=1e-4, **settings
+    )
 
 
 def test_floating_values_make_up_for_the_rounding_of_bytes_and_are_those_of_the_storage(storage):
@@ -46,7 +48,9 @@ def test_floating_values_make_up_for_the_rounding_of_bytes_and_are_those_of_the_
 
 def test_floating_values_only_become_those_of_the_storage_if_each_is_rounded_on_its_own(storage):
     result, fit = calibrate(storage, "nearest"), calibrate(storage, rounding=None)
-    np.testing.assert_array_equal(result.parameters["Single"].values, fit.parameters["Single"].values.astype(np.float32))
+    np.testing.assert_array_equal(
+        result.parameters["Single"].values, fit.parameters["Single"].values.astype(np.float32)
+    )
 
 
 def test_floating_values_keep_their_limits_while_they_make_up_for_others(storage):

@@ -48,8 +48,14 @@ def rounding_of(
         a2l = _described(storage)
         grids, name = storage_grids(a2l), a2l.file
         unrounded = {label: f"it {reason} in {name}" for label, reason in grids.unrounded.items()}
-        known = {"grids": grids.labels, "axes": grids.axes, "floats": grids.floats}
-        rounding = replace(rounding, **known, unrounded=unrounded, source=name)
+        rounding = replace(
+            rounding,
+            grids=grids.labels,
+            axes=grids.axes,
+            floats=grids.floats,
+            unrounded=unrounded,
+            source=name,
+        )
     return rounding.with_steps(steps, axes)
 
 

@@ -1,8 +1,8 @@
 """The best whole numbers of a small lattice, by trying all that may be better than the best ones so far.
 
-With H = L L', the cost of whole numbers z about c is |L'(z - c)|^2, a sum with a term for each value. From the last value
-to the first one, all partial sums below the cost of the best numbers so far are continued (U. Fincke, M. Pohst: Improved
-methods for calculating vectors of short length in a lattice, Math. Comp. 44, 1985).
+With H = L L', the cost of whole numbers z about c is |L'(z - c)|^2, a sum with a term for each value. From the last
+value to the first one, all partial sums below the cost of the best numbers so far are continued (U. Fincke, M. Pohst:
+Improved methods for calculating vectors of short length in a lattice, Math. Comp. 44, 1985).
 """
 
 import numpy as np

@@ -103,5 +103,7 @@ class FloatRefit:
         slope = (self._matrix @ (values - self._fit))[places]
         narrow, at = self._limits.restricted_to(places, values), values[places]
         moved = values.copy()
-        moved[places] = QuadraticProgram(narrow).solve(self._factor, -self._factor.solve(slope), at).apply_to(at, narrow)
+        moved[places] = (
+            QuadraticProgram(narrow).solve(self._factor, -self._factor.solve(slope), at).apply_to(at, narrow)
+        )
         return self.stored(moved) if np.isfinite(moved[places]).all() else values

@@ -195,11 +195,13 @@ def _text_of(numbers: _Numbers, values: Float, what: str, location: Location, fi
         return None
     flat = np.ravel(values, order="F")
     if numbers.kind in _REAL:
-        flat = np.float64(np.float32(flat)) if numbers.kind == "single" else flat
+        flat = flat.astype(np.float32).astype(np.float64) if numbers.kind == "single" else flat
         words = [repr(float(x)) for x in flat]
         return " ".join({"inf": "Inf", "-inf": "-Inf", "nan": "NaN"}.get(word, word) for word in words).encode()
     if not np.array_equal(np.rint(flat), flat):
         at = float(flat[np.rint(flat) != flat][0])
-        findings.error(location, f"{what} is of the class {numbers.kind}, which cannot hold {at:g}", "Round the values.")
+        findings.error(
+            location, f"{what} is of the class {numbers.kind}, which cannot hold {at:g}", "Round the values."
+        )
         return None
     return " ".join(str(int(x)) for x in flat).encode()
