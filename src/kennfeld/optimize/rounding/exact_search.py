@@ -27,7 +27,7 @@ def improve_small(lattice: Lattice, matrix: Float, numbers: Float) -> Float:
     offset = numbers - lattice.centre
     bound = (1 - LEAST_GAIN) * float(offset @ matrix @ offset)
     own = matrix[np.ix_(order, order)]
-    factor = np.linalg.cholesky(own)
+    factor = np.asarray(np.linalg.cholesky(own), dtype=np.float64)
     limits = [side[order] for side in (lattice.lower, lattice.upper)]
     paths = _paths_below(factor, lattice.centre[order], limits, bound)
     if paths is None or not len(paths):
