@@ -36,7 +36,7 @@ class ExportedSignal:
 
 
 @dataclass(frozen=True, eq=False)
-class StoredNumbers:
+class PackedNumbers:
     """Numbers in place of values: `(factor * number + shift) / divisor` is the value.
 
     Attributes:
@@ -59,7 +59,7 @@ class ParameterValues:
     values: Float
     unit: str = ""
     remark: str = ""
-    stored: StoredNumbers | None = None
+    stored: PackedNumbers | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import count_noun
 from kennfeld.domain.storage import FloatStorage, StorageGrid, StorageRounding
-from kennfeld.export.prepared import ParameterValues, PreparedFunction, StoredNumbers
+from kennfeld.export.prepared import ParameterValues, PreparedFunction, PackedNumbers
 
 _SIZES = (8, 16, 32)
 
@@ -35,7 +35,7 @@ def with_stored_numbers(
     return replace(function, parameters=tuple(parameters)), tuple(findings)
 
 
-def _stored(parameter: ParameterValues, rounding: StorageRounding) -> tuple[StoredNumbers | None, str]:
+def _stored(parameter: ParameterValues, rounding: StorageRounding) -> tuple[PackedNumbers | None, str]:
     """Return the numbers of a parameter, or None and a clause why it has none."""
     name, values = parameter.name, parameter.values
     grid, floating = rounding.grids.get(name), rounding.floats.get(name)
@@ -47,12 +47,12 @@ def _stored(parameter: ParameterValues, rounding: StorageRounding) -> tuple[Stor
         return _whole(grid, values)
     if floating is not None and floating.single and floating == FloatStorage(single=True):
         if np.array_equal(floating.nearest(values), values):
-            return StoredNumbers("float", values, (1.0, 0.0, 1.0)), ""
+            return PackedNumbers("float", values, (1.0, 0.0, 1.0)), ""
         return None, "values are not rounded to single precision"
     return None, rounding.unrounded.get(name, "its step is not known")
 
 
-def _whole(grid: StorageGrid, values: Float) -> tuple[StoredNumbers | None, str]:
+def _whole(grid: StorageGrid, values: Float) -> tuple[PackedNumbers | None, str]:
     numbers = np.rint(grid.positions(values))
     ends = np.array([grid.least, grid.largest]) if grid.bits else np.array([numbers.min(), numbers.max()])
     signed = bool(ends[0] < 0)
@@ -60,5 +60,5 @@ def _whole(grid: StorageGrid, values: Float) -> tuple[StoredNumbers | None, str]
         low, high = (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if signed else (0.0, 2.0**bits - 1)
         if bits >= grid.bits and low <= ends[0] and ends[1] <= high:
             kind = f"{'int' if signed else 'uint'}{bits}_t"
-            return StoredNumbers(kind, numbers, (grid.factor, grid.shift, grid.divisor)), ""
+            return PackedNumbers(kind, numbers, (grid.factor, grid.shift, grid.divisor)), ""
     return None, "its numbers need more than 32 bits"

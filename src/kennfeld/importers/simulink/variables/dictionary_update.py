@@ -28,7 +28,7 @@ _REAL = ("double", "single")
 
 
 @dataclass(frozen=True)
-class _Numbers:
+class _NumberSpan:
     """The numbers of a property: their place in the text, and the class and size that the text states."""
 
     begin: int
@@ -39,11 +39,11 @@ class _Numbers:
 
 
 @dataclass
-class _Entry:
+class _EntryNumbers:
     """The numbers of one entry: its values, and its breakpoints by axis."""
 
-    values: _Numbers | None = None
-    axes: tuple[_Numbers, ...] = ()
+    values: _NumberSpan | None = None
+    axes: tuple[_NumberSpan, ...] = ()
 
 
 def update_dictionary(parameters: ParameterSet, path: Path) -> WriteResult:
@@ -86,7 +86,7 @@ def _packed(members: Mapping[zipfile.ZipInfo, bytes]) -> bytes:
     return buffer.getvalue()
 
 
-def _entries(content: bytes) -> dict[str, _Entry]:
+def _entries(content: bytes) -> dict[str, _EntryNumbers]:
     """Return the entries of a chunk by name."""
     finder = _Finder(content)
     return finder.entries
@@ -101,8 +101,8 @@ class _Finder:
         self._path: list[str] = []  # names of the open properties of an entry
         self._open: list[tuple[dict[str, str], int]] = []  # attributes and begin of the content
         self._name, self._word = "", ""
-        self._found: list[tuple[tuple[str, ...], _Numbers]] = []
-        self.entries: dict[str, _Entry] = {}
+        self._found: list[tuple[tuple[str, ...], _NumberSpan]] = []
+        self.entries: dict[str, _EntryNumbers] = {}
         self._parser.StartElementHandler, self._parser.EndElementHandler = self._start, self._end
         self._parser.CharacterDataHandler = self._text
         self._parser.Parse(content, True)
@@ -126,19 +126,19 @@ class _Finder:
         if path == ("Name",):
             self._name = self._word.strip()
         elif tag == "P" and begin <= end and kind in (*_REAL, "logical", "boolean", *INTEGERS):
-            numbers = _Numbers(begin, end, kind, _shape(attributes, self._word), bool(attributes.get("Encoding")))
+            numbers = _NumberSpan(begin, end, kind, _shape(attributes, self._word), bool(attributes.get("Encoding")))
             self._found.append((path, numbers))
         if tag == "Object" and attributes.get("Class") == "DD.ENTRY" and self._name:
             self.entries[self._name] = self._entry()
         self._word = ""
 
-    def _entry(self) -> _Entry:
+    def _entry(self) -> _EntryNumbers:
         own = [(path, numbers) for path, numbers in self._found if path[0] == "Value" and path[-1] == "Value"]
         axes = tuple(numbers for path, numbers in own if "Breakpoints" in path)
         values = [numbers for path, numbers in own if "Breakpoints" not in path]
         # a breakpoint object has no other numbers
         first = values[0] if values else axes[0] if len(axes) == 1 else None
-        return _Entry(first, axes if values else ())
+        return _EntryNumbers(first, axes if values else ())
 
 
 def _shape(attributes: Mapping[str, str], text: str) -> tuple[int, ...]:
@@ -148,10 +148,14 @@ def _shape(attributes: Mapping[str, str], text: str) -> tuple[int, ...]:
 
 
 def _updated(
-    content: bytes, entries: Mapping[str, _Entry], parameters: ParameterSet, location: Location, findings: Findings
+    content: bytes,
+    entries: Mapping[str, _EntryNumbers],
+    parameters: ParameterSet,
+    location: Location,
+    findings: Findings,
 ) -> bytes:
     """Return a chunk with other numbers."""
-    changes: dict[_Numbers, bytes] = {}
+    changes: dict[_NumberSpan, bytes] = {}
     for name, parameter in parameters.items():
         if name in entries:
             for numbers, values, what in _places(parameter, entries, location, findings):
@@ -164,8 +168,8 @@ def _updated(
 
 
 def _places(
-    parameter: Parameter, entries: Mapping[str, _Entry], location: Location, findings: Findings
-) -> Iterator[tuple[_Numbers, Float, str]]:
+    parameter: Parameter, entries: Mapping[str, _EntryNumbers], location: Location, findings: Findings
+) -> Iterator[tuple[_NumberSpan, Float, str]]:
     """Yield the numbers of a parameter with their new values: of the table, then of its axes."""
     entry = entries[parameter.name]
     if entry.values is None:
@@ -183,7 +187,7 @@ def _places(
             findings.remark(location, f"{message}: no entry is known to hold them")
 
 
-def _text_of(numbers: _Numbers, values: Float, what: str, location: Location, findings: Findings) -> bytes | None:
+def _text_of(numbers: _NumberSpan, values: Float, what: str, location: Location, findings: Findings) -> bytes | None:
     """Return values as the text of a property, by columns; None, with a finding, if it cannot hold them."""
     if numbers.encoded:
         findings.error(location, f"{what} is stored as bytes, into which values are not written", "Enter it by hand.")
