@@ -12,7 +12,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import count_noun
 from kennfeld.domain.storage import FloatStorage, StorageGrid, StorageRounding
-from kennfeld.export.prepared import ParameterValues, PreparedFunction, PackedNumbers
+from kennfeld.export.prepared import PackedNumbers, ParameterValues, PreparedFunction
 
 _SIZES = (8, 16, 32)
 
