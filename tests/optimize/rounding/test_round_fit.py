@@ -135,6 +135,15 @@ def test_fixed_breakpoints_are_rounded_before_the_fit(tmp_path):
         kf.calibrate("y = L(x)", {"x": x, "m": 2 * x}, {"L": crowd}, "m", rounding="joint", storage=a2l)
 
 
+def test_a_group_axis_under_another_name_is_rounded_as_the_axis_of_its_table(tmp_path):
+    a2l = tmp_path / "ecu.a2l"
+    a2l.write_bytes(curve_file())
+    x = np.linspace(0, 10, 50)
+    curve = kf.Curve("L", kf.Axis([0.0, 3.1, 7.1, 10.0], name="AxisOfMine"), np.zeros(4))
+    result = kf.calibrate("y = L(x)", {"x": x, "m": 2 * x}, {"L": curve}, "m", rounding="joint", storage=a2l)
+    np.testing.assert_array_equal(result.parameters["L"].axes[0].breakpoints, [0.0, 3.0, 7.0, 10.0])
+
+
 def test_breakpoints_are_rounded_to_a_step_of_their_own():
     x = np.linspace(0, 10, 50)
     data, curve = {"x": x, "m": 2 * x}, kf.Curve("L", [0.0, 3.1, 7.1, 10.0], np.zeros(4))
