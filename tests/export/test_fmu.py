@@ -8,8 +8,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from kennfeld import Axis, Curve, InputError, Map, ParameterSet, Scalar, calibrate, simulate
+from kennfeld import ArgumentError, Axis, Curve, InputError, Map, ParameterSet, Scalar, calibrate, simulate
+from kennfeld.base.fmi_platform import SUFFIXES, platform_folder, platform_tuple
 from kennfeld.export.api import export_function
+from kennfeld.export.cross_compiler import PLATFORMS
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.graph import GraphBuilder
 from kennfeld.models import Model
@@ -302,3 +304,27 @@ def test_another_tool_takes_the_description_and_gives_the_same_numbers(tmp_path)
     run = fmpy.simulate_fmu(path, input=inputs, output=["y"], output_interval=0.1, stop_time=3.9)
     expected = _expected(MEMORY, columns, time, ["y"])[0]
     np.testing.assert_allclose(run["y"][1:40], expected[:39], atol=1e-9)
+
+
+def test_a_library_for_another_machine_needs_a_package_that_the_message_names(tmp_path, monkeypatch):
+    monkeypatch.setattr("kennfeld.export.cross_compiler.find_spec", lambda name: None)
+    other = "aarch64-darwin" if platform_tuple() != "aarch64-darwin" else "x86_64-windows"
+    with pytest.raises(ArgumentError, match=f"{other} needs the package ziglang.*pip install"):
+        export_function(STATIC, _values(), tmp_path, to="fmu", platforms=[other])
+    with pytest.raises(ArgumentError, match="platforms: unknown 'win64'; known are x86_64-windows"):
+        export_function(STATIC, _values(), tmp_path, to="fmu", platforms=["win64"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_an_fmu_has_libraries_for_other_machines(fmi, tmp_path):
+    pytest.importorskip("ziglang")
+    path = export_function(STATIC, _values(), tmp_path, to="fmu", name="engine", fmi=fmi, platforms=PLATFORMS).files[0]
+    heads = {"windows": b"MZ", "linux": b"\x7fELF", "darwin": b"\xcf\xfa\xed\xfe"}
+    with zipfile.ZipFile(path) as archive:
+        for platform in PLATFORMS:
+            system = platform.partition("-")[2]
+            name = f"binaries/{platform_folder(f'{fmi}.0', platform)}/engine{SUFFIXES[system]}"
+            content = archive.read(name)
+            assert content.startswith(heads[system])
+            assert f"fmi{fmi}DoStep".encode() in content
