@@ -6,7 +6,8 @@ import { COMMANDS, type Command, overlay, searchable } from "./commands";
 import { Dialog } from "./dialog";
 import { ErrorList } from "./errors";
 import { Icon } from "./icons";
-import { proposals } from "./instruments/proposals";
+import { Fixes } from "./instruments/finding";
+import { AddProposals } from "./instruments/proposals";
 import { showFinding } from "./navigation";
 import { decide, leaving } from "./projects";
 import { foreign } from "./restart";
@@ -251,17 +252,8 @@ function Blocking() {
         {own.text}
         {more > 0 && <span class="q"> and {more} more</span>}
       </span>
-      {proposals.value.length > 0 && screen.value !== "function" && screen.value !== "data" && (
-        <button
-          class="btn small"
-          title={proposals.value.map((each) => each.title).join("\n")}
-          onClick={() => {
-            screen.value = "function";
-          }}
-        >
-          {proposals.value.length === 1 ? "1 proposal" : `${proposals.value.length} proposals`}
-        </button>
-      )}
+      <Fixes own={own} />
+      {screen.value !== "function" && screen.value !== "data" && <AddProposals />}
       <button class="btn small" id="show-blocking" onClick={() => showFinding(own)}>
         Show
       </button>

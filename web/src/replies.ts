@@ -1686,6 +1686,13 @@ export interface TomlEdit {
   title: string;
 }
 
+/** The fix that a user takes: the text of its finding, its title, and the chosen value. */
+export interface ChosenFix {
+  finding: string;
+  fix: string;
+  option?: string;
+}
+
 /** The text of the function, or of the project file if `file` is empty. */
 export interface TextEdit {
   file: string;
@@ -1986,6 +1993,14 @@ export interface FindingRow {
   path: string;
   /** The screen on which it is solved. */
   screen: "data" | "function" | "parameters" | "optimization" | "results";
+  /** Changes of the project file that solve it. */
+  fixes: FixRow[];
+}
+
+/** A fix of a finding by its title, and the values to choose from if it needs one. */
+export interface FixRow {
+  title: string;
+  options: string[];
 }
 
 /** A file whose code, or an address that, has not been allowed. */
@@ -2131,6 +2146,7 @@ export interface Questions {
   "set-values": { asks: ValueEdit; head: Nothing; arrays: Nothing };
   "set-keys": { asks: KeysEdit; head: Nothing; arrays: Nothing };
   "set-toml": { asks: TomlEdit; head: Nothing; arrays: Nothing };
+  "apply-fix": { asks: ChosenFix; head: Nothing; arrays: Nothing };
   "set-text": { asks: TextEdit; head: Nothing; arrays: Nothing };
   "choose-function": { asks: ChosenFunction; head: Nothing; arrays: Nothing };
   "reread-function": { asks: Nothing; head: Nothing; arrays: Nothing };

@@ -17,7 +17,7 @@ from kennfeld.optimize.limits.linear_limits import breakpoint_bounds
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.validation import check_shared_axes
 from kennfeld.project.data_column import DataColumn
-from kennfeld.project.model import ProjectModel
+from kennfeld.project.model import ProjectModel, choices
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import GroupAxisEntry
 
@@ -109,8 +109,10 @@ class Axes:
                 )
             return self._groups[name]
         if name not in self._initial:
-            remedy = nearest(name, [*self._file.axes, *self._initial]) or f"Write a section [axes.{name}]."
-            self._findings.error(entry.location, f"unknown group axis {name}", remedy)
+            known = [*self._file.axes, *self._initial]
+            remedy = nearest(name, known) or f"Write a section [axes.{name}]."
+            fixes = choices((*entry.location.keys, "axis"), known)
+            self._findings.error(entry.location, f"unknown group axis {name}", remedy, fixes=fixes)
         return self._initial.get(name)
 
     def _free_inherited(self, entry: GroupAxisEntry, name: str) -> Axis | None:
@@ -191,7 +193,8 @@ class Axes:
             return None
         graph, training = self._function.graph, self._training
         if not quantity:
-            self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".')
+            fixes = choices((*entry.location.keys, "input"), [*graph.inputs, *graph.names])
+            self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".', fixes=fixes)
             return None
         # only inputs have channels of other names; anything else is named as in the data
         channel = self._file.channels.get(quantity, quantity) if quantity in graph.inputs else quantity
@@ -201,7 +204,9 @@ class Axes:
             return self._node(entry, quantity, graph, training)
         if training and quantity not in graph.inputs:
             remedy = nearest(quantity, [*graph.inputs, *graph.names, *(n for data in training for n in data)])
-            self._findings.error(entry.location, f"unknown input, node or channel {quantity}", remedy)
+            fixes = choices((*entry.location.keys, "input"), [*graph.inputs, *graph.names])
+            message = f"unknown input, node or channel {quantity}"
+            self._findings.error(entry.location, message, remedy, fixes=fixes)
         return None
 
     def _node(self, entry: GroupAxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> DataColumn | None:

@@ -4,9 +4,10 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { tooltip } from "../fields";
 import { wanted } from "../navigation";
-import type { KeyRow, Path, Toml } from "../replies";
+import type { FindingRow, KeyRow, Path, Toml } from "../replies";
 import { asToml, keysOf, sectionOf, settingName, shownForms } from "../schema";
 import { messagesOf, messagesWithin, setKeys, settings, valueAt } from "../settings";
+import { Fixes } from "./finding";
 import { Remove, ValueField } from "./value-field";
 
 type Table = { [key: string]: Toml };
@@ -89,7 +90,7 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
       }}
     >
       {general.map((f) => (
-        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`}>{f.message}</p>
+        <Remark key={f.message} own={f} />
       ))}
       {upper.map(row)}
       {upper.length > 0 && rest.length > 0 && draft === undefined && (
@@ -188,11 +189,18 @@ function Setting({
         </p>
       )}
       {messages.map((f) => (
-        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">
-          {f.message}
-        </p>
+        <Remark key={f.message} own={f} />
       ))}
     </div>
+  );
+}
+
+/** A message below its field, with its fixes. */
+function Remark({ own }: { own: FindingRow }) {
+  return (
+    <p class={`remark ${own.severity === "error" ? "bad" : "warn"}`} role="alert">
+      {own.message} <Fixes own={own} />
+    </p>
   );
 }
 
@@ -240,9 +248,7 @@ export function TableForm({ section }: { section: string }) {
         />
       </div>
       {messages.map((f) => (
-        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">
-          {f.message}
-        </p>
+        <Remark key={f.message} own={f} />
       ))}
     </div>
   );

@@ -9,8 +9,8 @@ import { count, MISSING, significant } from "../drawing/numbers";
 import { drawCurves } from "../drawing/slices";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
+import { FindingLine } from "../instruments/finding";
 import { Picture } from "../instruments/picture";
-import { showFinding } from "../navigation";
 import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
 import { scoped } from "../scope";
@@ -192,15 +192,7 @@ function Settings() {
           </span>
         </div>
         {findings.map((f) => (
-          <div class={`ck ${f.severity === "remark" ? "i" : "w"}`}>
-            <Icon name={f.severity === "remark" ? "find" : "warning"} />
-            <span class="grow">{f.text}</span>
-            {f.severity !== "remark" && (
-              <button class="btn small" onClick={() => showFinding(f)}>
-                Show
-              </button>
-            )}
-          </div>
+          <FindingLine key={f.text} own={f} />
         ))}
       </div>
     </section>

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from kennfeld.app.answer import finite
+from kennfeld.app.questions.fixes import FixRow, fix_rows
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
@@ -50,6 +51,7 @@ class FindingRow:
         message: the message alone.
         path: place within the file: `[model] step`.
         screen: the screen on which it is solved.
+        fixes: changes of the project file that solve it.
     """
 
     severity: Severity
@@ -60,6 +62,7 @@ class FindingRow:
     column: int
     path: str
     screen: Screen
+    fixes: Sequence[FixRow]
 
 
 @dataclass(frozen=True)
@@ -305,6 +308,7 @@ def _finding(finding: Finding) -> FindingRow:
         column=location.column,
         path=location.path,
         screen=_screen_of(location),
+        fixes=fix_rows(finding),
     )
 
 
