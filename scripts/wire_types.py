@@ -18,7 +18,7 @@ from docstrings import parse
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import StateNews
 from kennfeld.app.wire import Absent, Question, is_array, is_arrays, members, wire_fields
-from kennfeld.app.workspace import _OWN
+from kennfeld.app.workspace import _OWN, ActivityNews
 
 __all__ = ["documents", "module"]
 
@@ -47,6 +47,7 @@ def module(questions: Mapping[str, Question[Any]]) -> str:
     types = _Types()
     rows = [line for name, question in questions.items() for line in types.question(name, question)]
     types.name(StateNews)
+    types.name(ActivityNews)
     doc = _comment("Questions by name: what is asked, and the JSON and the arrays of the reply.", "")
     listed = "\n".join([*doc, "export interface Questions {", *rows, "}"])
     return "\n".join([_HEAD, *(f"{text}\n" for text in types.texts.values()), listed, ""])

@@ -1,8 +1,10 @@
 // What lies over the page: the command palette, the list of keys, and notices that ask for a decision.
 
 import { useComputed, useSignal } from "@preact/signals";
+import { ActivityNote } from "./activity";
 import { CodeConsent } from "./code-consent";
 import { COMMANDS, type Command, overlay, searchable } from "./commands";
+import { CopyMenu } from "./copy-menu";
 import { Dialog } from "./dialog";
 import { ErrorList } from "./errors";
 import { Icon } from "./icons";
@@ -18,6 +20,7 @@ export function Overlays() {
   return (
     <>
       <Notices />
+      <CopyMenu />
       <Conflicts />
       <Leaving />
       {overlay.value === "palette" && <Palette />}
@@ -62,7 +65,7 @@ function Palette() {
           onKeyDown={key}
         />
       </label>
-      <div role="listbox">
+      <div role="listbox" aria-label="What is found">
         {found.map((command, k) => (
           <button
             class={`entry ${k === chosen.value ? "on" : ""}`}
@@ -243,7 +246,7 @@ function Leaving() {
 function Blocking() {
   const own = blocking.value;
   // what is not allowed yet is asked for by a notice of its own
-  if (own === null || state.value.code.length > 0 || screen.value === "start") return null;
+  if (own === null || state.value.code.length > 0 || state.value.interrupted || screen.value === "start") return null;
   const more = state.value.findings.filter((each) => each.severity === "error").length - 1;
   return (
     <div class="note bad" id="blocking">
@@ -265,6 +268,7 @@ function Notices() {
   const { changedOnDisk, recoverable } = state.value;
   return (
     <div class="notices" role="status">
+      <ActivityNote />
       <Blocking />
       {!connected.value && foreign.value && (
         <div class="note bad" id="restarted">

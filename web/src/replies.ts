@@ -171,6 +171,7 @@ export interface ScatterArrays {
   start: Float32Array;
   lit: Float32Array;
   edges: Float32Array;
+  beyond: Float32Array;
   after: Float32Array;
   before: Float32Array;
   brushed: Float32Array;
@@ -412,7 +413,7 @@ export interface RunProgress {
   steps: StepRow[];
 }
 
-/** The search from one start: its last accepted step, or its end. */
+/** The search from one start: its last accepted step, or its end; and the stages that it went through. */
 export interface StartRow {
   start: number;
   state: string;
@@ -422,6 +423,13 @@ export interface StartRow {
   cost: number | null;
   rmse: number | null;
   seconds: number;
+  stages: StageRow[];
+}
+
+/** A stage of a search, and the number of steps before it. */
+export interface StageRow {
+  name: string;
+  begin: number;
 }
 
 /** A coarse picture of a table; `start` are the initial values of a curve. */
@@ -918,6 +926,8 @@ export interface ImportedFunction {
   schedule?: ScheduleRow[];
   states?: StateRow[];
   places?: SourcePlace[];
+  /** Of the recordings in s, if a block needs a fixed step of the function. */
+  dataStep?: number | null;
 }
 
 /** The part of an ASCET model that the project chooses: a class with its methods, or tasks. */
@@ -1004,6 +1014,8 @@ export interface BlockingBlock {
   remedy: string;
   stops: boolean;
   undefined: string[];
+  /** A fixed step of the function is what it lacks. */
+  needsStep: boolean;
 }
 
 /** A variable without a value, and the blocks that use it. */
@@ -1957,6 +1969,8 @@ export interface AppState {
   /** Files of the project that another program has changed, each with how. */
   changedOnDisk: string[];
   recoverable: boolean;
+  /** The user has stopped the reading of the recordings, which are missing. */
+  interrupted: boolean;
   function: ShownFunction;
   nodes?: NamedUnit[];
   inputs?: string[];
@@ -2089,6 +2103,12 @@ export interface CriterionRow {
 /** The state without an open project. */
 export interface NoProject {
   project: null;
+}
+
+/** What takes a while, and the share of it that is done; an empty text at its end. */
+export interface ActivityNews {
+  text: string;
+  share: number | null;
 }
 
 /** Questions by name: what is asked, and the JSON and the arrays of the reply. */

@@ -38,6 +38,7 @@ const EMPTY: AppState = {
   seconds: 0,
   changedOnDisk: [],
   recoverable: false,
+  interrupted: false,
   function: { file: "", screen: "formula" },
   excerpt: null,
 };

@@ -1,8 +1,8 @@
 """The open projects that pages share, and the answers to their questions."""
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from kennfeld.app.folders import confined, free_path
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import AppState, NoProject, StateNews, overview
 from kennfeld.app.recent import RecentProject, forget, project_id, recent_projects, remember, summarise
+from kennfeld.app.session.activity import Activity, StoppedError
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import PictureLines, summarise_session
@@ -45,6 +46,8 @@ class AppWorkspace:
         self._changed: dict[str, Sequence[str]] = {}  # by project, what pages know to have changed on disk
         self._seen: dict[str, float] = {}  # by project, when a page last showed it
         self.latest = ""
+        self._asking = ""  # the project whose pages are told what takes a while
+        self._activity = Activity(self._tell_activity)
         if path is not None:
             self.open(path)
 
@@ -63,7 +66,8 @@ class AppWorkspace:
         if session is None:
             return
         runs = len(session.runs)
-        session.pump()
+        with self._active(project):
+            session.pump()
         if len(session.runs) > runs:
             self._summarise(session)
         self._tell(project)
@@ -82,7 +86,7 @@ class AppWorkspace:
         project = project_id(path)
         if project not in self._sessions:
             _remove_parts(path.parent)
-            self._sessions[project] = Session(path, lambda: self._wake(project))
+            self._sessions[project] = Session(path, lambda: self._wake(project), self._activity)
         self.latest, self._seen[project] = project, time.monotonic()
         remember(path)
         return project
@@ -98,6 +102,10 @@ class AppWorkspace:
         """
         if not asked:
             return self.latest
+        with self._active(""):
+            return self._joined(asked)
+
+    def _joined(self, asked: str) -> str:
         if asked not in self._sessions:
             path = next((each.path for each in recent_projects() if project_id(each.path) == asked), None)
             with suppress(InputError):
@@ -114,6 +122,33 @@ class AppWorkspace:
             KennfeldError: the question cannot be answered.
         """
         project = self.latest if project is None else project
+        with self._active(project):
+            return self._answer(ask, given, project)
+
+    @contextmanager
+    def _active(self, project: str) -> Iterator[None]:
+        """Tell the pages of a project what takes a while within the block, and let them stop it."""
+        self._asking = project
+        self._activity.begin()
+        try:
+            yield
+        except StoppedError:
+            raise ArgumentError("stopped; nothing has changed") from None
+        finally:
+            self._activity.end()
+
+    def _tell_activity(self, text: str, share: float | None) -> None:
+        self._push("activity", to_answer(ActivityNews(text, share)), self._asking)
+
+    def say(self, text: str) -> None:
+        """Tell pages what takes a while. Raises `StoppedError` if a user has stopped it."""
+        self._activity.say(text)
+
+    def stop_activity(self) -> None:
+        """Stop what takes a while; may be called from any thread."""
+        self._activity.stop()
+
+    def _answer(self, ask: str, given: Mapping[str, Any], project: str) -> Answer:
         if ask in _OWN:
             answer = _OWN[ask](self, given)
             if ask in OPENING:
@@ -263,6 +298,14 @@ class RecentRow:
 
 
 @dataclass(frozen=True)
+class ActivityNews:
+    """What takes a while, and the share of it that is done; an empty text at its end."""
+
+    text: str
+    share: float | None
+
+
+@dataclass(frozen=True)
 class DemoRow:
     """A demo that can be written."""
 
@@ -378,9 +421,11 @@ def _demo(workspace: AppWorkspace, asked: DemoName) -> None:
     """Write a demo into the working directory, unless it is there, and open it."""
     name = asked.name
     folder = Path(f"kennfeld-demo-{name}")
+    workspace.say(f"Writing the demo into {folder}")
     with all_or_none(folder):
         path = write(name, folder)
-        prepare(name, path.parent, lambda line: None)
+        workspace.say("Preparing the demo")
+        prepare(name, path.parent, lambda line: workspace.say(f"Preparing the demo: {line}"))
     workspace.open(path)
 
 

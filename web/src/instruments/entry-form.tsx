@@ -15,12 +15,13 @@ type Table = { [key: string]: Toml };
 interface FormProps {
   path: Path;
   skip?: string[]; // keys that stand elsewhere on the screen
+  main?: string[]; // keys that are shown with those that are set
   directions?: string[]; // the axes that the table has
   draft?: { own: Table; change: (next: Table) => void }; // an entry that is not in the file yet
 }
 
 /** The fields of an entry at a path, such as `["dataset", 1]` or `["optimizer"]`. */
-export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
+export function EntryForm({ path, skip = [], main = [], directions, draft }: FormProps) {
   const section = String(path[0]);
   const own = (draft?.own ?? valueAt(path) ?? {}) as Table;
   const strays = Object.keys(own)
@@ -40,7 +41,7 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
     };
   }, []);
   const set = useMemo(
-    () => all.filter((key) => key.name in own || key.required).map((key) => key.name),
+    () => all.filter((key) => key.name in own || key.required || main.includes(key.name)).map((key) => key.name),
     [path.join("\n"), all.length, settings.value.text === ""],
   );
   const upper = all.filter((key) => set.includes(key.name));

@@ -87,7 +87,9 @@ function FileList() {
             <th>where</th>
             <th class="num">raster</th>
             <th class="num">warm-up</th>
-            <th />
+            <th>
+              <span class="unseen">remove</span>
+            </th>
           </tr>
         </thead>
         <tbody>
@@ -226,7 +228,7 @@ function Channels() {
           />
         </label>
       </div>
-      <div class="items">
+      <div class="items" role="region" aria-label="Channels" tabIndex={0}>
         <table class="list tree">
           <thead>
             <tr>

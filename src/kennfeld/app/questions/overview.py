@@ -183,6 +183,7 @@ class AppState:
         changed_on_disk: files of the project that another program has changed, each with how.
         waiting: titles of edits that wait for the end of the run.
         text_revision: changes with the project file and the function.
+        interrupted: the user has stopped the reading of the recordings, which are missing.
         excerpt: of data in partitions: samples that the screens show, and all samples; null if all are shown.
     """
 
@@ -201,6 +202,7 @@ class AppState:
     seconds: float
     changed_on_disk: Sequence[str]
     recoverable: bool
+    interrupted: bool
     function: ShownFunction
     nodes: Sequence[NamedUnit] | Absent = ABSENT
     inputs: Sequence[str] | Absent = ABSENT
@@ -245,6 +247,7 @@ def overview(session: Session) -> AppState:
         session.seconds,
         list(map(str, session.disk_changes)),
         session.recoverable,
+        session.interrupted,
         _function(session),
     )
     if session.view is not None:
