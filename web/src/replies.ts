@@ -1282,6 +1282,8 @@ export interface ExportFormats {
   folder: string;
   /** True if it has the files of a run. */
   stored: boolean;
+  /** True if files can be opened on the desktop of this machine. */
+  opens: boolean;
 }
 
 /** Files that are written into the results folder. */
@@ -1323,6 +1325,11 @@ export interface RoundedRow {
 /** A file that would be replaced; nothing was written. */
 export interface ExistingFile {
   exists: string;
+}
+
+/** A file of the project's folder to open; empty for the results folder. */
+export interface OpenedFile {
+  file?: string;
 }
 
 /** The choices of the screen of the control unit. */
@@ -2153,6 +2160,7 @@ export interface Questions {
   validity: { asks: Nothing; head: ValidityRows; arrays: Nothing };
   formats: { asks: Nothing; head: ExportFormats; arrays: Nothing };
   export: { asks: ExportCommand; head: ExportedFiles | ExistingFile; arrays: Nothing };
+  "open-file": { asks: OpenedFile; head: Nothing; arrays: Nothing };
   "control-unit": { asks: Nothing; head: ControlUnit; arrays: Nothing };
   rounding: { asks: AskedRounding; head: RoundingReply; arrays: Nothing };
   "finer-storage": { asks: AskedTrial; head: FinerRow; arrays: Nothing };

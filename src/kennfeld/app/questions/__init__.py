@@ -70,6 +70,7 @@ _QUESTIONS: dict[str, Callable[..., object]] = {
     "validity": surrogates.validity,
     "formats": exports.formats,
     "export": exports.export,
+    "open-file": exports.open_file,
     "control-unit": control_unit.control_unit,
     "rounding": control_unit.rounding,
     "finer-storage": control_unit.finer_storage,
