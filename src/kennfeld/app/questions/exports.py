@@ -211,7 +211,7 @@ def _export(
     if script is not None:
         written.append(write_text(script[1], script[0]))
     files = [path.relative_to(session.path.parent).as_posix() for path in dict.fromkeys(written)]
-    return ExportedFiles(files, [str(f) for f in findings], rounding)
+    return ExportedFiles(files, list(dict.fromkeys(map(str, findings))), rounding)
 
 
 def _write_simulation(session: Session, project: Project, ending: str, findings: Findings) -> Path:
