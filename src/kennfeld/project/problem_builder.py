@@ -51,6 +51,11 @@ from kennfeld.project.model import (
 )
 from kennfeld.project.parameter_tables import Tables, build_tables
 from kennfeld.project.partitioned_loading import PartitionedLoading
+from kennfeld.project.recording_parameters import (
+    check_recording_parameters,
+    names_per_recording,
+    with_values_per_recording,
+)
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.simulation_files import SIMULATIONS, require_simulation_format
 from kennfeld.project.steps import build_steps, uncovered_values
@@ -235,6 +240,8 @@ class ProblemBuilder:
         function = read_function(self.file, known, self.surrogates, self.findings, initial)
         if function is None:
             return None
+        self.findings.add(*check_recording_parameters(self.file, function))
+        function = with_values_per_recording(function, names_per_recording(self.file))
         for surrogate in self.surrogates:
             if surrogate.name not in function.graph.parameters:
                 keys = ("surrogates", surrogate.name)
