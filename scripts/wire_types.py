@@ -15,10 +15,11 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from docstrings import parse
 
+from kennfeld.app.project_questions import PROJECT_QUESTIONS
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import StateNews
 from kennfeld.app.wire import Absent, Question, is_array, is_arrays, members, wire_fields
-from kennfeld.app.workspace import _OWN, ActivityNews
+from kennfeld.app.workspace import ActivityNews
 
 __all__ = ["documents", "module"]
 
@@ -39,7 +40,7 @@ _PLAIN = {str: "string", int: "number", float: "number", bool: "boolean", NoneTy
 
 def documents(folder: Path) -> dict[Path, str]:
     """Return the module of the types."""
-    return {folder / "src" / "replies.ts": module({**QUESTIONS, **COMMANDS, **_OWN})}
+    return {folder / "src" / "replies.ts": module({**QUESTIONS, **COMMANDS, **PROJECT_QUESTIONS})}
 
 
 def module(questions: Mapping[str, Question[Any]]) -> str:

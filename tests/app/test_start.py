@@ -8,11 +8,12 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.app.answer import Answer
+from kennfeld.app.project_questions import DEMOS, DemoRow
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.recent import forget, recent_file, recent_projects, remember, summarise
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
-from kennfeld.app.workspace import DEMOS, AppWorkspace, DemoRow
+from kennfeld.app.workspace import AppWorkspace
 from kennfeld.base.errors import ArgumentError
 from kennfeld.project import Project
 from kennfeld.project.demo import write

@@ -2112,7 +2112,7 @@ export interface NoProject {
   project: null;
 }
 
-/** What takes a while, and the share of it that is done; an empty text at its end. */
+/** An activity that takes a while, and the share of it that is done; an empty text at its end. */
 export interface ActivityNews {
   text: string;
   share: number | null;

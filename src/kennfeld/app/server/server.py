@@ -24,11 +24,12 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from kennfeld.app.answer import Answer
 from kennfeld.app.archive import write_archive
+from kennfeld.app.project_questions import OPENING
 from kennfeld.app.server.frames import pack
 from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
 from kennfeld.app.server.security import RequestGuard, new_token
 from kennfeld.app.wire import from_json
-from kennfeld.app.workspace import OPENING, UPLOAD_ENDING, AppWorkspace
+from kennfeld.app.workspace import UPLOAD_ENDING, AppWorkspace
 from kennfeld.base.errors import ArgumentError, KennfeldError
 from kennfeld.base.lazy_dataclass import dataclass
 

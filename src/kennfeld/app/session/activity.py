@@ -1,4 +1,4 @@
-"""What the app is doing that takes a while, as pages show it, and the wish of a user to stop it."""
+"""Activities that take a while, as pages show them, and the wish of a user to stop one."""
 
 import threading
 from collections.abc import Callable

@@ -387,10 +387,18 @@ class Session:
         file = self.formula_file
         try:
             if file:
-                return read_function(self.text_of(file), read_called(self.settings, self.path))
+                text, called = self.text_of(file), read_called(self.settings, self.path)
+                # a text that declares its inputs leaves no other name open, but for parameters that are known
+                return read_function(text, called) or read_function(text, called, self._parameter_names)
         except InputError:
             return None
         return None if self.undecided else self._imported()
+
+    @property
+    def _parameter_names(self) -> list[str]:
+        """Names of the parameters that have a section, or that the initial files provide."""
+        sections = self.settings.get("parameters")
+        return [*(sections if isinstance(sections, dict) else ()), *initial_names(self.settings, self.path).names]
 
     def _imported(self) -> Model | None:
         """Return the function of another tool, also if the project lacks data; None if it cannot be read."""

@@ -84,7 +84,7 @@ function listen(canvas: HTMLCanvasElement, area: () => Area | null): void {
 }
 
 function draw(pen: Pen, width: number, height: number, data: ScatterArrays): Area {
-  const box = { left: 44, right: width - 14, top: 8, bottom: height - 34 };
+  const box = { left: 52, right: width - 14, top: 8, bottom: height - 34 };
   const shown = both.value
     ? ([
         [data.before, "before"],
