@@ -14,7 +14,7 @@ import { Picture } from "../instruments/picture";
 import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
 import { scoped } from "../scope";
-import { isRunning, jobTitle, open, request, screen, settled, state } from "../store";
+import { blocking, isRunning, jobTitle, open, request, screen, settled, state } from "../store";
 import { OutcomeBody, OutcomeHead } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 import { OptimizationSettings } from "./optimization/settings";
@@ -102,7 +102,7 @@ export function Optimization() {
           ) : (
             <p class="pad q">
               The course of the search appears here.{" "}
-              <button class="btn small" onClick={run}>
+              <button class="btn small" disabled={blocking.value !== null} title={blocking.value?.text} onClick={run}>
                 Run
               </button>
             </p>
@@ -186,13 +186,15 @@ function Settings() {
         </span>
       </div>
       <div class="cks">
-        <div class="ck g">
-          <Icon name="done" />
-          <span class="grow">
-            {count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters;{" "}
-            {count(samples("training"))} training and {count(samples("test"))} test samples
-          </span>
-        </div>
+        {blocking.value === null && (
+          <div class="ck g">
+            <Icon name="done" />
+            <span class="grow">
+              {count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters;{" "}
+              {count(samples("training"))} training and {count(samples("test"))} test samples
+            </span>
+          </div>
+        )}
         {findings.map((f) => (
           <FindingLine key={f.text} own={f} />
         ))}

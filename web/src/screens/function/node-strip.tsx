@@ -78,7 +78,7 @@ export function NodeStrip() {
   return (
     <>
       <div class="head mid">
-        <h2>{drawnNode.value || "Around the cursor"}</h2>
+        <h2>{drawnNode.value || "Node"}</h2>
         <span class="sub">{unitText(unit) && `[${unit}] `}around the cursor; a click moves it</span>
         <span class="right">
           {strip.value?.measured && (
