@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.fit.result import Progress, Seconds
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
@@ -16,6 +17,7 @@ from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project import Project
 
 CANDIDATES, USE = "candidates (--from)", "use of [design]"
+UNFINISHED = 1e-3  # share of the cost that a fit takes off, from which it is worth a remark
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +39,12 @@ class ProjectData:
     findings: tuple[Finding, ...] = ()
 
     @classmethod
-    def of(cls, project: Project, candidates: Sequence[str], use: Sequence[str]) -> "ProjectData":
+    def of(cls, project: Project, candidates: Sequence[str], use: Sequence[str], use_weight: str = "") -> "ProjectData":
         """Read a project together with further files.
 
         Units, calculated channels, raster and shifts are those of its first dataset with training data. Paths of
-        candidates are relative to the present folder, those of the use to that of the project.
+        candidates are relative to the present folder, those of the use to that of the project. The channel `use_weight`
+        weights the samples of the use.
 
         Raises:
             InputError: a file cannot be read, or has not all channels that the function reads.
@@ -50,7 +53,7 @@ class ProjectData:
         first = next((entry for entry in file.datasets if entry.is_fitted), file.datasets[0])
         here = tuple(str(Path.cwd() / pattern) for pattern in candidates)
         further = [_entry(first, CANDIDATES, here)] if here else []
-        further += [_entry(first, USE, tuple(use))] if use else []
+        further += [replace(_entry(first, USE, tuple(use)), weight_channel=use_weight)] if use else []
         if project.is_partitioned and project.load is None:
             message = "a design reads all data into this process, not in partitions"
             findings.append(Finding(file.location("cluster"), message, severity="remark"))
@@ -67,11 +70,26 @@ class ProjectData:
             tuple(findings),
         )
 
-    def fit(self, progress: Progress | None = None) -> FittedFunction:
-        """Calibrate the project and return the end of the fit."""
+    def fit(
+        self, progress: Progress | None = None, values: ParameterSet | None = None, *, near: bool = False
+    ) -> tuple[FittedFunction, tuple[Finding, ...]]:
+        """Calibrate the project and return the end of the fit.
+
+        Args:
+            progress: called after each accepted step.
+            values: those that the fit begins from; by default the initial values. If it changes them, a remark says so.
+            near: the values are those of a fit, so that one search from them is enough.
+        """
         options = replace(self.project.options, cluster=None)
-        result = run(self.problem, options, progress, Seconds(read=self.project.seconds_read))
-        return FittedFunction.of(result)
+        if near:
+            options = replace(options, starts=1, steps=(), continuation="off", save_every=0)
+        problem = self.problem if values is None else replace(self.problem, parameters=values)
+        result = run(problem, options, progress, Seconds(read=self.project.seconds_read))
+        findings: list[Finding] = []
+        if values is not None and result.cost_before - result.cost_after > UNFINISHED * result.cost_after:
+            message = f"the values were fitted further first: cost {result.cost_before:.4g} -> {result.cost_after:.4g}"
+            findings.append(Finding(Location("design"), message, severity="remark"))
+        return FittedFunction.of(result), tuple(findings)
 
 
 def _entry(first: DatasetEntry, name: str, files: tuple[str, ...]) -> DatasetEntry:
