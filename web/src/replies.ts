@@ -171,6 +171,7 @@ export interface ScatterArrays {
   start: Float32Array;
   lit: Float32Array;
   edges: Float32Array;
+  beyond: Float32Array;
   after: Float32Array;
   before: Float32Array;
   brushed: Float32Array;
@@ -412,7 +413,7 @@ export interface RunProgress {
   steps: StepRow[];
 }
 
-/** The search from one start: its last accepted step, or its end. */
+/** The search from one start: its last accepted step, or its end; and the stages that it went through. */
 export interface StartRow {
   start: number;
   state: string;
@@ -422,6 +423,13 @@ export interface StartRow {
   cost: number | null;
   rmse: number | null;
   seconds: number;
+  stages: StageRow[];
+}
+
+/** A stage of a search, and the number of steps before it. */
+export interface StageRow {
+  name: string;
+  begin: number;
 }
 
 /** A coarse picture of a table; `start` are the initial values of a curve. */
@@ -918,6 +926,8 @@ export interface ImportedFunction {
   schedule?: ScheduleRow[];
   states?: StateRow[];
   places?: SourcePlace[];
+  /** Of the recordings in s, if a block needs a fixed step of the function. */
+  dataStep?: number | null;
 }
 
 /** The part of an ASCET model that the project chooses: a class with its methods, or tasks. */
@@ -1004,6 +1014,8 @@ export interface BlockingBlock {
   remedy: string;
   stops: boolean;
   undefined: string[];
+  /** A fixed step of the function is what it lacks. */
+  needsStep: boolean;
 }
 
 /** A variable without a value, and the blocks that use it. */
@@ -1270,6 +1282,8 @@ export interface ExportFormats {
   folder: string;
   /** True if it has the files of a run. */
   stored: boolean;
+  /** True if files can be opened on the desktop of this machine. */
+  opens: boolean;
 }
 
 /** Files that are written into the results folder. */
@@ -1311,6 +1325,11 @@ export interface RoundedRow {
 /** A file that would be replaced; nothing was written. */
 export interface ExistingFile {
   exists: string;
+}
+
+/** A file of the project's folder to open; empty for the results folder. */
+export interface OpenedFile {
+  file?: string;
 }
 
 /** The choices of the screen of the control unit. */
@@ -1999,6 +2018,13 @@ export interface TomlEdit {
   title: string;
 }
 
+/** The fix that a user takes: the text of its finding, its title, and the chosen value. */
+export interface ChosenFix {
+  finding: string;
+  fix: string;
+  option?: string;
+}
+
 /** The text of the function, or of the project file if `file` is empty. */
 export interface TextEdit {
   file: string;
@@ -2295,6 +2321,8 @@ export interface AppState {
   /** Files of the project that another program has changed, each with how. */
   changedOnDisk: string[];
   recoverable: boolean;
+  /** The user has stopped the reading of the recordings, which are missing. */
+  interrupted: boolean;
   function: ShownFunction;
   nodes?: NamedUnit[];
   inputs?: string[];
@@ -2331,6 +2359,14 @@ export interface FindingRow {
   path: string;
   /** The screen on which it is solved. */
   screen: "data" | "function" | "parameters" | "optimization" | "results" | "design";
+  /** Changes of the project file that solve it. */
+  fixes: FixRow[];
+}
+
+/** A fix of a finding by its title, and the values to choose from if it needs one. */
+export interface FixRow {
+  title: string;
+  options: string[];
 }
 
 /** A file whose code, or an address that, has not been allowed. */
@@ -2434,6 +2470,12 @@ export interface NoProject {
   project: null;
 }
 
+/** An activity that takes a while, and the share of it that is done; an empty text at its end. */
+export interface ActivityNews {
+  text: string;
+  share: number | null;
+}
+
 /** Questions by name: what is asked, and the JSON and the arrays of the reply. */
 export interface Questions {
   table: { asks: AskedTable; head: TableReply; arrays: Nothing };
@@ -2476,6 +2518,7 @@ export interface Questions {
   validity: { asks: Nothing; head: ValidityRows; arrays: Nothing };
   formats: { asks: Nothing; head: ExportFormats; arrays: Nothing };
   export: { asks: ExportCommand; head: ExportedFiles | ExistingFile; arrays: Nothing };
+  "open-file": { asks: OpenedFile; head: Nothing; arrays: Nothing };
   "control-unit": { asks: Nothing; head: ControlUnit; arrays: Nothing };
   rounding: { asks: AskedRounding; head: RoundingReply; arrays: Nothing };
   "finer-storage": { asks: AskedTrial; head: FinerRow; arrays: Nothing };
@@ -2494,6 +2537,7 @@ export interface Questions {
   "set-values": { asks: ValueEdit; head: Nothing; arrays: Nothing };
   "set-keys": { asks: KeysEdit; head: Nothing; arrays: Nothing };
   "set-toml": { asks: TomlEdit; head: Nothing; arrays: Nothing };
+  "apply-fix": { asks: ChosenFix; head: Nothing; arrays: Nothing };
   "set-text": { asks: TextEdit; head: Nothing; arrays: Nothing };
   "choose-function": { asks: ChosenFunction; head: Nothing; arrays: Nothing };
   "reread-function": { asks: Nothing; head: Nothing; arrays: Nothing };

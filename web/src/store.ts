@@ -40,6 +40,7 @@ const EMPTY: AppState = {
   seconds: 0,
   changedOnDisk: [],
   recoverable: false,
+  interrupted: false,
   function: { file: "", screen: "formula" },
   excerpt: null,
 };

@@ -34,6 +34,7 @@ const project: AppState = {
     seconds: 0,
     changedOnDisk: [],
     recoverable: false,
+    interrupted: false,
     function: { file: "a.kf", screen: "formula" },
     inputs: ["n"],
   },

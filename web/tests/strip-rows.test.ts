@@ -34,6 +34,7 @@ const project: AppState = {
     seconds: 0,
     changedOnDisk: [],
     recoverable: false,
+    interrupted: false,
     function: { file: "a.kf", screen: "formula" },
   },
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },

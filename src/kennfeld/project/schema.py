@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.errors import Findings, Fix, InputError, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.watch_folder import DEFAULT_LIMIT
@@ -506,7 +506,7 @@ class SectionsFile:
         # the heading of an entry has its name: [parameters.MapTorque]
         if isinstance(form, NamedEntriesForm) and inner:
             heading = f"[{section}.{inner.pop(0)}]"
-        location = KeyLocation(self.path.name, lines=self.lines)
+        location = KeyLocation(self.path.name, keys=keys, lines=self.lines)
         for part in (heading, *inner):
             location = location.within(str(part))
         return location
@@ -514,6 +514,12 @@ class SectionsFile:
     def siblings(self, path: Path) -> list[str]:
         """Return the names of the files in the folder of a path."""
         return [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
+
+    def alike(self, name: str) -> list[str]:
+        """Return the files beside a missing one that have its ending, as the file names them."""
+        path = self.folder / name
+        alike = (other for other in self.siblings(path) if Path(other).suffix.casefold() == path.suffix.casefold())
+        return sorted((Path(name).parent / other).as_posix() for other in alike)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -661,5 +667,6 @@ def _calculated_channels(root: Section, calculated: Collection[str]) -> dict[str
     for name in channels[_INNER]:
         if name in calculated:
             location = f"{_INNER} {name}"
-            section.report(location, "duplicate of the channel in [calculated]", "Remove one.")
+            fix = Fix.remove(("channels", _INNER, name))
+            section.report(location, "duplicate of the channel in [calculated]", "Remove one.", [fix])
     return TableOfForm(TextForm()).read(section, _INNER) or {}

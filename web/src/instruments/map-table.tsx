@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { Component } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import { copyAs } from "../copying";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
 import { counted, fixed, significant, tableDecimals, tableFormat } from "../drawing/numbers";
@@ -43,7 +44,10 @@ function bars(own: EditedTable): (number | null)[] {
 /** Edit the selected values that are not locked. */
 export function applyEdit(own: EditedTable, edit: Edit): void {
   const cells = cellsOf(own, selection.value).filter((cell) => !own.locked.includes(cell));
-  if (cells.length === 0) return;
+  if (cells.length === 0) {
+    message.value = `Nothing was changed: the selected values of ${own.name} are locked.`;
+    return;
+  }
   const title = `${describeCells(own, selection.value)}: ${edit.title}`;
   const operation = asOperation(own, edit);
   const next = operation === null ? editCells(own, selection.value, cells, edit) : null;
@@ -79,6 +83,8 @@ export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
       selection.value = { x: [Math.min(a, i), Math.max(a, i)], y: [Math.min(b, j), Math.max(b, j)], active: [a, b] };
     }
   };
+
+  useEffect(() => copyAs(body.current!, () => exactRows(own)), [own]);
 
   const apply = (edit: Edit) => applyEdit(own, edit);
 
@@ -159,6 +165,18 @@ export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
       </tbody>
     </table>
   );
+}
+
+/** The table with its axes, all digits of its numbers. */
+function exactRows(own: EditedTable): string[][] {
+  const [nx, ny] = size(own);
+  const xs = own.axes[0]?.points ?? [];
+  const ys = own.axes[1]?.points;
+  const rows = Array.from({ length: ny }, (_, j) => [
+    String(ys?.[j] ?? own.name),
+    ...Array.from({ length: nx }, (_, i) => String(own.values[cellAt(own, i, j)])),
+  ]);
+  return xs.length ? [[corner(own), ...xs.map(String)], ...rows] : rows;
 }
 
 interface Look {

@@ -7,9 +7,10 @@ import { addFiles } from "../dropping";
 import { NumberField, Segment, TextField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
+import { FindingLine } from "../instruments/finding";
 import { Proposals } from "../instruments/proposals";
 import { SettingsButton } from "../instruments/settings-panel";
-import { openEntry, panel, showFinding } from "../navigation";
+import { openEntry, panel } from "../navigation";
 import type { ChannelRow, DatasetFiles, MappedInput, RecordingFile } from "../replies";
 import { scoped } from "../scope";
 import { setKeys } from "../settings";
@@ -86,7 +87,9 @@ function FileList() {
             <th>where</th>
             <th class="num">raster</th>
             <th class="num">warm-up</th>
-            <th />
+            <th>
+              <span class="unseen">remove</span>
+            </th>
           </tr>
         </thead>
         <tbody>
@@ -225,7 +228,7 @@ function Channels() {
           />
         </label>
       </div>
-      <div class="items">
+      <div class="items" role="region" aria-label="Channels" tabIndex={0}>
         <table class="list tree">
           <thead>
             <tr>
@@ -372,13 +375,7 @@ function Mapping() {
       {remarks.length > 0 && (
         <div class="cks">
           {remarks.map((f) => (
-            <div class={`ck ${f.severity === "error" ? "w" : "w"}`}>
-              <Icon name="warning" />
-              <span class="grow">{f.text}</span>
-              <button class="btn small" onClick={() => showFinding(f)}>
-                Show
-              </button>
-            </div>
+            <FindingLine key={f.text} own={f} />
           ))}
         </div>
       )}

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.app.answer import finite
+from kennfeld.app.questions.fixes import FixRow, fix_rows
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
@@ -51,6 +52,7 @@ class FindingRow:
         message: the message alone.
         path: place within the file: `[model] step`.
         screen: the screen on which it is solved.
+        fixes: changes of the project file that solve it.
     """
 
     severity: Severity
@@ -61,6 +63,7 @@ class FindingRow:
     column: int
     path: str
     screen: Screen
+    fixes: Sequence[FixRow]
 
 
 @dataclass(frozen=True)
@@ -199,6 +202,7 @@ class AppState:
         changed_on_disk: files of the project that another program has changed, each with how.
         waiting: titles of edits that wait for the end of the run.
         text_revision: changes with the project file and the function.
+        interrupted: the user has stopped the reading of the recordings, which are missing.
         excerpt: of data in partitions: samples that the screens show, and all samples; null if all are shown.
     """
 
@@ -219,6 +223,7 @@ class AppState:
     seconds: float
     changed_on_disk: Sequence[str]
     recoverable: bool
+    interrupted: bool
     function: ShownFunction
     nodes: Sequence[NamedUnit] | Absent = ABSENT
     inputs: Sequence[str] | Absent = ABSENT
@@ -265,6 +270,7 @@ def overview(session: Session) -> AppState:
         session.seconds,
         list(map(str, session.disk_changes)),
         session.recoverable,
+        session.interrupted,
         _function(session),
     )
     if session.view is not None:
@@ -335,6 +341,7 @@ def _finding(finding: Finding) -> FindingRow:
         column=location.column,
         path=location.path,
         screen=_screen_of(location),
+        fixes=fix_rows(finding),
     )
 
 

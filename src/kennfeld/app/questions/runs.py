@@ -43,8 +43,16 @@ class RunCommand:
 
 
 @dataclass(frozen=True)
+class StageRow:
+    """A stage of a search, and the number of steps before it."""
+
+    name: str
+    begin: int
+
+
+@dataclass(frozen=True)
 class StartRow:
-    """The search from one start: its last accepted step, or its end."""
+    """The search from one start: its last accepted step, or its end; and the stages that it went through."""
 
     start: int
     state: str
@@ -54,6 +62,7 @@ class StartRow:
     cost: float | None
     rmse: float | None
     seconds: float
+    stages: Sequence[StageRow]
 
 
 @dataclass(frozen=True)
@@ -326,7 +335,14 @@ def _start(session: Session, number: int, lines: Sequence[TraceLine]) -> StartRo
         cost=finite(last.cost if row is None else row.cost_after),
         rmse=finite(last.rmse),
         seconds=round(last.seconds, 2),
+        stages=_stages(lines),
     )
+
+
+def _stages(lines: Sequence[TraceLine]) -> list[StageRow]:
+    """Return where the steps of a search change their stage; steps before the first change are of the first stage."""
+    changes = [k for k, line in enumerate(lines) if not k or line.stage != lines[k - 1].stage]
+    return [StageRow(lines[k].stage, k) for k in changes]
 
 
 def _picture(view: View, name: str, values: Float) -> CoarseTable:

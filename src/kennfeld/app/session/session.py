@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from kennfeld.analysis.validation_result import CrossValidation
+from kennfeld.app.session.activity import Activity, StoppedError
 from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints
 from kennfeld.app.session.files_on_disk import Conflict, DiskChange, FilesOnDisk, read_exactly, text_or_none
 from kennfeld.app.session.function_source import imported_model, read_called
@@ -71,10 +72,13 @@ class Session:
     Args:
         path: the project file.
         changed: called from another thread when a running job has reported something, for `pump` to handle.
+        activity: told of what takes a while, such as the reading of recordings.
     """
 
-    def __init__(self, path: Path, changed: Callable[[], object] = lambda: None) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, changed: Callable[[], object] = lambda: None, activity: Activity | None = None
+    ) -> None:
+        self.path, self._activity = path, activity or Activity()
         self._changed = changed
         self.history = History(SessionState({path.name: read_exactly(path)}))
         self.saved = self.history.state
@@ -91,7 +95,8 @@ class Session:
         ] = ()  # files that have been read again, but not because the user asked for it
         self._function: tuple[int, Model | None] | None = None  # of another tool, by the revision of the texts
         self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
-        self._data: RecordedData | PartitionedData = RecordedData()
+        self._data: RecordedData | PartitionedData = RecordedData(self._activity)
+        self.interrupted = False  # the user has stopped the reading of the recordings
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
         self.revision = next(_REVISIONS)  # changes with the values and the texts
         self.text_revision = self.revision  # changes with the texts
@@ -406,10 +411,18 @@ class Session:
         file = self.formula_file
         try:
             if file:
-                return read_function(self.text_of(file), read_called(self.settings, self.path))
+                text, called = self.text_of(file), read_called(self.settings, self.path)
+                # a text that declares its inputs leaves no other name open, but for parameters that are known
+                return read_function(text, called) or read_function(text, called, self._parameter_names)
         except InputError:
             return None
         return None if self.undecided else self._imported()
+
+    @property
+    def _parameter_names(self) -> list[str]:
+        """Names of the parameters that have a section, or that the initial files provide."""
+        sections = self.settings.get("parameters")
+        return [*(sections if isinstance(sections, dict) else ()), *initial_names(self.settings, self.path).names]
 
     def _imported(self) -> Model | None:
         """Return the function of another tool, also if the project lacks data; None if it cannot be read."""
@@ -597,7 +610,7 @@ class Session:
 
     def _read_project(self) -> None:
         self.revision = self.text_revision = next(_REVISIONS)
-        self.undecided, self._matching = (), None
+        self.undecided, self._matching, self.interrupted = (), None, False
         try:
             project = Project.read(self.path, self.unsaved_texts)
             self._matching = project.file, matching_files(project.file)
@@ -605,7 +618,14 @@ class Session:
             project = self._with_data(project)
             self.project, self._own_findings = project, (*self._read_again, *project.check())
             self.findings = self._own_findings
-            self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
+            problem = project.problem()
+            self._activity.say(f"Evaluating the function over {sum(data.samples for data in problem.datasets)} samples")
+            self.view, self.stale = View(LiveModel(problem), self._read_channels), False
+        except StoppedError:
+            message = "the recordings were not read, as you stopped it"
+            finding = Finding(Location(self.path.name), message, "Read them to go on.")
+            self.findings, self.stale, self.interrupted = (finding,), True, True
+            return
         except InputError as error:
             # the last view stays, so that pages go on showing something while a text is being edited
             self.findings, self.stale = (*error.findings, *self._formula_errors(error.findings)), True
@@ -650,7 +670,7 @@ class Session:
         size = project.file.cluster.partition_size
         if not size:
             if not isinstance(self._data, RecordedData):
-                self._data = RecordedData()
+                self._data = RecordedData(self._activity)
         elif not isinstance(self._data, PartitionedData) or self._data.settings[1:] != (project.prepared_files, size):
             self._data = PartitionedData(project.file.path.name, project.prepared_files, size)
         return replace(project, load=self._data)
