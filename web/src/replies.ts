@@ -29,8 +29,12 @@ export interface EditedTable {
   values: number[];
   /** Values to compare with. */
   reference: number[];
+  /** Where these are from. */
+  referenceTitle: string;
   /** Numbers of values that are not fitted. */
   locked: number[];
+  /** Numbers of values that a pin holds. */
+  pinned: number[];
   /** Numbers of values whose edits wait for the end of a run. */
   waiting: number[];
   lower: (number | null)[];
@@ -1672,6 +1676,19 @@ export interface ValueEdit {
   drag?: string;
 }
 
+/** The set to compare with; null takes the last run, or the start. */
+export interface ChosenReference {
+  source?: SourceName | null;
+}
+
+/** Values of a parameter that are locked or pinned, or not any more, by their numbers in C order. */
+export interface CellMark {
+  name: string;
+  cells: number[];
+  on: boolean;
+  title: string;
+}
+
 /** Keys of the project file with their new values. Edits of one `drag` are one entry of the history. */
 export interface KeysEdit {
   changes: [Path, Toml | null][];
@@ -1780,6 +1797,18 @@ export interface RunCommand {
   folds?: number | null;
   /** Kind of the parts. */
   parts?: string;
+  /** Fit these values alone, with all others held. */
+  only?: FittedPart | null;
+}
+
+/** Values of one table that are fitted alone. */
+export interface FittedPart {
+  /** The table. */
+  name: string;
+  /** Numbers of the values in C order. */
+  cells: number[];
+  /** What they are, for the history: `MapX at 3000, 40`. */
+  title: string;
 }
 
 /** Values of a set that are taken, see `AskedChoice`. */
@@ -1960,6 +1989,7 @@ export interface AppState {
   criteria?: CriterionRow[];
   /** Of data in partitions: samples that the screens show, and all samples; null if all are shown. */
   excerpt?: [number, number] | null;
+  reference?: ReferenceRow;
 }
 
 /** The open project. */
@@ -2013,10 +2043,11 @@ export interface TrainingState {
   lines: string[];
 }
 
-/** A calibration of this session. */
+/** A calibration of this session; `part` are the values that it fitted, in words, empty if all. */
 export interface RunRow {
   number: number;
   status: string;
+  part: string;
 }
 
 /** The file of the function, and the screen that shows it: `formula`, or the one of its importer. */
@@ -2049,6 +2080,16 @@ export interface ParameterRow {
   changed: number;
   atBound: number;
   withoutData: number;
+  /** Largest change against the reference, relative to the largest value. */
+  change: number | null;
+  /**
+   * Median standard deviation after the last run, relative to the span of the values; null if it is not known, or if
+   * most values are undetermined, which `undetermined` says.
+   */
+  deviation: number | null;
+  undetermined: boolean;
+  /** True if no criterion depends on it, or no training sample looks it up. */
+  unused: boolean;
   thumbnail: number[][];
 }
 
@@ -2069,6 +2110,13 @@ export interface CriterionRow {
   node: string;
   target: string;
   unit: string;
+}
+
+/** The set that present values are compared with: "start", the number of a run or "file:NAME", and in words. */
+export interface ReferenceRow {
+  key: string;
+  title: string;
+  chosen: boolean;
 }
 
 /** The state without an open project. */
@@ -2129,6 +2177,9 @@ export interface Questions {
   pair: { asks: AskedPair; head: LabelPair; arrays: Nothing };
   "write-calibration": { asks: WriteCommand; head: WrittenCalibration | ExistingFile; arrays: Nothing };
   "set-values": { asks: ValueEdit; head: Nothing; arrays: Nothing };
+  "choose-reference": { asks: ChosenReference; head: Nothing; arrays: Nothing };
+  "lock-values": { asks: CellMark; head: Nothing; arrays: Nothing };
+  "pin-values": { asks: CellMark; head: Nothing; arrays: Nothing };
   "set-keys": { asks: KeysEdit; head: Nothing; arrays: Nothing };
   "set-toml": { asks: TomlEdit; head: Nothing; arrays: Nothing };
   "set-text": { asks: TextEdit; head: Nothing; arrays: Nothing };

@@ -82,6 +82,9 @@ _QUESTIONS: dict[str, Callable[..., object]] = {
 }
 _COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which all pages are told
     "set-values": parameters.set_values,
+    "choose-reference": parameters.choose_reference,
+    "lock-values": parameters.lock_values,
+    "pin-values": parameters.pin_values,
     "set-keys": settings.set_keys,
     "set-toml": settings.set_toml,
     "set-text": settings.set_text,

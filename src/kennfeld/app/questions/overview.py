@@ -10,6 +10,14 @@ from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
+from kennfeld.app.session.reference import (
+    deviation_of,
+    reference_set,
+    reference_table,
+    relative_change,
+    relative_deviation,
+)
+from kennfeld.app.session.reference_set import ReferenceSet
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.view import View
 from kennfeld.app.wire import ABSENT, Absent
@@ -95,10 +103,20 @@ class TrainingState:
 
 @dataclass(frozen=True)
 class RunRow:
-    """A calibration of this session."""
+    """A calibration of this session; `part` are the values that it fitted, in words, empty if all."""
 
     number: int
     status: str
+    part: str
+
+
+@dataclass(frozen=True)
+class ReferenceRow:
+    """The set that present values are compared with: "start", the number of a run or "file:NAME", and in words."""
+
+    key: str
+    title: str
+    chosen: bool
 
 
 @dataclass(frozen=True)
@@ -118,7 +136,14 @@ class ScoreRow:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A parameter of the function, with numbers of its values."""
+    """A parameter of the function, with numbers of its values.
+
+    Attributes:
+        change: largest change against the reference, relative to the largest value.
+        deviation: median standard deviation after the last run, relative to the span of the values; null if it is not
+            known, or if most values are undetermined, which `undetermined` says.
+        unused: true if no criterion depends on it, or no training sample looks it up.
+    """
 
     name: str
     kind: str
@@ -129,6 +154,10 @@ class ParameterRow:
     changed: int
     at_bound: int
     without_data: int
+    change: float | None
+    deviation: float | None
+    undetermined: bool
+    unused: bool
     thumbnail: Sequence[Sequence[float]]
 
 
@@ -207,6 +236,7 @@ class AppState:
     datasets: Sequence[DatasetRow] | Absent = ABSENT
     criteria: Sequence[CriterionRow] | Absent = ABSENT
     excerpt: tuple[int, int] | Absent | None = ABSENT
+    reference: ReferenceRow | Absent = ABSENT
 
 
 @dataclass(frozen=True)
@@ -238,7 +268,7 @@ def overview(session: Session) -> AppState:
         JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace), job.validates),
         [edit.title for edit in session.waiting],
         TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
-        [RunRow(run.number, run.result.status) for run in session.runs],
+        [RunRow(run.number, run.result.status, run.part) for run in session.runs],
         session.seconds,
         list(map(str, session.disk_changes)),
         session.recoverable,
@@ -266,11 +296,12 @@ def _nodes(graph: Graph) -> list[NamedUnit]:
 def _with_view(state: AppState, session: Session, view: View) -> AppState:
     """Return the state of a project that can be evaluated."""
     problem = view.model.problem
-    graph = problem.model.graph
+    graph, reference = problem.model.graph, reference_set(session)
     return replace(
         state,
+        reference=ReferenceRow(reference.key, reference.title, session.chosen_reference is not None),
         scores=_scores(session, view),
-        parameters=[_parameter(session, view, name) for name in graph.parameters],
+        parameters=[_parameter(session, view, name, reference) for name in graph.parameters],
         free_values=problem.free_size,
         datasets=[_dataset(recording) for recording in view.model.recordings],
         nodes=_nodes(graph),
@@ -360,18 +391,23 @@ def _scores(session: Session, view: View) -> list[ScoreRow]:
     ]
 
 
-def _parameter(session: Session, view: View, name: str) -> ParameterRow:
-    table, initial = view.now.parameters[name], session.reference(name)
-    samples = view.samples.get(name)
+def _parameter(session: Session, view: View, name: str, reference: ReferenceSet) -> ParameterRow:
+    table, initial = view.now.parameters[name], reference_table(session, name, reference).values
+    samples, problem = view.samples.get(name), view.model.problem
+    deviation = relative_deviation(table, deviation_of(session, name))
     return ParameterRow(
         name=name,
         kind=table.kind,
         unit=table.unit,
         description=table.description,
         shape=table.values.shape,
-        free=name in view.model.problem.free_names,
-        changed=int(np.count_nonzero(table.values != initial.values)),
+        free=name in problem.free_names,
+        changed=int(np.count_nonzero(table.values != initial)),
         at_bound=int(np.count_nonzero(table.at_bound)),
         without_data=0 if samples is None else int(np.count_nonzero(samples == 0)),
+        change=finite(relative_change(table, initial)),
+        deviation=None if deviation is None else finite(deviation),
+        undetermined=deviation is not None and not np.isfinite(deviation),
+        unused=name in problem.unscored_names or (samples is not None and not samples.any()),
         thumbnail=thumbnail(table.values),
     )
