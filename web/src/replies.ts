@@ -849,6 +849,109 @@ export interface MappedInput {
   number?: number;
 }
 
+/** The errors of a criterion by file, as lines of a number of pixels. */
+export interface AskedErrors {
+  criterion?: number;
+  pixels?: number;
+}
+
+/** The errors by file. */
+export interface FileErrors {
+  criterion: string;
+  unit: string;
+  files: FileRow[];
+  /** Largest error of the bins of the histograms, to either side. */
+  reach: number;
+  shifts: EstimatedShift[];
+}
+
+/** A file of a dataset that is used, with the errors of a criterion. */
+export interface FileRow {
+  /** Number of the dataset among those that are used, from 0 on. */
+  dataset: number;
+  name: string;
+  use: string;
+  timed: boolean;
+  /** Time stamp of the first sample in s, as recorded; of data without time 0. */
+  begin: number;
+  end: number;
+  /** That are scored. */
+  samples: number;
+  /** Now; `before` with the initial values. */
+  rmse: number | null;
+  before: number | null;
+  largest: number | null;
+  /** Begin, end and RMSE of the worst stretch, in s, of data without time in samples from 1 on. */
+  worst: [number, number, number] | null;
+  /** Number of stretches in which a channel that the function reads is missing, and their length together. */
+  gaps: [number, number];
+}
+
+/** The shift of a channel that the last run has estimated. */
+export interface EstimatedShift {
+  dataset: number;
+  channel: string;
+  shift: number;
+}
+
+/** The arrays of FileErrors. */
+export interface FileErrorsArrays {
+  /** By number of the file least and greatest error of each pixel in turn, and `bins N` its histogram. */
+  [name: string]: Float32Array;
+}
+
+/** Signals over all files, as lines of a number of pixels. */
+export interface AskedFileLines {
+  signals: SignalName[];
+  pixels?: number;
+}
+
+/** Signals over all files; `lines` are called `SIGNAL FILE` by their numbers. */
+export interface FileLines {
+  signals: SignalFacts[];
+}
+
+/** A signal over all files. */
+export interface SignalFacts {
+  name: string;
+  unit: string;
+  least: number | null;
+  greatest: number | null;
+  /** Why it cannot be drawn; empty if it can. */
+  missing: string;
+  /** By number of the file begin and end of its longest stretches without values. */
+  gaps: Record<string, [number, number][]>;
+}
+
+/** The arrays of FileLines. */
+export interface FileLinesArrays {
+  [name: string]: Float32Array;
+}
+
+/** A channel, and the criterion whose error tells its shift. */
+export interface AskedScan {
+  channel: string;
+  criterion?: number;
+}
+
+/** The error over a shift of a channel beyond that of the project file, see `ShiftScan`. */
+export interface ScanReply {
+  channel: string;
+  criterion: string;
+  unit: string;
+  best: number;
+  deviation: number | null;
+  seen: boolean;
+  atTheEnd: boolean;
+  samples: number;
+}
+
+/** The arrays of ScanReply. */
+export interface ScanArrays {
+  shifts: Float32Array;
+  rmse: Float32Array;
+}
+
 /** Proposals for all that the project lacks, and why its initial files say nothing about some of it. */
 export interface ProposalRows {
   proposals: ProposalRow[];
@@ -2093,14 +2196,17 @@ export interface ParameterRow {
   thumbnail: number[][];
 }
 
-/** A dataset; `pieces` are the positions at which its pieces but the first begin. */
+/** A dataset. */
 export interface DatasetRow {
+  /** In the project file, from 1 on; those that are off count there. */
+  number: number;
   name: string;
   use: string;
   samples: number;
   timed: boolean;
   begin: number;
   end: number;
+  /** The positions at which its pieces but the first begin. */
   pieces: number[];
   channels: NamedUnit[];
 }
@@ -2151,6 +2257,9 @@ export interface Questions {
   schema: { asks: Nothing; head: SchemaReply; arrays: Nothing };
   names: { asks: Nothing; head: NamesReply; arrays: Nothing };
   files: { asks: Nothing; head: DataFiles; arrays: Nothing };
+  "file-errors": { asks: AskedErrors; head: FileErrors; arrays: FileErrorsArrays };
+  "file-lines": { asks: AskedFileLines; head: FileLines; arrays: FileLinesArrays };
+  "shift-scan": { asks: AskedScan; head: ScanReply; arrays: ScanArrays };
   proposals: { asks: Nothing; head: ProposalRows; arrays: Nothing };
   functions: { asks: Nothing; head: KnownFunctions; arrays: Nothing };
   diagram: { asks: Nothing; head: ImportedFunction; arrays: Nothing };

@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.questions.recordings import used_numbers
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.reference import (
@@ -171,8 +172,14 @@ class NamedUnit:
 
 @dataclass(frozen=True)
 class DatasetRow:
-    """A dataset; `pieces` are the positions at which its pieces but the first begin."""
+    """A dataset.
 
+    Attributes:
+        number: in the project file, from 1 on; those that are off count there.
+        pieces: the positions at which its pieces but the first begin.
+    """
+
+    number: int
     name: str
     use: str
     samples: int
@@ -303,7 +310,7 @@ def _with_view(state: AppState, session: Session, view: View) -> AppState:
         scores=_scores(session, view),
         parameters=[_parameter(session, view, name, reference) for name in graph.parameters],
         free_values=problem.free_size,
-        datasets=[_dataset(recording) for recording in view.model.recordings],
+        datasets=[_dataset(*each) for each in zip(_numbers(session, view), view.model.recordings, strict=True)],
         nodes=_nodes(graph),
         criteria=[CriterionRow(c.node, str(c.target), view.model.unit(i)) for i, c in enumerate(problem.criteria)],
         inputs=[problem.channels.get(name, name) for name in graph.inputs],
@@ -311,9 +318,16 @@ def _with_view(state: AppState, session: Session, view: View) -> AppState:
     )
 
 
-def _dataset(recording: LiveDataset) -> DatasetRow:
+def _numbers(session: Session, view: View) -> Sequence[int]:
+    """Return the numbers of the datasets in the project file, which may have other ones since it has errors."""
+    numbers, count = used_numbers(session), len(view.model.recordings)
+    return numbers if len(numbers) == count else range(1, count + 1)
+
+
+def _dataset(number: int, recording: LiveDataset) -> DatasetRow:
     position = recording.position
     return DatasetRow(
+        number=number,
         name=recording.name,
         use=recording.use,
         samples=recording.count,
