@@ -9,6 +9,7 @@ import pytest
 from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
+from kennfeld.app.server.frames import pack
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError
 from kennfeld.optimize.quality.quality import Scorer
@@ -43,7 +44,9 @@ target = "m"
 
 
 def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
+    answer = (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
+    pack(answer.head, answer.arrays)  # it can be sent
+    return answer
 
 
 def write_drive(path: Path, seed: int, *, late: int = 0, gap: slice = slice(0, 0)) -> None:

@@ -185,7 +185,7 @@ def test_marks_reference_and_order_follow_the_keys_and_choices(editor: Any) -> N
     grid.press("Enter")
     editor.wait_for_selector(READY)
     editor.select_option("select[aria-label='Sort the parameters']", "change")
-    editor.wait_for_function("document.querySelector('[data-parameter] b').textContent === 'CurveTimeConstant'")
+    editor.wait_for_function("() => document.querySelector('[data-parameter] b').textContent === 'CurveTimeConstant'")
 
 
 @pytest.mark.slow

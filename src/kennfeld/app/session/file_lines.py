@@ -64,7 +64,7 @@ def file_spans(view: View) -> list[FileSpan]:
 
 
 def file_values(view: View, signal: SignalName, files: Sequence[FileSpan]) -> Iterator[Float]:
-    """Yield a signal over the samples of each file, Float[samples of the file]; NaN where it is missing, also throughout.
+    """Yield a signal over the samples of each file, Float[samples of the file]; NaN where it is missing.
 
     Raises:
         KennfeldError: recordings that have it cannot be read.

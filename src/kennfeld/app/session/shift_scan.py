@@ -127,7 +127,7 @@ def _judge(lags: Float, step: float, costs: Float, errors: Float) -> ShiftScan:
         best=lag * step,
         deviation=deviation * step,
         seen=bool(seen),
-        at_the_end=abs(lag) > lags[-1] - EDGE_DISTANCE,
+        at_the_end=abs(lag) > float(lags[-1]) - EDGE_DISTANCE,
         samples=count,
     )
 
@@ -138,8 +138,8 @@ def _independent_share(errors: Float) -> float:
     That of a process of first order (Bartlett 1946).
     """
     centred = errors - errors.mean()
-    total = float(centred @ centred)
+    total = float(np.einsum("i,i", centred, centred))  # without the threads of BLAS
     if total <= 0:
         return 1.0
-    r = float(np.clip(float(centred[1:] @ centred[:-1]) / total, 0.0, 0.999))
+    r = float(np.clip(float(np.einsum("i,i", centred[1:], centred[:-1])) / total, 0.0, 0.999))
     return (1 - r) / (1 + r)
