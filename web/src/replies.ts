@@ -640,6 +640,30 @@ export interface MovedTogether {
   unit: string;
 }
 
+/** The limits of the project with two sets of values. */
+export interface LimitRows {
+  rows: LimitRow[];
+}
+
+/** A limit: what it is about, its range in words, and its unit. */
+export interface LimitRow {
+  name: string;
+  text: string;
+  unit: string;
+  first: LimitState;
+  second: LimitState;
+}
+
+/** A limit with one set of values. */
+export interface LimitState {
+  /** How far the worst value is beyond it; 0 if it holds, null if that is not known. */
+  excess: number | null;
+  /** Number of values at the limit. */
+  active: number;
+  /** Where the worst value is, in words. */
+  worst: string;
+}
+
 /** Values that the data of the last run cannot determine; without a run, only empty lists. */
 export interface TrustReply {
   directions: UndeterminedDirection[];
@@ -2251,6 +2275,7 @@ export interface Questions {
   sets: { asks: Nothing; head: SetHistory; arrays: Nothing };
   compare: { asks: ComparedValues; head: ValueChanges; arrays: Nothing };
   choice: { asks: AskedChoice; head: ChoiceScores; arrays: Nothing };
+  limits: { asks: ComparedValues; head: LimitRows; arrays: Nothing };
   trust: { asks: Nothing; head: TrustReply; arrays: Nothing };
   pinned: { asks: AskedPin; head: PinnedReply; arrays: Nothing };
   settings: { asks: Nothing; head: SettingsReply; arrays: Nothing };
