@@ -1619,6 +1619,8 @@ export interface UnitCommand {
   step?: number | null;
   /** Of the project's folder. */
   folder?: string;
+  /** Write what the function calculates over all data, as MDF. */
+  signals?: boolean;
   /** Replace files that exist with another content. */
   force?: boolean;
 }
