@@ -108,7 +108,7 @@ def test_twenty_recordings_are_cross_validated_and_released_as_dcm(tmp_path: Pat
         page.wait_for_selector(READY)
         page.click("button:has-text('cross-validation')")
         page.wait_for_selector(READY)
-        page.click("#validate")
+        page.click("#cross-validate")
         page.wait_for_selector("#job-state.validated", timeout=WAIT)
         page.click("[data-screen=results]")
         held_out = page.wait_for_selector("[data-set=cross-validation] td.num:nth-child(3)").inner_text()

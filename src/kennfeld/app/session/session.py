@@ -108,6 +108,7 @@ class Session:
         self._running: RunJob | None = None
         self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
+        self._settings: tuple[str, dict[str, Any]] | None = None  # of the last text
         self.recoverable = self.recovery.exists  # a session ended without saving
         self._assemble()
 
@@ -365,11 +366,13 @@ class Session:
     @property
     def settings(self) -> dict[str, Any]:
         """The tables of the project file, also if they are incomplete; empty if the text is not valid TOML."""
-        try:
-            tables: dict[str, Any] = ProjectDocument(self.state.texts[self.path.name], self.path).get()
-        except InputError:
-            return {}
-        return tables
+        text = self.state.texts[self.path.name]
+        if self._settings is None or self._settings[0] != text:  # every page asks after every edit
+            try:
+                self._settings = text, ProjectDocument(text, self.path).get()
+            except InputError:
+                self._settings = text, {}
+        return self._settings[1]
 
     @property
     def is_calibrating(self) -> bool:
