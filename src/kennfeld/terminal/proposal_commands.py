@@ -52,7 +52,7 @@ def propose(
                 nodes=nodes or ("*",),
                 kinds=kinds or ("add", "multiply", "lag", "delay"),  # type: ignore[arg-type]
                 least=least,
-                report=print_progress,
+                progress=print_progress,
             )
         except ArgumentError as error:
             raise InputError.of(Location("propose"), str(error)) from None

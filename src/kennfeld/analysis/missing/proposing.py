@@ -32,7 +32,7 @@ from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_g
 from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist, significant
 from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind
 from kennfeld.base.arrays import ignore_floating_errors
-from kennfeld.base.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError, renamed
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
@@ -92,6 +92,7 @@ def propose(
     kinds: Sequence[Kind] = KINDS,
     least: float = 0.0,
     options: Options | None = None,
+    progress: Report | None = None,
     report: Report | None = None,
     **arguments: Any,
 ) -> TermProposals:
@@ -111,7 +112,8 @@ def propose(
         kinds: `add` and `multiply` by a curve of a channel, `lag` by a PT1, `delay` by steps.
         least: effect that a proposal must explain on held-out data, in the unit of the target.
         options: of the fits.
-        report: called with lines of text on the progress.
+        progress: called with lines of text.
+        report: former name of `progress`.
         arguments: as in `calibrate`.
 
     Returns:
@@ -125,15 +127,16 @@ def propose(
     >>> found[0].change
     'Add a curve of z to y'
     """
+    progress = renamed(progress, report, "progress", "report")
     scope = SearchScope(channels, nodes, kinds, least)
     scope.check()
     if isinstance(model, Problem):
         if arguments or data is not None or parameters is not None or target is not None:
-            raise ArgumentError("propose(problem) accepts only channels, nodes, kinds, least, options and report")
+            raise ArgumentError("propose(problem) accepts only channels, nodes, kinds, least, options and progress")
         problem = model
     else:
         problem = ProblemSetup(model, data, parameters, target, **arguments).problem()
-    return find_terms(problem, scope, options or Options(), report or (lambda line: None))
+    return find_terms(problem, scope, options or Options(), progress or (lambda line: None))
 
 
 @isolated
