@@ -170,5 +170,13 @@ def test_steady_points_are_drawn_over_their_numbers(torque: Path) -> None:
     assert not any(row["timed"] for row in answer.head["files"])
     assert answer.head["files"][0]["end"] == session.require_view().model.recordings[0].bound.dataset.samples
     assert np.isfinite(answer.arrays["0"]).all()
+    # of 27 points, in place of holes between them
+    number = [row["name"] for row in answer.head["files"]].index("motored.csv")
+    few = ask(session, "file-lines", signals=[{"kind": "channel", "name": "Speed"}], pixels=300)
+    assert few.arrays[f"0 {number}"].size == 26
+    assert np.isfinite(few.arrays[f"0 {number}"]).all()
+    # motored.csv lacks the target of the first criterion, which is no gap
+    torque_facts = ask(session, "file-lines", signals=[{"kind": "channel", "name": "Torque"}]).head["signals"][0]
+    assert torque_facts["gaps"] == {}
     with pytest.raises(ArgumentError, match="no training data with time stamps"):
         ask(session, "shift-scan", channel="Speed")

@@ -252,7 +252,8 @@ def _facts(view: View, signal: SignalName, files: Sequence[FileSpan], values: Se
     ends = [(float(part.min()), float(part.max())) for part in known if part.size]
     gaps = {}
     for number, (file, own) in enumerate(zip(files, values, strict=True)):
-        found = find_gaps(view, file, own) if signal.kind == "channel" else []
+        # a file without the channel has no gap in it
+        found = find_gaps(view, file, own) if signal.kind == "channel" and np.isfinite(own).any() else []
         if found:
             gaps[number] = [(gap.begin, gap.end) for gap in found[:MAX_GAPS]]
     return SignalFacts(

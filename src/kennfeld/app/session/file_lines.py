@@ -88,10 +88,12 @@ def _whole(view: View, recording: LiveDataset, signal: SignalName) -> Float:
 
 
 def file_line(view: View, file: FileSpan, values: Float, pixels: int) -> Float:
-    """Return minimum and maximum of a signal by stretch, Float[2 pixels] in turn; NaN for a stretch without values.
+    """Return minimum and maximum of a signal by stretch, Float[2 stretches] in turn; NaN for one without values.
 
-    The stretches divide the time of the file, so that a pause of the recording is a hole in the line.
+    The stretches divide the time of the file, so that a pause of the recording is a hole in the line. There are as many
+    as pixels, or half as many as samples if these are few, so that neighbours stay connected.
     """
+    pixels = max(2, min(pixels, (file.last - file.first) // 2))
     edges = _edges(view, file, pixels)
     low, high = np.full(pixels, np.nan), np.full(pixels, np.nan)
     used = np.flatnonzero(np.diff(edges) > 0)

@@ -20,7 +20,7 @@ import {
 } from "../../data-files";
 import { extent, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { counted, MISSING, parseNumber, plain, significant } from "../../drawing/numbers";
+import { counted, MISSING, parseNumber, plain, significant, unitText } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { LineInput } from "../../inputs";
@@ -254,7 +254,7 @@ function Row({ own }: { own: MappedInput }) {
 
 /** The unit of a channel: that of the function, or how it is converted. */
 function unitOf(wanted: string, own: string) {
-  if (!wanted || wanted === own) return <>{own || MISSING}</>;
+  if (!unitText(wanted) || wanted === own) return <>{own || MISSING}</>;
   return (
     <span class="warn" title={own ? `Converted from ${own} to ${wanted}` : `Without a unit, taken as ${wanted}`}>
       {own ? `${own} → ${wanted}` : `takes ${wanted}`}
@@ -319,6 +319,7 @@ function Estimate({ channel }: { channel: string }) {
     ) : (
       <span class="q">by the next run</span>
     );
+  if (!settled.value.datasets.some((each) => each.timed)) return <span class="q">{MISSING}</span>;
   if (scan === undefined)
     return (
       <button

@@ -46,8 +46,8 @@ function State({ own, unit }: { own: LimitState; unit: string }) {
   if (own.excess === null) return <span class="q">{MISSING}</span>;
   if (own.excess > 0)
     return (
-      <span class="bad" title={own.worst}>
-        {significant(own.excess, 2)} {unitText(unit)} beyond
+      <span class="bad" title={`${significant(own.excess, 4)} ${unitText(unit)} beyond it ${own.worst}`}>
+        {significant(own.excess, 2)} {unitText(unit)}
       </span>
     );
   return own.active > 0 ? <span>{own.active} at it</span> : <span class="good">held</span>;
