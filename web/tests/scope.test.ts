@@ -87,7 +87,7 @@ const OF_THE_PAGE = new Set([
   "screens/function/flow.tsx pageWidth",
   "screens/function/fold.tsx opened",
   "screens/function/block-tree.tsx column",
-  "screens/parameters.tsx shown",
+  "instruments/map-table.tsx shownMarks",
   "screens/optimization.tsx quantity",
   "screens/plots.tsx wide",
   "screens/start/new-project.tsx path name over",

@@ -24,7 +24,7 @@ from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.models.function_files import split_reference
 from kennfeld.models.importer import ImportOptions, ImportRequest
 from kennfeld.models.importer_registry import importer_of, importers
-from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.preprocessing.recipe import DatasetEntry, used_entries
 from kennfeld.project.design_table import DesignEntry
 from kennfeld.project.forms import (
     EitherForm,
@@ -645,17 +645,20 @@ def read_project(path: Path, unsaved: Mapping[str, str] | None = None) -> Projec
         message = "this is a training file, not a project"
         raise InputError.of(root.location, message, "Run `kennfeld surrogate train`.")
     file: ProjectFile = read_entry(ProjectFile, root, path=path, lines=root.location.lines, unsaved=unsaved)
+    used = used_entries(file.datasets or ())
+    if file.datasets and not used:
+        root.report("dataset", "all datasets are off", 'Write use = "training" in one of them.')
     # before `finish`, which raises its findings together with the others
     more = _calculated_channels(root, file.calculated)
     root.findings.finish()
-    return replace(file, calculated={**more, **file.calculated})
+    return replace(file, calculated={**more, **file.calculated}, datasets=used)
 
 
 def read_partly(path: Path, tables: Mapping[str, Any]) -> ProjectFile:
     """Return what the tables of a project file say as far as they are valid; the rest is as if it were not there."""
     section = Section(dict(tables), KeyLocation(path.name, lines={}), Findings())
     file: ProjectFile = read_entry(ProjectFile, section, path=path, lines={}, unsaved={})
-    return file
+    return replace(file, datasets=used_entries(file.datasets or ()))
 
 
 def _calculated_channels(root: Section, calculated: Collection[str]) -> dict[str, str]:

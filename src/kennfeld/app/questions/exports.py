@@ -248,6 +248,8 @@ def _result(session: Session, project: Project) -> Result:
 
 def _change_since(run: Run, project: Project, now: ParameterSet) -> str:
     """Return what has changed since a run ended; empty if its result is that of the present values and data."""
+    if run.part:
+        return f"Only {run.part} was fitted in"
     problem, result = project.problem(), run.result.parameters
     if run.problem is not None and run.problem is not problem:
         first, second = (problem_digest(each, project.options) for each in (run.problem, problem))

@@ -11,6 +11,7 @@ from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.session.part_fit import FittedPart
 from kennfeld.app.session.run_job import Validation
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
@@ -34,12 +35,14 @@ class RunCommand:
         workers: number of processes for several starts.
         folds: cross-validate with this number of parts of the data instead.
         parts: kind of the parts.
+        only: fit these values alone, with all others held.
     """
 
     resume: bool = False
     workers: int | None = None
     folds: int | None = None
     parts: str = "auto"
+    only: FittedPart | None = None
 
 
 @dataclass(frozen=True)
@@ -197,7 +200,7 @@ def run(session: Session, asked: RunCommand) -> None:
     validation = None if asked.folds is None else _validation(asked.folds, asked.parts or "auto")
     if asked.workers is not None and asked.workers < 1:
         raise ArgumentError(f"the number of processes must be >= 1, got {asked.workers}")
-    session.run(resume=asked.resume, workers=asked.workers, validation=validation)
+    session.run(resume=asked.resume, workers=asked.workers, validation=validation, part=asked.only)
 
 
 def _validation(folds: int, kind: str) -> Validation:

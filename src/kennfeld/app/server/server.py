@@ -232,6 +232,15 @@ async def _refusal(request: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error)}, 404)
 
 
+def packed(answer: Answer) -> bytes:
+    """Return the frame of an answer; of one that cannot be sent, an error in its place, so that no page waits."""
+    try:
+        return pack(answer.head, answer.arrays)
+    except (TypeError, ValueError) as error:
+        about = {key: answer.head[key] for key in ("id", "push") if key in answer.head}
+        return pack({**about, "error": f"The answer cannot be sent: {error}"}, {})
+
+
 class OpenPage:
     """One page: what is to be sent to it. Of each topic only the newest message waits.
 
@@ -268,7 +277,7 @@ class OpenPage:
             waiting += self._topics.values()
             self._topics = {}
             for answer in waiting:
-                data = pack(answer.head, answer.arrays)
+                data = packed(answer)
                 try:
                     await asyncio.wait_for(self._websocket.send_bytes(data), SLOW_CLIENT)
                 except (TimeoutError, RuntimeError, WebSocketDisconnect):

@@ -16,10 +16,12 @@ from kennfeld.app.session.files_on_disk import Conflict, DiskChange, FilesOnDisk
 from kennfeld.app.session.function_source import imported_model, read_called
 from kennfeld.app.session.initial_files import initial_names
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
+from kennfeld.app.session.part_fit import FittedPart, part_options, part_problem
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
+from kennfeld.app.session.reference_set import ReferenceSet
 from kennfeld.app.session.rounding import SetRounding
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
@@ -103,6 +105,8 @@ class Session:
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
         self.validations: list[ValidationRun] = []
+        # what present values are compared with, see `reference_set`
+        self.chosen_reference: ReferenceSet | None = None
         # by set and method, with the revision that they belong to
         self.roundings: dict[tuple[str, str, str], tuple[int, SetRounding]] = {}
         self.job = Job()
@@ -113,6 +117,7 @@ class Session:
         self._running: RunJob | None = None
         self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
+        self._settings: tuple[str, dict[str, Any]] | None = None  # of the last text
         self.recoverable = self.recovery.exists  # a session ended without saving
         self._assemble()
 
@@ -137,19 +142,15 @@ class Session:
             raise InputError(self.findings)
         return self.view
 
-    def reference(self, name: str) -> Parameter:
-        """Return the values of a parameter to compare with: those of the last run, or of the start."""
-        start = self.require_view().start.parameters[name]
-        last = self.runs[-1].result.parameters if self.runs else ParameterSet()
-        return last[name] if name in last and last[name].has_grid_of(self.parameters[name]) else start
+    @property
+    def last_whole_run(self) -> Run | None:
+        """The last run in which all values were free; None if there was none."""
+        return next((run for run in reversed(self.runs) if not run.part), None)
 
-    def deviation(self, name: str) -> Float | None:
-        """Return the standard deviation of the values of a parameter after the last run; None if it is unknown."""
-        last = self.runs[-1].result if self.runs else None
-        if last is None or name not in last.parameters:
-            return None
-        same = last.parameters[name].has_grid_of(self.parameters[name])
-        return last.trust.deviation.get(name) if same else None
+    def compare_with(self, reference: ReferenceSet | None) -> None:
+        """Compare the present values with a set; None takes the last run, or the start."""
+        self.chosen_reference = reference
+        self.revision = next(_REVISIONS)
 
     def do(self, command: Command, drag: str = "", tables: Mapping[str, Parameter] | None = None) -> None:
         """Apply a command and recompute what depends on it. Commands of one `drag` are one entry of the history.
@@ -207,16 +208,24 @@ class Session:
             self.recovery.write(self.saved, self.state, self._files.known)
         return outcome
 
-    def run(self, *, resume: bool = False, workers: int | None = None, validation: Validation | None = None) -> None:
+    def run(
+        self,
+        *,
+        resume: bool = False,
+        workers: int | None = None,
+        validation: Validation | None = None,
+        part: FittedPart | None = None,
+    ) -> None:
         """Start a calibration or a cross-validation from the present values.
 
         Args:
             resume: continue an interrupted run from its checkpoints.
             workers: number of processes for several starts, by default one per core.
             validation: cross-validate instead of calibrating.
+            part: fit these values only; all others are held.
 
         Raises:
-            ArgumentError: a run is in progress.
+            ArgumentError: a run is in progress, or nothing of the part may be fitted.
             InputError: the project has errors, or there is no checkpoint.
         """
         if self._running is not None:
@@ -225,12 +234,20 @@ class Session:
         assert self.project is not None
         problem = replace(view.model.problem, parameters=view.now.parameters)
         options = replace(self.project.options, workers=workers)
+        if part is not None:
+            last = self.last_whole_run
+            problem = part_problem(problem, part, None if last is None else last.result)
+            options = part_options(options)
         points = self.checkpoints.points().states if resume else {}
         joins = self.project.is_partitioned or bool(self.project.file.cluster.scheduler)
         cluster = self.project.cluster_address if joins else None
         self._require_scheduler(cluster)
-        task = RunTask(problem, options, None if validation else self.checkpoints, points, validation, cluster)
-        self.job = Job("running", "compiling", time.monotonic(), problem=problem, validates=validation is not None)
+        saves = None if validation or part else self.checkpoints
+        task = RunTask(problem, options, saves, points, validation, cluster)
+        title = "" if part is None else part.title
+        self.job = Job(
+            "running", "compiling", time.monotonic(), problem=problem, validates=validation is not None, part=title
+        )
         self._running = RunJob(task, self._put)
 
     def require_evaluable(self) -> View:
@@ -323,14 +340,17 @@ class Session:
         result, view = end.result, self.require_view()
         # the whole trace in place of the steps that were reported, some of which were skipped
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
-        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation)
+        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation, part=job.part)
         self.runs.append(run)
-        if result.converged:
+        if run.part:
+            job.message += f" Only {run.part} was fitted."
+        elif result.converged:
             self.checkpoints.remove()
         self.revision = next(_REVISIONS)
         free = view.model.problem.free_names
         tables = {name: result.parameters[name] for name in free if name in result.parameters}
-        self.do(SetTables(f"Run {run.number}", self.values_of(result.parameters, tables)), tables=tables)
+        title = f"Run {run.number}: {run.part}" if run.part else f"Run {run.number}"
+        self.do(SetTables(title, self.values_of(result.parameters, tables)), tables=tables)
 
     def _apply_waiting(self) -> None:
         """Apply the edits that were made during the run to its values; say which of them no table takes any more."""
@@ -374,11 +394,13 @@ class Session:
     @property
     def settings(self) -> dict[str, Any]:
         """The tables of the project file, also if they are incomplete; empty if the text is not valid TOML."""
-        try:
-            tables: dict[str, Any] = ProjectDocument(self.state.texts[self.path.name], self.path).get()
-        except InputError:
-            return {}
-        return tables
+        text = self.state.texts[self.path.name]
+        if self._settings is None or self._settings[0] != text:  # every page asks after every edit
+            try:
+                self._settings = text, ProjectDocument(text, self.path).get()
+            except InputError:
+                self._settings = text, {}
+        return self._settings[1]
 
     @property
     def is_calibrating(self) -> bool:

@@ -130,7 +130,7 @@ function Become({ conditions, weigh }: { conditions: BrushedConditions; weigh: (
 }
 
 const limit = (condition: string, title: string): void =>
-  void setKeys([[["dataset", datasetNumber.value + 1, "where"], condition]], title);
+  void setKeys([[["dataset", settled.value.datasets[datasetNumber.value]!.number, "where"], condition]], title);
 
 /** Asks for the weight of the brushed samples, in place. */
 function Weight({ conditions, close }: { conditions: BrushedConditions; close: () => void }) {
