@@ -103,7 +103,7 @@ def _distribution(name: str) -> Distribution:
     try:
         return distribution(name)
     except PackageNotFoundError:
-        raise SystemExit(f'{name} is not installed. Run: pip install -e ".[dev]"') from None
+        raise SystemExit(f'{name} is not installed. Run: pip install -e ".[dev,platforms]"') from None
 
 
 def _license(package: Distribution) -> str:

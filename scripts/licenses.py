@@ -2,7 +2,7 @@
 
     cd web && npm ci && cd .. && python scripts/licenses.py
 
-Needs an environment with the extra `dev`, and `web/node_modules`.
+Needs an environment with the extras `dev` and `platforms`, and `web/node_modules`.
 """
 
 import re
