@@ -170,6 +170,8 @@ def test_nothing_missing_is_an_empty_list_and_no_error(tmp_path, capsys):
     assert cli.run(["propose", str(path), "--kind", "add", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert (content["proposals"], content["status"]) == ([], "none")
+    assert cli.run(["propose", str(path), "--kind", "add", "--apply", "1"]) == 2
+    assert "--apply: there is no proposal 1. Nothing is missing that these channels explain" in capsys.readouterr().err
 
 
 def test_a_wrong_pattern_is_wrong_input(tmp_path, capsys):

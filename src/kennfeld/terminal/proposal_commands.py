@@ -58,10 +58,9 @@ def propose(
             raise InputError.of(Location("propose"), str(error)) from None
         except KeyboardInterrupt:
             return INTERRUPTED
-        if number is not None and found.proposals and number > len(found):
-            message = f"there is no proposal {number}, only {count_noun(len(found), 'proposal')}"
-            raise InputError.of(Location("--apply"), message, f"Write a number from 1 to {len(found)}.")
-        written = project.apply(found[number - 1]) if number is not None and found.proposals else ()
+        if number is not None:
+            _require_proposal(found, number)
+        written = () if number is None else project.apply(found[number - 1])
     if as_json:
         applied = {"applied": {"number": number, "files": [str(file) for file in written]}} if written else {}
         print_values(json.dumps(found.as_json() | applied, indent=2, ensure_ascii=False))
@@ -76,14 +75,23 @@ def propose(
     return DONE
 
 
+def _require_proposal(found: "TermProposals", number: int) -> None:
+    """Raise `InputError` if there is no proposal of a number."""
+    if number <= len(found):
+        return
+    if found.proposals:
+        message = f"there is no proposal {number}, only {count_noun(len(found), 'proposal')}"
+        raise InputError.of(Location("--apply"), message, f"Write a number from 1 to {len(found)}.")
+    rejected = "; ".join(found.rejected)
+    remedy = f"Rejected: {rejected}." if rejected else ""
+    raise InputError.of(Location("--apply"), f"there is no proposal {number}. {found.message}", remedy)
+
+
 def _print(found: "TermProposals") -> None:
     print_lines(*found.lines())
     print_lines(
         f"{found.candidates} candidates; {found.seconds[0]:.1f} s to score them, {found.seconds[1]:.1f} s to fit"
     )
-    if found.excluded:
-        print_lines("Channels that take no part:")
-        print_lines(*(f"  {name}: {reason}" for name, reason in found.excluded.items()))
 
 
 def _undo(project: "Project") -> int:

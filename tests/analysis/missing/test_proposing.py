@@ -85,11 +85,14 @@ def test_channels_that_cannot_take_part_are_named_with_the_reason():
     data["constant"] = np.ones(300)
     data["gaps"] = np.where(np.arange(300) % 3, np.nan, 1.0 * np.arange(300))
     data["copy"] = 3 * data["m"] + 1e-3
-    excluded = proposed(data, kinds=["add"]).excluded
+    proposals = proposed(data, kinds=["add"])
+    excluded = proposals.excluded
     assert excluded["constant"] == "it is constant"
     assert excluded["gaps"] == "67% of its samples are missing"
     assert excluded["copy"] == "its correlation with the target m is 1.0000"
     assert excluded["m"] == "it is the target"
+    lines = str(proposals).splitlines()
+    assert {"Channels that take no part:", "  constant: it is constant"} <= set(lines)
 
 
 def test_too_few_samples_fail_with_a_sentence():

@@ -205,7 +205,8 @@ class TermProposals:
             lines.append(f"{number}  {proposal.text}")
             lines += [f"   {proposal.remark}"] if proposal.remark else []
         lines += [f"-  {text}" for text in self.rejected]
-        return [*lines, self.message]
+        excluded = [f"  {name}: {reason}" for name, reason in self.excluded.items()]
+        return [*lines, self.message, *(["Channels that take no part:"] if excluded else []), *excluded]
 
     def as_json(self) -> dict[str, Any]:
         """Return what `kennfeld propose --json` prints."""
