@@ -174,6 +174,33 @@ def test_nothing_missing_is_an_empty_list_and_no_error(tmp_path, capsys):
     assert "--apply: there is no proposal 1. Nothing is missing that these channels explain" in capsys.readouterr().err
 
 
+def test_a_calibration_says_in_all_its_files_what_is_missing(tmp_path, capsys):
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8").replace("lock = true\n", ""), encoding="utf-8")
+    # base instead of the planted term: the load is read, but not looked up
+    (tmp_path / "f.kf").write_text(TEXT.replace("MapBase(speed, load)", "MapBase(speed, 0 * load)"), encoding="utf-8")
+    assert cli.run(["calibrate", str(path)]) == 0
+    line = "Add a curve of load to base: would take 9"
+    assert line in capsys.readouterr().out
+    results = tmp_path / "results"
+    entry = json.loads((results / "result.json").read_text(encoding="utf-8"))["missing"]
+    assert (entry["scored"], entry["best"]) == (True, "Add a curve of load to base")
+    assert 0.9 < entry["share"] < 1
+    again = tmp_path / "again.html"
+    assert cli.run(["report", str(path), "-o", str(again)]) == 0
+    for report in (results / "report.html", again):
+        text = report.read_text(encoding="utf-8")
+        assert "<h2>What is missing?</h2>" in text
+        assert line in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["torque", "exhaust", "idle"])
+def test_a_calibrated_demo_says_if_something_is_missing(name, tmp_path, capsys):
+    assert cli.run(["demo", name, "--dir", str(tmp_path / name)]) in (0, 1)
+    assert "would take" in capsys.readouterr().out
+
+
 def test_a_wrong_pattern_is_wrong_input(tmp_path, capsys):
     path = write_bench(tmp_path)
     assert cli.run(["propose", str(path), "--channel", "oli"]) == 2

@@ -169,14 +169,17 @@ class Scored:
         return best[0].gain / self.data_cost if best and self.data_cost > 0 else 0.0
 
 
-def score_problem(problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind]) -> Scored:
-    """TermScore all candidates at the values of a problem.
+def score_problem(
+    problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind], lags: int = LAGS
+) -> Scored:
+    """Score all candidates at the values of a problem.
 
     Args:
         problem: with its values, without automatic settings.
         channels: that take part.
         nodes: that take part.
         kinds: that take part.
+        lags: time constants that are tried.
     """
     probes = Probes.of(problem, nodes.names)
     compiled = CompiledProblem(probes.problem)
@@ -188,7 +191,7 @@ def score_problem(problem: Problem, channels: Channels, nodes: Nodes, kinds: Seq
     with blas_threads(compiled.values.free):
         linear = Linearisation(compiled, full, merged_blocks(own), names)
         scores: list[TermScore] = []
-        for family in _families(problem, probes, channels, nodes, kinds, compiled):
+        for family in _families(problem, probes, channels, nodes, kinds, lags, compiled):
             sums: FamilySums = merged(compiled.each(family_sums, family, full, divisions, blocks))
             scores += linear.scores(family, sums)
     dispersions = [score.dispersion for score in scores] or [linear.variance]
@@ -205,15 +208,16 @@ def _families(
     channels: Channels,
     nodes: Nodes,
     kinds: Sequence[Kind],
+    lags: int,
     compiled: CompiledProblem,
 ) -> Sequence[Family]:
     of_channels = [kind for kind in kinds if kind in OF_CHANNELS]
     families = [*channel_families(probes, channels.axes, of_channels, nodes.constant, compiled.values.free)]
     moving = [name for name in nodes.names if name not in nodes.constant]
-    return [*families, *series_families(probes, _series(problem, moving, kinds), compiled.sample_count)]
+    return [*families, *series_families(probes, _series(problem, moving, kinds, lags), compiled.sample_count)]
 
 
-def _series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind]) -> list[Series]:
+def _series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind], lags: int = LAGS) -> list[Series]:
     """Return the lags and delays that are tried, if all training data have time."""
     datasets = problem.fitted_datasets
     if any(data.time is None or data.settling is not None for data in datasets):
@@ -225,11 +229,11 @@ def _series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind]) -> li
     if not steps or max(pieces, default=0) < 10:
         return []
     step, longest = float(np.median(steps)), LONGEST * max(pieces)
-    constants = np.geomspace(2 * step, max(longest * step, 4 * step), LAGS)
-    lags = [float(f"{seconds:.2g}") for seconds in constants] if "lag" in kinds else []
+    constants = np.geomspace(2 * step, max(longest * step, 4 * step), lags)
+    tried = [float(f"{seconds:.2g}") for seconds in constants] if "lag" in kinds else []
     delays = [count for count in DELAYS if count <= longest] if "delay" in kinds else []
     return [
-        *(Series(node, "lag", seconds=seconds) for node in nodes for seconds in dict.fromkeys(lags)),
+        *(Series(node, "lag", seconds=seconds) for node in nodes for seconds in dict.fromkeys(tried)),
         *(Series(node, "delay", steps=count) for node in nodes for count in delays),
     ]
 

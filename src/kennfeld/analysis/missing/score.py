@@ -21,10 +21,12 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.analysis.missing.candidate_sums import BlockSums, FamilySums
+from kennfeld.analysis.missing.f_distribution import f_quantile, f_tail
 from kennfeld.analysis.missing.families import Family
 from kennfeld.analysis.missing.terms import MissingTerm
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.native.cholesky import Factor
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.sums.compiled import CompiledProblem
@@ -97,6 +99,7 @@ class Linearisation:
         rough = np.zeros((free, free))
         compiled.roughness.add(full[:free], np.zeros(free), rough)
         self._roughness = self._reduced_matrix(rough)
+        self._is_rough = bool(self._roughness.any() or self._rough_gradient.any())
         self._whitening, self.rank = _whitening(self._curvature)
         self._pull = self._whitening @ self._gradient
         self._block_pulls = self._whitening @ self._reduction.rows(sums.jr[:-1]).T if self.blocks else None
@@ -167,7 +170,7 @@ class Linearisation:
             return None
         step = -directions @ pull
         predicted = self.cost - self.own_gain - gain - self._rougher(white, step)
-        p = _tail(gain / dispersion, columns, freedom)
+        p = f_tail(gain / dispersion / columns, columns, freedom)
         return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()))
 
     def _spread(self, pulls: Float, squares: Float) -> float:
@@ -188,10 +191,10 @@ class Linearisation:
 
     def _rougher(self, white: Float, step: Float) -> float:
         """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
-        if not self._roughness.any() and not self._rough_gradient.any():
+        if not self._is_rough:
             return 0.0
         values = -self._whitening.T @ (self._pull + white @ step)
-        return float(2 * self._rough_gradient @ values + values @ self._roughness @ values)
+        return float(values @ (2 * self._rough_gradient + self._roughness @ values))
 
 
 def _whitening(matrix: Float) -> tuple[Float, int]:
@@ -205,28 +208,16 @@ def _whitening(matrix: Float) -> tuple[Float, int]:
         sound = np.diag(lower).min() ** 2 > SINGULAR
     except np.linalg.LinAlgError:
         sound = False
-    if sound:
-        from scipy.linalg import solve_triangular
-
-        return solve_triangular(lower, np.diag(scale), lower=True), len(matrix)
-    if len(matrix) > MAX_SPECTRUM:
-        from scipy.linalg import solve_triangular
-
+    if not sound and len(matrix) <= MAX_SPECTRUM:
+        sizes, vectors = np.linalg.eigh(units)
+        kept = sizes > SINGULAR * sizes[-1]
+        return (vectors[:, kept] / np.sqrt(sizes[kept])).T * scale, int(kept.sum())
+    if not sound:
         lower = np.linalg.cholesky(units + 1e-9 * np.eye(len(units)))
-        return solve_triangular(lower, np.diag(scale), lower=True), len(matrix)
-    sizes, vectors = np.linalg.eigh(units)
-    kept = sizes > SINGULAR * sizes[-1]
-    return (vectors[:, kept] / np.sqrt(sizes[kept])).T * scale, int(kept.sum())
-
-
-def _tail(ratio: float, columns: int, freedom: float) -> float:
-    from scipy.special import fdtrc
-
-    return float(fdtrc(columns, freedom, ratio / columns))
+    # the rows of diag(scale), solved one by one, are the columns of T
+    return Factor.of(lower).solve_lower(np.diag(scale))[:, : len(matrix)].T, len(matrix)
 
 
 def smallest_gain(dispersion: float, columns: int, freedom: float, level: float) -> float:
     """Return the least gain that is significant at a level."""
-    from scipy.special import fdtri
-
-    return float(dispersion * columns * fdtri(columns, freedom, 1 - level))
+    return dispersion * columns * f_quantile(level, columns, freedom)
