@@ -136,6 +136,18 @@ def test_a_missing_lag_is_found_with_its_time_constant():
     assert not any(proposal.term.channel == "bait" for proposal in proposals.proposals)
 
 
+@pytest.mark.parametrize("steps", [7, 17])
+def test_a_missing_delay_is_found_to_the_step(steps):
+    rng = np.random.default_rng(1)
+    u, v = np.cumsum(rng.normal(size=(2, 1500)), axis=1) / 10
+    clean = 3 * np.concatenate([np.full(steps, u[0]), u[:-steps]]) + 2 * v
+    data = {"u": u, "v": v, "time": 0.1 * np.arange(1500), "m": clean + 0.05 * rng.normal(size=1500)}
+    proposals = kf.propose("heat = k * u\ny = heat + q * v", data, {"k": 2.0, "q": 1.0}, "m", kinds=["delay"])
+    first = proposals[0]
+    assert (first.term.node, first.term.steps) == ("heat", steps)
+    assert first.rmse.after == pytest.approx(0.05, rel=0.1)
+
+
 def test_an_effect_below_the_least_is_left_out():
     proposals = proposed(bench("drag", samples=300), least=2.0)
     assert not proposals.proposals

@@ -111,7 +111,7 @@ def _scored(problem: Problem, left: float) -> Hints:
     from kennfeld.analysis.missing.channels import Channels
     from kennfeld.analysis.missing.probes import Nodes
     from kennfeld.analysis.missing.proposal import describe
-    from kennfeld.analysis.missing.proposing import score_problem
+    from kennfeld.analysis.missing.scoring import score_problem
     from kennfeld.analysis.missing.shortlist import significant
 
     nodes = Nodes.of(problem)

@@ -7,17 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kennfeld.analysis.missing.candidate_sums import (
-    BlockSums,
-    FamilySums,
-    block_sums,
-    family_sums,
-    merged,
-    merged_blocks,
-)
 from kennfeld.analysis.missing.channels import Channels
-from kennfeld.analysis.missing.families import Family, Series, channel_families, series_families
-from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
+from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import EqualPlace, RmseChange, TermProposal, TermProposals, describe
 from kennfeld.analysis.missing.refit import (
     Addition,
@@ -28,14 +19,13 @@ from kennfeld.analysis.missing.refit import (
     pooled,
     refit_options,
 )
-from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
-from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist, significant
-from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind
+from kennfeld.analysis.missing.scoring import Scored, score_problem
+from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist
+from kennfeld.analysis.missing.terms import KINDS, Kind
 from kennfeld.base.arrays import ignore_floating_errors
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.base.threads import blas_threads
 from kennfeld.domain.dataset import Use
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
@@ -44,14 +34,8 @@ from kennfeld.optimize.problem.problem import Problem, bound_time_constants
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.sums.compiled import CompiledProblem
-from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 
-BLOCKS = 40  # of recordings in time, from which the dispersion of scores follows
-LAGS = 10  # time constants that are tried
-DELAYS = (1, 2, 3, 5, 8, 13, 21, 34, 55)  # steps that are tried
-LONGEST = 0.1  # share of a recording, of a lag or a delay
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
 MARGIN = 5e-3  # of the held-out RMSE, by which a term must lower it
 FEWEST = 20  # samples more than there are values
@@ -141,101 +125,6 @@ def find_terms(problem: Problem, scope: SearchScope, options: Options, report: R
     """Return the terms that a problem lacks; see `propose`."""
     with ignore_floating_errors():
         return _TermSearch(problem, scope, refit_options(options), report).proposals()
-
-
-@dataclass(frozen=True)
-class Scored:
-    """The scores of all candidates of a problem.
-
-    Attributes:
-        scores: of the candidates.
-        own_share: share of the cost that the values themselves would take off.
-        cost: of the data and of the roughness.
-        weights: sum of the weights; the cost of the data divided by it is a mean square.
-        smallest: cost of the least effect of a curve that is significant.
-        problem: with the values at which it is linearised.
-    """
-
-    scores: tuple[TermScore, ...]
-    own_share: float
-    data_cost: float
-    weights: float
-    smallest: float
-
-    @property
-    def share(self) -> float:
-        """Share of the cost that the best significant candidate takes off; 0 without one."""
-        best = significant(self.scores)[:1]
-        return best[0].gain / self.data_cost if best and self.data_cost > 0 else 0.0
-
-
-def score_problem(
-    problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind], lags: int = LAGS
-) -> Scored:
-    """Score all candidates at the values of a problem.
-
-    Args:
-        problem: with its values, without automatic settings.
-        channels: that take part.
-        nodes: that take part.
-        kinds: that take part.
-        lags: time constants that are tried.
-    """
-    probes = Probes.of(problem, nodes.names)
-    compiled = CompiledProblem(probes.problem)
-    full = compiled.start
-    held = HoldoutBlocks.of(compiled, BLOCKS)
-    divisions, blocks = (held.divisions, held.sizes.size) if held is not None else ({}, 0)
-    own: Sequence[BlockSums] = [*compiled.each(block_sums, full, divisions, blocks)]
-    names = [name for number in range(len(nodes.names)) for name in (offset(number), factor(number))]
-    with blas_threads(compiled.values.free):
-        linear = Linearisation(compiled, full, merged_blocks(own), names)
-        scores: list[TermScore] = []
-        for family in _families(problem, probes, channels, nodes, kinds, lags, compiled):
-            sums: FamilySums = merged(compiled.each(family_sums, family, full, divisions, blocks))
-            scores += linear.scores(family, sums)
-    dispersions = [score.dispersion for score in scores] or [linear.variance]
-    freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
-    typical = float(np.median(dispersions))
-    smallest = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
-    share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
-    return Scored(tuple(scores), share, linear.cost, compiled.weights, smallest)
-
-
-def _families(
-    problem: Problem,
-    probes: Probes,
-    channels: Channels,
-    nodes: Nodes,
-    kinds: Sequence[Kind],
-    lags: int,
-    compiled: CompiledProblem,
-) -> Sequence[Family]:
-    of_channels = [kind for kind in kinds if kind in OF_CHANNELS]
-    families = [*channel_families(probes, channels.axes, of_channels, nodes.constant, compiled.values.free)]
-    moving = [name for name in nodes.names if name not in nodes.constant]
-    return [*families, *series_families(probes, _series(problem, moving, kinds, lags), compiled.sample_count)]
-
-
-def _series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind], lags: int = LAGS) -> list[Series]:
-    """Return the lags and delays that are tried, if all training data have time."""
-    datasets = problem.fitted_datasets
-    if any(data.time is None or data.settling is not None for data in datasets):
-        return []
-    steps = [float(np.median(np.diff(data.time))) for data in datasets if data.time is not None and data.samples > 1]
-    pieces = [piece.stop - piece.start for data in datasets for piece in data.pieces]
-    if problem.partitions is not None:
-        pieces = [part.last - part.first for each in problem.partitions.training for part in each.parts]
-    if not steps or max(pieces, default=0) < 10:
-        return []
-    step, longest = float(np.median(steps)), LONGEST * max(pieces)
-    constants = np.geomspace(2 * step, max(longest * step, 4 * step), lags)
-    tried = [float(f"{seconds:.2g}") for seconds in constants] if "lag" in kinds else []
-    delays = [count for count in DELAYS if count <= longest] if "delay" in kinds else []
-    return [
-        *(Series(node, "lag", seconds=seconds) for node in nodes for seconds in dict.fromkeys(tried)),
-        *(Series(node, "delay", steps=count) for node in nodes for count in delays),
-    ]
 
 
 class _TermSearch:

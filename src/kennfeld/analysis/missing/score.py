@@ -52,6 +52,8 @@ class TermScore:
         predicted: the cost of the data alone with the candidate.
         p: probability of a gain at least as large without a missing term.
         curvature: mean curvature of the cost by the values of a curve.
+        whole: reduction of the cost by a term without a value of its own, such as a delay; the gain is that of a
+            multiple of it.
     """
 
     term: MissingTerm
@@ -61,11 +63,12 @@ class TermScore:
     predicted: float
     p: float
     curvature: float = 0.0
+    whole: float | None = None
 
     @property
     def merit(self) -> float:
         """The gain less twice what chance gains on average (H. Akaike, 1974)."""
-        return self.gain - 2 * self.columns * self.dispersion
+        return (self.gain if self.whole is None else self.whole) - 2 * self.columns * self.dispersion
 
 
 class Linearisation:
@@ -171,7 +174,13 @@ class Linearisation:
         step = -directions @ pull
         predicted = self.cost - self.own_gain - gain - self._rougher(white, step)
         p = f_tail(gain / dispersion / columns, columns, freedom)
-        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()))
+        whole = None
+        if term.kind == "delay":
+            # the change of the cost by the column q times, 2 g q + S q^2, at q = 1
+            size = 1 / directions[0, 0]
+            whole = -float(2 * size * pull[0] + size**2)
+            predicted = self.cost - self.own_gain - whole - self._rougher(white, np.ones(1))
+        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()), whole)
 
     def _spread(self, pulls: Float, squares: Float) -> float:
         """Return the dispersion from the sums over blocks.
