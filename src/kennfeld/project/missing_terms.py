@@ -211,9 +211,7 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
     """
     change = patch(project, project.problem(), proposal)
     if change.function is None:
-        message = f"{project.file.model.file} is not formula text, into which terms are written"
-        remedy = "Add the term where the function was made, or write the function as text by kennfeld convert."
-        raise InputError.of(project.file.location("model", "file"), message, remedy)
+        raise _not_written(project, proposal)
     texts = {change.function: change.function_text, project.path: change.project_text}
     # without the mark, as texts are read from files
     unsaved = {project.file.model.file: change.function_text, project.path.name: change.project_text.removeprefix(_BOM)}
@@ -235,6 +233,17 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
         _write_all(before, texts)  # no term without a way back
         raise
     return tuple(texts)
+
+
+def _not_written(project: "Project", proposal: TermProposal) -> InputError:
+    """Return the error for a term that cannot be written, with the place where it is to be added."""
+    file, place = project.file.model.file, project.file.location("model", "file")
+    node = f"node {proposal.term.node}" + (f" ({proposal.location})" if proposal.location else "")
+    if Path(file).suffix.casefold() == ".kf":
+        message = f"{file} does not define {node} by an equation of its own, or others read its earlier values as well"
+        return InputError.of(place, message, f"Add it by hand: {_sentence(proposal)}.")
+    message = f"{file} is not formula text, into which terms are written; nothing was changed"
+    return InputError.of(place, message, f"{proposal.change} where the function was made: {node}.")
 
 
 def _relative(project: "Project", path: Path) -> str:
