@@ -1,12 +1,14 @@
 """Missing terms of a project: found among all channels of its recordings, written into its files, taken back."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from kennfeld import InputError, Project, cli
 from kennfeld.project.missing_terms import _with_more_channels, undo
+from tests.project.partitioned_projects import in_partitions
 
 TEXT = (
     "# two branches\n1 base[Nm] = MapBase(speed, load)\n2 drag[Nm] = CurveDrag(speed)  # motored\ny[Nm] = base - drag\n"
@@ -149,6 +151,20 @@ def test_partitions_give_the_same_list(tmp_path):
         contents.append(content | {"proposals": [each | {"patch": ""} for each in content["proposals"]]})
         project.close()
     assert json.dumps(contents[0]) == json.dumps(contents[1])
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_list_to_the_bit(tmp_path, shared_cluster):
+    path = write_bench(tmp_path, timed=True, files=4)
+    found = []
+    for address in ("", shared_cluster.address):
+        project = in_partitions(path, 200, scheduler=address)
+        found.append(project.propose(kinds=["add", "lag"], nodes=["drag"], channels=["oil", "humidity"]))
+        project.close()
+    here, there = ([replace(each, addition=None, parameter=None) for each in own.proposals] for own in found)
+    assert here == there != []
+    assert [own.smallest_effect for own in found] == [found[0].smallest_effect] * 2
+    np.testing.assert_array_equal(*(own[0].parameter.values for own in found))
 
 
 def test_the_command_prints_the_list_and_applies_one(tmp_path, capsys):

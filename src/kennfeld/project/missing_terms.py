@@ -144,6 +144,8 @@ def patch(project: "Project", problem: Problem, proposal: TermProposal) -> Patch
     assert addition is not None
     document = ProjectDocument.read(project.path)
     before = document.text
+    if proposal.term.kind == "offset":
+        return Patch(None, "", before, "")
     if addition.parameter is not None:
         document.set(("parameters", addition.parameter.name), _section(project, proposal))
     toml = difference(before, document.text, project.path.name)
@@ -239,6 +241,11 @@ def _not_written(project: "Project", proposal: TermProposal) -> InputError:
     """Return the error for a term that cannot be written, with the place where it is to be added."""
     file, place = project.file.model.file, project.file.location("model", "file")
     node = f"node {proposal.term.node}" + (f" ({proposal.location})" if proposal.location else "")
+    if proposal.term.kind == "offset":
+        message = "an offset of each recording is no term of a function; nothing was changed"
+        return InputError.of(
+            place, message, "Find its cause, such as the drift of a sensor, and correct the recordings."
+        )
     if Path(file).suffix.casefold() == ".kf":
         message = f"{file} does not define {node} by an equation of its own, or others read its earlier values as well"
         return InputError.of(place, message, f"Add it by hand: {_sentence(proposal)}.")

@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from kennfeld.analysis.missing.families import HatAxis
+from kennfeld.analysis.missing.recordings import RECORDING
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
@@ -42,7 +43,7 @@ class Channels:
             ArgumentError: a pattern matches no channel.
         """
         datasets = problem.fitted_datasets
-        known = dict.fromkeys(name for data in datasets for name in data)
+        known = dict.fromkeys(name for data in datasets for name in data if name != RECORDING)
         inputs = {channel: name for name, channel in _inputs(problem).items()}
         for pattern in patterns:
             if not any(fnmatchcase(name, pattern) or inputs.get(name) == pattern for name in known):

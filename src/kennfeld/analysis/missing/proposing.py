@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import EqualPlace, RmseChange, TermProposal, TermProposals, describe
+from kennfeld.analysis.missing.recordings import numbered
 from kennfeld.analysis.missing.refit import (
     Addition,
     HeldOut,
@@ -27,6 +28,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Use
+from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition, join_files
@@ -92,7 +94,8 @@ def propose(
         target: the channel that the model's output shall follow.
         channels: glob patterns of the channels that take part.
         nodes: glob patterns of the nodes that take part.
-        kinds: `add` and `multiply` by a curve of a channel, `lag` by a PT1, `delay` by steps.
+        kinds: `add` and `multiply` by a curve of a channel, `lag` by a PT1, `delay` by steps, `offset` of each
+            recording.
         least: effect that a proposal must explain on held-out data, in the unit of the target.
         options: of the fits.
         report: called with lines of text on the progress.
@@ -132,7 +135,11 @@ class _TermSearch:
         self._scope, self._options, self._report = scope, options, report
         self._remarks: list[str] = []
         self._began = time.perf_counter()
-        self._base = self._fitted(_with_whole_files(problem))
+        self._names: tuple[str, ...] = ()
+        problem = _with_whole_files(problem)
+        if "offset" in scope.kinds:
+            problem, self._names = numbered(problem)
+        self._base = self._fitted(problem)
         self._unit = _unit(problem)
 
     def _fitted(self, problem: Problem) -> tuple[Problem, Result]:
@@ -170,7 +177,8 @@ class _TermSearch:
         groups = shortlist(scored.scores)
         seconds = time.perf_counter() - self._began
         kept, rejected = self._judged(groups, scored) if groups else ([], [])
-        kept.sort(key=lambda proposal: float(f"{proposal.held_out.after:.6g}"))
+        # recordings that are held out whole are harder to meet than the parts of them that judge an offset
+        kept.sort(key=lambda proposal: (proposal.term.kind == "offset", float(f"{proposal.held_out.after:.6g}")))
         kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
         smallest = float(np.sqrt(scored.smallest / scored.weights))
         return TermProposals(
@@ -200,12 +208,15 @@ class _TermSearch:
         """Return the proposals, and in words the candidates that are no better on data that their fit has not seen."""
         problem, _ = self._base
         self._report("fitting the function to parts of the data")
-        name, parts = hold_out(problem, self._options)
         kept, rejected = [], []
+        held: dict[bool, tuple[str, list[HeldOut]]] = {}
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
             addition = Addition.of(problem, group.best)
-            change = self._held_out(name, parts, addition)
+            whole = group.best.term.kind != "offset"
+            if whole not in held:
+                held[whole] = hold_out(problem, self._options, whole=whole)
+            change = self._held_out(*held[whole], addition)
             reason = self._fault(change)
             if reason:
                 rejected.append(f"{describe(group.best.term)}: {reason}")
@@ -251,7 +262,7 @@ class _TermSearch:
         """Return if a proposal lowers the error on held-out parts of the function with the better ones."""
         if proposal.addition is None:
             return False
-        name, parts = hold_out(problem, self._options)
+        name, parts = hold_out(problem, self._options, whole=proposal.term.kind != "offset")
         return not self._fault(self._held_out(name, parts, proposal.addition))
 
     def _held_out(self, name: str, parts: Sequence[HeldOut], addition: Addition) -> "HeldOutChange":
@@ -298,7 +309,12 @@ class _TermSearch:
             unit=self._unit,
             location="" if location is None else str(location),
             addition=addition,
+            offsets=self._offsets(parameter) if term.kind == "offset" else {},
         )
+
+    def _offsets(self, parameter: Parameter | None) -> dict[str, float]:
+        values = [] if parameter is None else parameter.values.tolist()
+        return dict(zip(self._names, values, strict=False))
 
 
 class HeldOutChange(NamedTuple):

@@ -166,9 +166,15 @@ class Linearisation:
         if self._block_pulls is not None:
             pulls = directions.T @ (by_block[:-1].T - white.T @ self._block_pulls)
             spread = self._spread(pulls, directions.T @ each[:-1] @ directions)
-            dispersion = max(spread, self.variance)
             # the directions of a candidate share one dispersion, but are not independent
-            freedom = min((self.blocks - 1.0) * max(columns / 2, 1.0), freedom)
+            own_freedom = (self.blocks - 1.0) * max(columns / 2, 1.0)
+            if term.kind == "offset":
+                # those of an offset are blocks of their own recordings, whose mean they take
+                own_freedom = self.blocks - columns
+                if own_freedom < FEWEST_BLOCKS:
+                    return None
+                spread *= self.blocks / own_freedom
+            dispersion, freedom = max(spread, self.variance), min(own_freedom, freedom)
         if not dispersion > 0:
             return None
         step = -directions @ pull

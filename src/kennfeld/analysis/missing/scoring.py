@@ -14,8 +14,15 @@ from kennfeld.analysis.missing.candidate_sums import (
     merged_blocks,
 )
 from kennfeld.analysis.missing.channels import Channels
-from kennfeld.analysis.missing.families import Family, Series, channel_families, series_families
+from kennfeld.analysis.missing.families import (
+    Family,
+    Series,
+    channel_families,
+    offset_families,
+    series_families,
+)
 from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
+from kennfeld.analysis.missing.recordings import recording_count
 from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
 from kennfeld.analysis.missing.shortlist import LEVEL, significant
 from kennfeld.analysis.missing.terms import OF_CHANNELS, Kind
@@ -23,12 +30,13 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.sums.compiled import CompiledProblem
-from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
+from kennfeld.optimize.tuning.holdout_blocks import Divisions, HoldoutBlocks
 
 BLOCKS = 40  # of recordings in time, from which the dispersion of scores follows
 LAGS = 10  # time constants that are tried
 DELAYS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # steps that are tried; then those between the best neighbours
 BETWEEN = 8  # of these, at most, at a time
+BLOCKS_OF_RECORDING = 4  # at least, if recordings are compared
 CLOSE = 0.5  # share of the best merit from which a node takes part in that
 LONGEST = 0.1  # share of a recording, of a lag or a delay
 
@@ -73,28 +81,51 @@ def score_problem(
     """
     probes = Probes.of(problem, nodes.names)
     compiled = CompiledProblem(probes.problem)
-    full = compiled.start
-    held = HoldoutBlocks.of(compiled, BLOCKS)
-    divisions, blocks = (held.divisions, held.sizes.size) if held is not None else ({}, 0)
-    own: Sequence[BlockSums] = [*compiled.each(block_sums, full, divisions, blocks)]
-    names = [name for number in range(len(nodes.names)) for name in (offset(number), factor(number))]
     with blas_threads(compiled.values.free):
-        linear = Linearisation(compiled, full, merged_blocks(own), names)
-
-        def score(families: Sequence[Family]) -> Iterator[TermScore]:
-            for family in families:
-                sums: FamilySums = merged(compiled.each(family_sums, family, full, divisions, blocks))
-                yield from linear.scores(family, sums)
-
-        scores = [*score(_families(problem, probes, channels, nodes, kinds, lags, compiled))]
+        scorer = _Scorer.of(compiled, probes, BLOCKS)
+        linear = scorer.linear
+        scores = [*scorer.scores(_families(problem, probes, channels, nodes, kinds, lags, compiled))]
         if "delay" in kinds:
-            scores += _finer_delays(scores, lambda series: score(_series_families(probes, series, compiled)))
+            scores += _finer_delays(scores, lambda series: scorer.scores(_series_families(probes, series, compiled)))
+        if "offset" in kinds and (count := recording_count(problem)):
+            # recordings of few blocks would show no scatter beside their mean
+            own = scorer if BLOCKS_OF_RECORDING * count <= BLOCKS else scorer.finer(BLOCKS_OF_RECORDING * count)
+            scores += own.scores([*offset_families(probes, nodes.constant, count)])
     dispersions = [score.dispersion for score in scores] or [linear.variance]
     freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
     typical = float(np.median(dispersions))
     smallest = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
     share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
     return Scored(tuple(scores), share, linear.cost, compiled.weights, smallest)
+
+
+@dataclass(frozen=True)
+class _Scorer:
+    """Scores families by one linearisation, with the recordings divided into blocks."""
+
+    compiled: CompiledProblem
+    probes: Probes
+    linear: Linearisation
+    divisions: Divisions
+    blocks: int
+
+    @classmethod
+    def of(cls, compiled: CompiledProblem, probes: Probes, blocks: int) -> "_Scorer":
+        held = HoldoutBlocks.of(compiled, blocks)
+        divisions, count = (held.divisions, held.sizes.size) if held is not None else ({}, 0)
+        own: Sequence[BlockSums] = [*compiled.each(block_sums, compiled.start, divisions, count)]
+        names = [name for number in range(len(probes.nodes)) for name in (offset(number), factor(number))]
+        linear = Linearisation(compiled, compiled.start, merged_blocks(own), names)
+        return cls(compiled, probes, linear, divisions, count)
+
+    def finer(self, blocks: int) -> "_Scorer":
+        return _Scorer.of(self.compiled, self.probes, blocks)
+
+    def scores(self, families: Sequence[Family]) -> Iterator[TermScore]:
+        arguments = (self.compiled.start, self.divisions, self.blocks)
+        for family in families:
+            sums: FamilySums = merged(self.compiled.each(family_sums, family, *arguments))
+            yield from self.linear.scores(family, sums)
 
 
 def _families(
