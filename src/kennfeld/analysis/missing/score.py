@@ -37,6 +37,7 @@ from kennfeld.optimize.trust.pressing_limits import TouchedLimits
 SINGULAR = 1e-10  # of a unit diagonal: what a value must add to be no combination of the others
 EXPLAINED = 1e-4  # of its own square: what the function leaves of a column that it can produce itself
 FEWEST_BLOCKS = 8  # from which the dispersion follows from blocks
+FEWEST_FREEDOM = 4.0  # of a dispersion; with less, almost nothing would be significant
 MAX_SPECTRUM = 2000  # values up to which undetermined directions are found by eigenvalues
 
 
@@ -165,15 +166,9 @@ class Linearisation:
         dispersion, freedom = self.variance, max(self.count - self.rank - columns, 1.0)
         if self._block_pulls is not None:
             pulls = directions.T @ (by_block[:-1].T - white.T @ self._block_pulls)
-            spread = self._spread(pulls, directions.T @ each[:-1] @ directions)
-            # the directions of a candidate share one dispersion, but are not independent
-            own_freedom = (self.blocks - 1.0) * max(columns / 2, 1.0)
-            if term.kind == "offset":
-                # those of an offset are blocks of their own recordings, whose mean they take
-                own_freedom = self.blocks - columns
-                if own_freedom < FEWEST_BLOCKS:
-                    return None
-                spread *= self.blocks / own_freedom
+            spread, own_freedom = self._spread(pulls, directions.T @ each[:-1] @ directions)
+            if own_freedom < FEWEST_FREEDOM:
+                return None
             dispersion, freedom = max(spread, self.variance), min(own_freedom, freedom)
         if not dispersion > 0:
             return None
@@ -188,21 +183,28 @@ class Linearisation:
             predicted = self.cost - self.own_gain - whole - self._rougher(white, np.ones(1))
         return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()), whole)
 
-    def _spread(self, pulls: Float, squares: Float) -> float:
-        """Return the dispersion from the sums over blocks.
+    def _spread(self, pulls: Float, squares: Float) -> tuple[float, float]:
+        """Return the dispersion from the sums over blocks, and its degrees of freedom.
 
         Args:
             pulls: of each direction by block, Float[directions, blocks].
             squares: of the columns in these directions by block, Float[blocks, directions, directions].
         """
-        columns, used = len(pulls), self.sums.counts[:-1] > 0
+        used = self.sums.counts[:-1] > 0
         # what a missing term adds to a block is no noise: the part of the whole that the columns have in it
         sizes, vectors = np.linalg.eigh(squares.sum(axis=0))
         root = (vectors / np.sqrt(np.maximum(sizes, 1e-12 * sizes[-1]))) @ vectors.T
-        shares = root @ squares @ root
-        rest = pulls - (shares @ pulls.sum(axis=1)).T
-        blocks, share = int(used.sum()), self.sums.counts[:-1].sum() / self.count
-        return float((rest[:, used] ** 2).sum() * blocks / (blocks - 1) / columns / share)
+        shares = (root @ squares @ root)[used]
+        rest = pulls[:, used] - (shares @ pulls.sum(axis=1)).T
+        # with independent blocks of covariance dispersion * S, what is left has dispersion * (S - S S): a column that
+        # few blocks have leaves little (F. E. Satterthwaite, Biometrics Bulletin 2, 1946)
+        left = shares - shares @ shares
+        expected = float(np.trace(left, axis1=1, axis2=2).sum())
+        freedom = expected**2 / max(float((left**2).sum()), 1e-300)
+        # directions share one dispersion, but are not independent
+        freedom = freedom / 2 if len(pulls) > 1 else freedom - 1
+        share = self.sums.counts[:-1].sum() / self.count
+        return float((rest**2).sum()) / max(expected, 1e-300) / share, freedom
 
     def _rougher(self, white: Float, step: Float) -> float:
         """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
