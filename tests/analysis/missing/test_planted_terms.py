@@ -1,10 +1,9 @@
-"""A fixed part of the cases of the benchmark: planted terms are found at their place, and none where none is missing."""
+"""Some cases of the benchmark: planted terms are found at their place, and none where none is missing."""
 
 from itertools import islice
 
 import numpy as np
 import pytest
-
 from benchmarks.missing_terms import cases, judge
 
 pytestmark = pytest.mark.slow

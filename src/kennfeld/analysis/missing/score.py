@@ -163,18 +163,17 @@ class Linearisation:
         directions = unit[:, None] * vectors[:, kept] / np.sqrt(sizes[kept])
         pull = directions.T @ (br - white.T @ self._pull)
         gain, columns = float(pull @ pull), int(kept.sum())
-        dispersion, freedom = self.variance, max(self.count - self.rank - columns, 1.0)
+        scatter = None
         if self._block_pulls is not None:
             pulls = directions.T @ (by_block[:-1].T - white.T @ self._block_pulls)
-            spread, own_freedom = self._spread(pulls, directions.T @ each[:-1] @ directions)
-            if own_freedom < FEWEST_FREEDOM:
-                return None
-            dispersion, freedom = max(spread, self.variance), min(own_freedom, freedom)
+            scatter = pulls, directions.T @ each[:-1] @ directions
+        # the sum of all columns, in the coordinates of the directions
+        constant = np.sqrt(sizes[kept]) * (vectors[:, kept].T @ np.sqrt(np.maximum(own, 0.0)))
+        p, dispersion = self._significance(pull, constant / np.sqrt(squares.sum()), scatter)
         if not dispersion > 0:
             return None
         step = -directions @ pull
         predicted = self.cost - self.own_gain - gain - self._rougher(white, step)
-        p = f_tail(gain / dispersion / columns, columns, freedom)
         whole = None
         if term.kind == "delay":
             # the change of the cost by the column q times, 2 g q + S q^2, at q = 1
@@ -182,6 +181,41 @@ class Linearisation:
             whole = -float(2 * size * pull[0] + size**2)
             predicted = self.cost - self.own_gain - whole - self._rougher(white, np.ones(1))
         return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()), whole)
+
+    def _significance(self, pull: Float, constant: Float, scatter: tuple[Float, Float] | None) -> tuple[float, float]:
+        """Return the probability of a gain at least as large without a missing term, and the dispersion.
+
+        What a constant at the node explains is the same for all channels, and its errors vary as slowly as the
+        function, however fast the channel: it is tested apart from the shape of the curve.
+
+        Args:
+            pull: of each direction, Float[directions].
+            constant: the part of a constant that the function cannot produce itself, of the length 1 if that is all,
+                Float[directions].
+            scatter: the pulls by block, Float[directions, blocks], and the squares, Float[blocks, directions,
+                directions]; None without blocks.
+        """
+        size = float(np.linalg.norm(constant))
+        if len(pull) == 1 or size**2 < EXPLAINED:
+            return self._tested(np.eye(len(pull)), pull, scatter)
+        basis, _ = np.linalg.qr(constant[:, None] / size, mode="complete")
+        shape, dispersion = self._tested(basis[:, 1:], pull, scatter)
+        level, _ = self._tested(basis[:, :1], pull, scatter)
+        return min(2 * min(shape, level), 1.0), dispersion
+
+    def _tested(self, basis: Float, pull: Float, scatter: tuple[Float, Float] | None) -> tuple[float, float]:
+        """Return what `_significance` returns, of a part of the directions, Float[directions, part]."""
+        own, columns = basis.T @ pull, basis.shape[1]
+        dispersion, freedom = self.variance, max(self.count - self.rank - columns, 1.0)
+        if scatter is not None:
+            pulls, squares = scatter
+            spread, own_freedom = self._spread(basis.T @ pulls, basis.T @ squares @ basis)
+            if own_freedom < FEWEST_FREEDOM:
+                return 1.0, max(spread, dispersion)
+            dispersion, freedom = max(spread, dispersion), min(own_freedom, freedom)
+        if not dispersion > 0:
+            return 1.0, 0.0
+        return f_tail(float(own @ own) / dispersion / columns, columns, freedom), dispersion
 
     def _spread(self, pulls: Float, squares: Float) -> tuple[float, float]:
         """Return the dispersion from the sums over blocks, and its degrees of freedom.
