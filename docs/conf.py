@@ -21,7 +21,31 @@ smartquotes = False  # `--option` keeps its hyphens
 
 html_theme = "furo"
 html_static_path = ["static"]
-html_favicon = "../src/kennfeld/app/static/icon.svg"
+html_favicon = html_logo = "../src/kennfeld/app/static/icon.svg"
+_FONT = '-apple-system, "Segoe UI", Inter, Roboto, "Noto Sans", "DejaVu Sans Condensed", system-ui, sans-serif'
+html_theme_options = {  # colours and type of the app, `web/src/tokens.css`
+    "light_css_variables": {
+        "font-stack": _FONT,
+        "color-brand-primary": "#1f5fbf",
+        "color-brand-content": "#1f5fbf",
+        "color-brand-visited": "#1f5fbf",
+        "color-foreground-primary": "#16191d",
+        "color-foreground-secondary": "#5c636b",
+        "color-background-primary": "#ffffff",
+        "color-background-secondary": "#f6f7f9",
+        "color-background-border": "#e1e4e8",
+    },
+    "dark_css_variables": {
+        "color-brand-primary": "#74a7f2",
+        "color-brand-content": "#74a7f2",
+        "color-brand-visited": "#74a7f2",
+        "color-foreground-primary": "#eef0f2",
+        "color-foreground-secondary": "#959da6",
+        "color-background-primary": "#171a1f",
+        "color-background-secondary": "#101317",
+        "color-background-border": "#2b3138",
+    },
+}
 html_css_files = ["kennfeld.css"]
 html_js_files = [("copy_button.js", {"defer": "defer"}), ("full_size.js", {"defer": "defer"})]
 html_show_copyright = False

@@ -72,14 +72,14 @@ _INTERNAL = {  # members that only other parts of the package use
 
 
 def documents(folder: Path) -> dict[Path, str]:
-    """Return the page of the public names, filled in; a name that it does not mention gets a place at its end."""
-    path = folder / "api.md"
-    text = path.read_text(encoding="utf-8")
-    mentioned = {name for match in _BLOCK.finditer(text) for name in match[2].split()}
+    """Return the pages of the public names, filled in; a name that none mentions comes last on the first."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(folder.glob("api*.md"))}
+    mentioned = {name for text in texts.values() for match in _BLOCK.finditer(text) for name in match[2].split()}
     missing = [name for name in kennfeld.__all__ if name not in mentioned]
     if missing:
-        text += f"\n## More names\n\n<!-- reference of {' '.join(missing)} -->\n<!-- end of reference -->\n"
-    return {path: _BLOCK.sub(_fill, text)}
+        names = f"\n## More names\n\n<!-- reference of {' '.join(missing)} -->\n<!-- end of reference -->\n"
+        texts[folder / "api.md"] += names
+    return {path: _BLOCK.sub(_fill, text) for path, text in texts.items()}
 
 
 def _fill(match: re.Match[str]) -> str:

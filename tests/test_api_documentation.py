@@ -1,4 +1,4 @@
-"""Every public name is described: arguments, an example that runs, and a place in `docs/api.md`."""
+"""Every public name is described: arguments, an example that runs, and a place in `docs/api*.md`."""
 
 import importlib
 import importlib.util
@@ -12,7 +12,7 @@ import kennfeld
 from tests.guests import marked
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+PAGES = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("api*.md")))
 NAMES = sorted(kennfeld.__all__)
 
 
@@ -44,16 +44,16 @@ def described(text):
 
 
 @pytest.mark.guests
-def test_the_page_is_up_to_date(script):
+def test_the_pages_are_up_to_date(script):
     importlib.import_module("kennfeld.design")  # any import of it binds the package to the name of its function
     stale = [path.name for path, text in script.documents(ROOT / "docs").items() if path.read_text("utf-8") != text]
     assert stale == [], "run: python scripts/api_docs.py docs"
 
 
 def test_every_public_name_has_a_place_of_its_own():
-    placed = [name for names in re.findall(r"<!-- reference of ([^>]*) -->", PAGE) for name in names.split()]
+    placed = [name for names in re.findall(r"<!-- reference of ([^>]*) -->", PAGES) for name in names.split()]
     assert sorted(placed) == NAMES
-    assert "## More names" not in PAGE
+    assert "## More names" not in PAGES
 
 
 @pytest.mark.parametrize("name", marked(NAMES))

@@ -30,7 +30,7 @@ def write_small_site(root):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, root / name)
     docs = Path(shutil.copytree(ROOT / "docs" / "static", root / "docs" / "static")).parent
-    pages = dict.fromkeys(("index", "tutorials/torque", "how-to/ci", "architecture"), "")
+    pages = dict.fromkeys(("index", "tutorials/torque", "examples/ve-table", "how-to/ci", "architecture"), "")
     for name, language in CODE.items():
         text = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
         pages[name] = re.search(rf"^```{language}\n.*?^```", text, re.MULTILINE | re.DOTALL)[0]
@@ -74,7 +74,9 @@ def test_every_document_becomes_a_page_of_the_sidebar(documents, site):
     assert names <= {path.relative_to(site).as_posix() for path in pages(site)}
     sidebar = (site / "index.html").read_text(encoding="utf-8").partition('class="sidebar-tree"')[2]
     assert names - {name for name in names if f'href="{name}"' in sidebar} == {"index.html"}
-    assert [name for name in ("Start", "Tutorials", "How-to", "Reference", "Explanation") if name not in sidebar] == []
+    assert [
+        name for name in ("Start", "Tutorials", "Examples", "How-to", "Reference", "Explanation") if name not in sidebar
+    ] == []
 
 
 def test_pages_load_nothing_from_elsewhere(site):

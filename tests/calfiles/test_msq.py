@@ -7,6 +7,7 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, merge, read, write
+from kennfeld.calfiles.files import unwritable
 from kennfeld.calfiles.msq.reader import Pair, pairs_of, usual_pairs
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
@@ -248,3 +249,8 @@ def test_a_constant_that_the_definition_file_declares_as_string_is_free_text(tun
     path = tune()
     written(INI + "\n[Constants]\nmode = string, ASCII, 0, 32\n", "some.ini")
     assert [text.kind for text in read(path).texts] == ["text"]
+
+
+def test_only_labels_that_the_tune_lacks_are_unwritable(tune):
+    more = read(tune()).with_parameters(Scalar("TimeConstant", 0.3))
+    assert list(unwritable(more, ".msq")) == ["TimeConstant"]

@@ -180,7 +180,7 @@ def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
     for member in parameters.values():
         try:
             # one by one: a converter refuses a set as a whole
-            _written(converter, ParameterSet([member]), file)
+            _written(converter, ParameterSet([member], origin=parameters.origin), file)
         except InputError as error:
             reasons[member.name] = error.findings[0]
     return reasons

@@ -7,8 +7,11 @@ all files without it, what needs it, and similar names that the files have.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import partial
+from functools import cached_property, partial
+from itertools import takewhile
 from pathlib import Path
+
+import numpy as np
 
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.file_errors import nearest_file
@@ -16,7 +19,7 @@ from kennfeld.base.formatting import join_names, nearest, quoted
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import within
 from kennfeld.base.threads import map_in_order
-from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.domain.file_spans import FileSpans
 from kennfeld.graph import Graph
 from kennfeld.measurement.bus_databases import DatabaseFile
@@ -28,6 +31,7 @@ from kennfeld.preprocessing.units import Units, select_time_units
 
 ReadingWatch = Callable[[int, int], None]
 
+RECORDING = "recording"  # the channel of the number of the file, among all files of a project, if files have none
 CACHE = Path(".kennfeld") / "cache"  # in the folder of the project file; contents of files that are slow to read
 
 
@@ -156,8 +160,25 @@ class RecordingReader:
                 self.watch(number, len(paths))
             if attempt.recording is not None:
                 recording = units.convert(attempt.recording, Path(path).name)
+                if self._is_counted and RECORDING not in recording:
+                    column = np.full(recording.samples, float(self._earlier + number))
+                    recording = recording.with_channels(Channel(RECORDING, column))
                 yield replace(recording, files=FileSpans.joined([path], [recording.samples], [recording.start_time]))
         self._report_missing()
+
+    @property
+    def _is_counted(self) -> bool:
+        """Return if the project reads the number of the recording; files alone, as of partitions, have none."""
+        return RECORDING in self.channels.recorded and any(entry is self.entry for entry in self.settings.datasets)
+
+    @cached_property
+    def _earlier(self) -> int:
+        """The number of files in the datasets before this one."""
+        before = takewhile(lambda entry: entry is not self.entry, self.settings.datasets)
+        return sum(len(self._matches(entry.files)) for entry in before)
+
+    def _matches(self, patterns: Sequence[str]) -> dict[str, None]:
+        return dict.fromkeys(path for each in patterns for path in find_recordings(self.settings.folder, each))
 
     def _cache(self) -> Cache | None:
         """Return the folder of cached recordings; None if links lead elsewhere."""
@@ -210,7 +231,7 @@ class RecordingReader:
         """Read a file without the optional channels that it lacks."""
         available = [name for name in self.channels.recorded if name in names]
         required = self.channels.calculated.recorded(self.channels.required)
-        missing = [name for name in required if name not in available]
+        missing = [name for name in required if name not in available and not (name == RECORDING and self._is_counted)]
         if missing:
             return _Attempt(offered=names, missing=missing)
         try:
@@ -221,16 +242,21 @@ class RecordingReader:
     def _report_missing(self) -> None:
         for channel, files in self._missing.items():
             purpose = self.channels.required.get(channel) or self._calculated_purpose(channel)
-            remedy = nearest(channel, self._candidates) or f"It has {join_names(self._candidates)}."
-            # an input that no file has and nobody mapped may be meant as a parameter
-            if purpose.startswith("the input ") and channel not in self.settings.channels.values():
-                key = quoted(channel)
-                scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
-                constant = f'or set it to a number: [calculated] {key} = "1.0".'
-                alternative = scalar if self.channels.names_are_open else constant
-                remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {alternative}'
-            location = Location(join_names(files, 1))
-            self.findings.append(Finding(location, f"has no channel {channel}, {purpose}", remedy))
+            message = f"has no channel {channel}, {purpose}"
+            self.findings.append(Finding(Location(join_names(files, 1)), message, self._remedy(channel, purpose)))
+
+    def _remedy(self, channel: str, purpose: str) -> str:
+        if channel == RECORDING:  # of a part of the data, which does not know the others
+            return "Data in partitions are not numbered: record the number in a channel, or write partition = 0."
+        remedy = nearest(channel, self._candidates) or f"It has {join_names(self._candidates)}."
+        # an input that no file has and nobody mapped may be meant as a parameter
+        if purpose.startswith("the input ") and channel not in self.settings.channels.values():
+            key = quoted(channel)
+            scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
+            constant = f'or set it to a number: [calculated] {key} = "1.0".'
+            alternative = scalar if self.channels.names_are_open else constant
+            return f'{remedy} Name its channel in [channels]: {key} = "..."; {alternative}'
+        return remedy
 
     def _calculated_purpose(self, channel: str) -> str:
         readers = (name for name, graph in self.channels.calculated.graphs.items() if channel in graph.inputs)

@@ -16,10 +16,12 @@ from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.optimize.limits.linear_limits import breakpoint_bounds
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.validation import check_shared_axes
+from kennfeld.preprocessing.recordings import RECORDING
 from kennfeld.project.data_column import DataColumn
 from kennfeld.project.model import ProjectModel
+from kennfeld.project.recording_parameters import recording_numbers
 from kennfeld.project.schema import ProjectFile
-from kennfeld.project.table_schema import GroupAxisEntry
+from kennfeld.project.table_schema import GroupAxisEntry, ParameterEntry
 
 _MAX_LISTED = 12  # breakpoints in a remark
 
@@ -112,6 +114,23 @@ class Axes:
             remedy = nearest(name, [*self._file.axes, *self._initial]) or f"Write a section [axes.{name}]."
             self._findings.error(entry.location, f"unknown group axis {name}", remedy)
         return self._initial.get(name)
+
+    def recordings(self, entry: ParameterEntry) -> Axis | None:
+        """Return the axis over the numbers of all recordings, of training and test data."""
+        if self._datasets is None:
+            return None
+        numbers = recording_numbers(self._datasets)
+        if numbers.size > 1:
+            return Axis(numbers, input=RECORDING)
+        if numbers.size:  # else the function does not use it, or the data are incomplete, which is reported
+            message = f"there is one recording, so that {entry.name} has one value"
+            self._findings.error(entry.location.within("per"), message, "Remove per, or add recordings.")
+        return None
+
+    @property
+    def fitted_recordings(self) -> Float:
+        """The numbers of the recordings that values are fitted to, Float[recordings]."""
+        return recording_numbers(self._training)
 
     def _free_inherited(self, entry: GroupAxisEntry, name: str) -> Axis | None:
         """Return a group axis of the initial files with free breakpoints."""

@@ -25,7 +25,7 @@ from kennfeld.project.initial_calibration import describe_parameter, format_shap
 from kennfeld.project.label_selection import expand_lists
 from kennfeld.project.model import ProjectModel, axis_count_finding, initial_level
 from kennfeld.project.schema import ProjectFile
-from kennfeld.project.table_schema import Factor, ParameterEntry
+from kennfeld.project.table_schema import AxisEntry, Factor, ParameterEntry
 from kennfeld.project.value_forms import DIRECTIONS, Around
 
 Report = Callable[[str, str, str], None]  # key, message, remedy
@@ -149,7 +149,7 @@ class _TableBuilder:
             table = self.old.changed(values=values, **attributes)
         else:
             table = parameter(entry.name, values, axes, **self._inherit(values) | attributes)
-        return table.changed(locked=self._lock(table))
+        return table.changed(locked=self._lock(table) | self._unfitted(table))
 
     def _report(self, key: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
         report = self.findings.warning if warning else self.findings.error
@@ -183,6 +183,8 @@ class _TableBuilder:
     def _axes(self) -> tuple[Axis, ...] | None:
         """Return the axes of the project file, else of the initial file; None, with a finding, if one is invalid."""
         entries = self.entry.axes
+        if self.entry.per:
+            return self._recordings(entries)
         old = self.old.axes if self.old is not None else ()
         count = max([len(old), *(DIRECTIONS.index(direction) + 1 for direction in entries)])
         coordinates = coordinates_of(self.function.graph, self.entry.name) if self.function else []
@@ -207,6 +209,15 @@ class _TableBuilder:
         valid = tuple(axis for axis in axes if axis is not None)
         return valid if len(valid) == len(axes) else None
 
+    def _recordings(self, entries: Mapping[str, AxisEntry]) -> tuple[Axis, ...] | None:
+        """Return the axis of a parameter with a value for each recording."""
+        for direction in entries:
+            self._report(
+                direction, f"contradicts per = {self.entry.per!r}, which has an axis of its own", "Remove one."
+            )
+        axis = None if entries else self.axes.recordings(self.entry)
+        return None if axis is None else (axis,)
+
     def _free_axis(self, direction: str, old: Axis | None) -> Axis | None:
         """Return the axis of the initial file with free breakpoints."""
         entry = self.entry.axes[direction]
@@ -226,6 +237,8 @@ class _TableBuilder:
         if self.old is None:
             self._report(*self._missing_values())
             return None
+        if self.entry.per and self.old.kind == "scalar":
+            return np.full(shape, self.old.values.item())
         if self.old.kind != "block" and len(self.old.axes) == len(axes):
             # new breakpoints for a table of the initial files: its values are interpolated at them
             return regrid(self.old.values, self.old.axes, axes, self.old.extrapolation)
@@ -289,6 +302,10 @@ class _TableBuilder:
         for number, part in enumerate(lock, 1):
             locked |= self._range(table, part, f"lock {number}")
         return locked
+
+    def _unfitted(self, table: Parameter) -> Bool | bool:
+        """Return the mask of values that belong to recordings which are not fitted, such as test data."""
+        return ~np.isin(table.axes[0].breakpoints, self.axes.fitted_recordings) if self.entry.per else False
 
     def _range(self, table: Parameter, part: Range, key: str) -> Bool:
         beyond = missing_directions(table, part)

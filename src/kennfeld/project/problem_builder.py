@@ -50,6 +50,11 @@ from kennfeld.project.model import (
 )
 from kennfeld.project.parameter_tables import Tables, build_tables
 from kennfeld.project.partitioned_loading import PartitionedLoading
+from kennfeld.project.recording_parameters import (
+    check_recording_parameters,
+    names_per_recording,
+    with_values_per_recording,
+)
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.simulation_files import SIMULATIONS, require_simulation_format
 from kennfeld.project.steps import build_steps, uncovered_values
@@ -234,6 +239,8 @@ class ProblemBuilder:
         function = read_function(self.file, known, self.surrogates, self.findings, initial)
         if function is None:
             return None
+        self.findings.add(*check_recording_parameters(self.file, function))
+        function = with_values_per_recording(function, names_per_recording(self.file))
         for surrogate in self.surrogates:
             if surrogate.name not in function.graph.parameters:
                 self.findings.warning(self.file.location("surrogates", surrogate.name), "the function does not call it")

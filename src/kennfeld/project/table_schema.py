@@ -221,6 +221,11 @@ class ParameterEntry:
     y: AxisEntry | None = key("the second axis", None, default_text=_INITIAL)
     z: AxisEntry | None = key("the third axis", None, default_text=_INITIAL)
     w: AxisEntry | None = key("the fourth axis", None, default_text=_INITIAL)
+    per: Literal["recording"] | None = key(
+        '`"recording"`: a scalar of the function has [a value for each recording](#a-value-for-each-recording)',
+        None,
+        default_text="one value for all",
+    )
     unit: str | None = key("unit of the values", None, form=TextForm(may_be_empty=True), default_text=_INITIAL)
     description: str | None = key(
         "a text on the parameter", None, form=TextForm(may_be_empty=True), default_text=_INITIAL

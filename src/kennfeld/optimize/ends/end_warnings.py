@@ -134,12 +134,12 @@ class EndWarnings:
             yield from find_kinks(self.compiled, at_kinks)
 
 
-def describe_uninformed(informed: Mapping[str, Bool]) -> str:
-    """Return a sentence on the number of values of each parameter that kept their start."""
-    counts = {name: int((~known).sum()) for name, known in informed.items() if not known.all()}
-    if not counts:
+def describe_uninformed(informed: Mapping[str, Bool], parameters: ParameterSet) -> str:
+    """Return a sentence on the number of values of each parameter that kept their start without a lock."""
+    counts = {name: int((~known & ~parameters[name].locked).sum()) for name, known in informed.items()}
+    listed = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
+    if not listed:
         return ""
-    listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
     return f"Not determined by data or smoothness, kept at their start values: {listed}."
 
 

@@ -180,7 +180,7 @@ class FitRun:
         sentences = (
             end.message,
             remark,
-            describe_uninformed(informed),
+            describe_uninformed(informed, self.problem.parameters),
             describe_close_breakpoints(self.problem, fitted),
         )
         result = Result(
