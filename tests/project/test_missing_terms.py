@@ -80,6 +80,26 @@ def test_a_proposal_is_written_into_both_files_and_taken_back(tmp_path):
     assert [(tmp_path / name).read_bytes() for name in ("f.kf", "kennfeld.toml")] == before
 
 
+def test_an_offset_of_each_recording_is_written_with_a_reference(tmp_path):
+    path = write_bench(tmp_path, planted="", files=4)
+    for number, drift in enumerate((0.0, 0.2, -0.1, 0.3)):
+        file = tmp_path / f"run_{number}.csv"
+        head, *rows = [row.split(",") for row in file.read_text(encoding="utf-8").splitlines()]
+        at = head.index("m")
+        moved = [[*row[:at], f"{float(row[at]) + drift:.5f}", *row[at + 1 :]] for row in rows]
+        file.write_text("\n".join(map(",".join, [head, *moved])) + "\n", encoding="utf-8")
+    project = Project.read(path)
+    proposal = project.propose(kinds=["offset"], nodes=["drag"])[0]
+    assert list(proposal.offsets) == [f"run_{number}.csv" for number in range(4)]
+    project.apply(proposal)
+    assert "CurveDrag(speed) + OffsetDrag  # motored" in (tmp_path / "f.kf").read_text(encoding="utf-8")
+    assert 'per = "recording"' in path.read_text(encoding="utf-8")
+    result = Project.read(path).calibrate()
+    offsets = result.parameters["OffsetDrag"].values
+    np.testing.assert_allclose(offsets, [0, -0.2, 0.1, -0.3], atol=0.01)
+    assert result.quality[0].rmse_after == pytest.approx(proposal.rmse.after, rel=1e-3)
+
+
 def test_an_undo_does_not_overwrite_later_changes(tmp_path):
     path = write_bench(tmp_path)
     project = Project.read(path)

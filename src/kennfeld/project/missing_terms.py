@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
 from kennfeld.analysis.missing.proposing import SearchScope, find_terms
+from kennfeld.analysis.missing.refit import Addition
 from kennfeld.analysis.missing.text_patch import difference, quoted_name, with_term
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.content_digest import digest_of
@@ -144,8 +145,6 @@ def patch(project: "Project", problem: Problem, proposal: TermProposal) -> Patch
     assert addition is not None
     document = ProjectDocument.read(project.path)
     before = document.text
-    if proposal.term.kind == "offset":
-        return Patch(None, "", before, "")
     if addition.parameter is not None:
         document.set(("parameters", addition.parameter.name), _section(project, proposal))
     toml = difference(before, document.text, project.path.name)
@@ -171,6 +170,8 @@ def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
     assert addition.parameter is not None
     term, parameter = addition.term, addition.parameter
     free = {} if any(fnmatchcase(parameter.name, each) for each in project.file.calibration.free) else {"free": True}
+    if term.kind == "offset":
+        return {"per": "recording", "initial": 0.0, **free, **_reference(project, addition)}
     if not parameter.axes:
         seconds = float(f"{proposal.term.seconds:.3g}")
         return {"unit": "s", "initial": seconds, **free}
@@ -186,6 +187,17 @@ def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
     return section
 
 
+def _reference(project: "Project", addition: Addition) -> dict[str, Any]:
+    """Return the lock of the first fitted recording, if the function itself can take over a mean of all offsets."""
+    number = 1
+    for entry in project.file.datasets:
+        files = [path for pattern in entry.files for path in find_recordings(project.file.folder, pattern)]
+        if entry.use == "training" and files:
+            break
+        number += len(files)
+    return {"lock": [{"x": [number, number]}]} if addition.constraints else {}
+
+
 def _sentence(proposal: TermProposal) -> str:
     """Return a term as a line of formula text, for functions that are not formula text."""
     addition = proposal.addition
@@ -196,6 +208,7 @@ def _sentence(proposal: TermProposal) -> str:
         "add": f"{node} + {label}({quoted_name(term.channel)})",
         "multiply": f"{node} * {label}({quoted_name(term.channel)})",
         "lag": f"PT1({node}, {label})",
+        "offset": f"{node} + {label}",
         "delay": f"delay({node}, {term.steps}, {node})",
     }[term.kind]
     place = f"  # {proposal.location}" if proposal.location else ""
@@ -241,11 +254,6 @@ def _not_written(project: "Project", proposal: TermProposal) -> InputError:
     """Return the error for a term that cannot be written, with the place where it is to be added."""
     file, place = project.file.model.file, project.file.location("model", "file")
     node = f"node {proposal.term.node}" + (f" ({proposal.location})" if proposal.location else "")
-    if proposal.term.kind == "offset":
-        message = "an offset of each recording is no term of a function; nothing was changed"
-        return InputError.of(
-            place, message, "Find its cause, such as the drift of a sensor, and correct the recordings."
-        )
     if Path(file).suffix.casefold() == ".kf":
         message = f"{file} does not define {node} by an equation of its own, or others read its earlier values as well"
         return InputError.of(place, message, f"Add it by hand: {_sentence(proposal)}.")

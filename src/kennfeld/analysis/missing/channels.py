@@ -15,6 +15,7 @@ from kennfeld.domain.breakpoint_rounding import rounded, separated
 from kennfeld.domain.dataset import Dataset
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.quantiles import DigitCounts, Digits, count_digits, quantiles
+from kennfeld.preprocessing.recordings import RECORDING as NUMBER
 
 POINTS = 6  # breakpoints of a curve
 ENDS = 0.01  # share of the samples beyond each end
@@ -78,6 +79,8 @@ def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
     targets = _targets(problem)
     if name in targets:
         return "it is the target"
+    if name == NUMBER:
+        return "it numbers the recordings"
     graph = problem.model.graph
     if name in graph.names or name in graph.parameters:
         return "a node or a parameter of the function has its name"

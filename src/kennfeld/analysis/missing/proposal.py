@@ -123,7 +123,7 @@ class TermProposal:
         unit = f" {self.unit}" if self.unit and len(self.equal_places) == 0 else ""
         far = sorted(self.offsets.items(), key=lambda item: -abs(item[1]))[:3]
         texts = [f"{name} {value:+.3g}{unit}" for name, value in far]
-        return f"Largest: {', '.join(texts)}. A drift between recordings is no term that could be written."
+        return f"Largest: {', '.join(texts)}."
 
     def _places(self, nodes: Sequence[str]) -> str:
         if not nodes:

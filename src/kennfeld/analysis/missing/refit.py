@@ -43,7 +43,7 @@ class Addition:
         smoothness: of a curve.
         pin: holds one value of a curve whose size the function can take over, or the offset of recordings that were
             not fitted; None for others.
-        constraints: that offsets of recordings have no mean.
+        constraints: that offsets of recordings have no mean, if the function can take it over.
     """
 
     term: MissingTerm
@@ -65,7 +65,8 @@ class Addition:
         if term.kind == "offset":
             *numbers, others = term.breakpoints
             mean = Equality(tuple(Term(label, (number,)) for number in numbers), 0.0)
-            return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), (mean,))
+            free = score.columns == len(numbers)
+            return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), () if free else (mean,))
         smoothness = float(f"{SMOOTHNESS * score.curvature:.0e}")
         if score.columns == parameter.size:
             return cls(term, parameter, smoothness)

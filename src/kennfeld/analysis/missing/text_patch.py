@@ -115,13 +115,13 @@ def _around(
     if term.kind == "delay":
         first, last = expression[0], expression[-1]
         return "delay(", f", {term.steps}, {_source(lines, first, last)})"
-    curve = f"{label}({quoted_name(term.channel)})"
+    curve = label if term.kind == "offset" else f"{label}({quoted_name(term.channel)})"
     depth, outer = 0, set()
     for token in expression:
         depth += (token.text == "(") - (token.text == ")")
         if token.kind == "op" and not depth and token.text not in ("(", ")", ","):
             outer.add(token.text)
-    allowed, sign = (_SUMS, "+") if term.kind == "add" else (_PRODUCTS, "*")
+    allowed, sign = (_PRODUCTS, "*") if term.kind == "multiply" else (_SUMS, "+")
     return ("", f" {sign} {curve}") if outer <= allowed else ("(", f") {sign} {curve}")
 
 
@@ -157,7 +157,8 @@ def _declarations(lines: Sequence[str], addition: Addition, inputs: Collection[s
     }
     term, declarations = addition.term, []
     if addition.parameter is not None and declared & {"scalar", "curve", "map", "cube"}:
-        kind = "curve" if addition.parameter.axes else "scalar"
+        # a value for each recording is a scalar in the text, see `per` of the project file
+        kind = "curve" if addition.parameter.axes and term.kind != "offset" else "scalar"
         declarations.append(f"{kind} {quoted_name(addition.parameter.name)}")
     if term.channel and "input" in declared and term.channel not in inputs:
         declarations.append(f"input {quoted_name(term.channel)}")
