@@ -206,19 +206,19 @@ class Linearisation:
     def _tested(self, basis: Float, pull: Float, scatter: tuple[Float, Float] | None) -> tuple[float, float]:
         """Return what `_significance` returns, of a part of the directions, Float[directions, part]."""
         own, columns = basis.T @ pull, basis.shape[1]
-        dispersion, freedom = self.variance, max(self.count - self.rank - columns, 1.0)
+        dispersion, freedom, alike = self.variance, max(self.count - self.rank - columns, 1.0), float(columns)
         if scatter is not None:
             pulls, squares = scatter
-            spread, own_freedom = self._spread(basis.T @ pulls, basis.T @ squares @ basis)
+            spread, own_freedom, alike = self._spread(basis.T @ pulls, basis.T @ squares @ basis)
             if own_freedom < FEWEST_FREEDOM:
                 return 1.0, max(spread, dispersion)
             dispersion, freedom = max(spread, dispersion), min(own_freedom, freedom)
         if not dispersion > 0:
             return 1.0, 0.0
-        return f_tail(float(own @ own) / dispersion / columns, columns, freedom), dispersion
+        return f_tail(float(own @ own) / dispersion / columns, alike, freedom), dispersion
 
-    def _spread(self, pulls: Float, squares: Float) -> tuple[float, float]:
-        """Return the dispersion from the sums over blocks, and its degrees of freedom.
+    def _spread(self, pulls: Float, squares: Float) -> tuple[float, float, float]:
+        """Return the dispersion from the sums over blocks, its degrees of freedom, and those of the gain.
 
         Args:
             pulls: of each direction by block, Float[directions, blocks].
@@ -238,7 +238,7 @@ class Linearisation:
         # directions share one dispersion, but are not independent
         freedom = freedom / 2 if len(pulls) > 1 else freedom - 1
         share = self.sums.counts[:-1].sum() / self.count
-        return float((rest**2).sum()) / max(expected, 1e-300) / share, freedom
+        return float((rest**2).sum()) / max(expected, 1e-300) / share, freedom, _equal_directions(rest)
 
     def _rougher(self, white: Float, step: Float) -> float:
         """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
@@ -246,6 +246,23 @@ class Linearisation:
             return 0.0
         values = -self._whitening.T @ (self._pull + white @ step)
         return float(values @ (2 * self._rough_gradient + self._roughness @ values))
+
+
+def _equal_directions(pulls: Float) -> float:
+    """Return how many directions of equal dispersion scatter as these do, from 1 to their number.
+
+    The straight part of a curve of a slow channel is slower than its bends, and a gain along it is larger by chance
+    (G. E. P. Box, Annals of Mathematical Statistics 25, 1954).
+
+    Args:
+        pulls: by block, Float[directions, blocks].
+    """
+    directions, blocks = pulls.shape
+    covariance = pulls @ pulls.T
+    whole, squares = float(np.trace(covariance)), float((covariance**2).sum())
+    # less what the few blocks add to the squares by chance
+    squares = max((squares - whole**2 / blocks) / (1 + 1 / blocks), whole**2 / directions)
+    return max(whole**2 / squares, 1.0) if squares > 0 else float(directions)
 
 
 def _whitening(matrix: Float) -> tuple[Float, int]:
