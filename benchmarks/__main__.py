@@ -19,6 +19,7 @@ TOPICS = {
     "large": "benchmarks.large",
     "factors": "benchmarks.factors",
     "small": "benchmarks.small_fits",
+    "designs": "benchmarks.exact_designs",
     "compile": "benchmarks.compiling",
     "python": "benchmarks.python_functions",
     "startup": "benchmarks.startup",

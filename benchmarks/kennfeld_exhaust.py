@@ -29,7 +29,7 @@ def _run(values: list[float] | None = None, **options: Any) -> Any:
         "Temperature",
         node="TemperaturePredict",
         smoothness=exhaust.SMOOTHNESS,
-        limits=exhaust.BOUNDS,
+        bounds=exhaust.BOUNDS,
         options=Options(**options),
     )
 

@@ -89,7 +89,7 @@ def _fitted_torque() -> tuple[str, kf.ParameterSet, dict[str, Float], Mapping[st
     settings = {
         "node": "TorquePredict",
         "smoothness": {"MapOptTorque": 100, "MapOptIgnition": 10, "CurveEtaDeltaSpark": 1e4, "MapDragTorque": 100},
-        "limits": {
+        "bounds": {
             **{"CurveEtaDeltaSpark": (0, 1), "MapOptTorque": (0, 600)},
             **{"MapOptIgnition": (0, 60), "MapDragTorque": (0, 200)},
         },

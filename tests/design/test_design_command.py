@@ -179,3 +179,28 @@ def test_the_command_is_named_where_the_data_leave_something_open(steady, capsys
     out = capsys.readouterr().out
     assert "What would settle the first of them, if anything: kennfeld design " in out
     assert "kennfeld design PROJECT --direction 1" in (steady.parent / "results" / "report.html").read_text("utf-8")
+
+
+def test_after_measuring_a_command_compares_with_the_prediction(steady, capsys):
+    append(steady, "ranges = { n = [0, 1], l = [0, 1] }\n")
+    proposal = as_json(capsys, steady, "-n", 12, "--for", "M", "-o", steady.parent / "next.json")
+    n, l = (np.array([point[name] for point in proposal["points"]]) for name in ("n", "l"))  # noqa: E741
+    write_csv(steady.parent / "bench_2.csv", {"n": n, "l": l, "m": surface(n, l)})
+    steady.write_text(steady.read_text("utf-8").replace('"bench.csv"', '"bench*.csv"'), "utf-8")
+    reached = as_json(capsys, steady, "--compare", steady.parent / "next.json")
+    (row,) = reached["parameters"]
+    assert row["reached"] < 0.7 * row["before"]
+    assert cli.run(["design", str(steady), "--compare", str(steady.parent / "next.json")]) == 0
+    assert "parameter  values  before" in capsys.readouterr().out
+    assert cli.run(["design", str(steady), "--compare", "next.json", "-n", "3"]) == 2
+    assert "--compare: cannot be combined with a new design" in capsys.readouterr().err
+
+
+def test_points_of_the_use_are_weighted_by_a_channel(steady, capsys):
+    append(steady, 'ranges = { n = [0, 1], l = [0, 1] }\nuse = ["use.csv"]\nuse_weight = "hours"\n')
+    means = []
+    for hours in ((9, 0), (0, 9)):
+        write_csv(steady.parent / "use.csv", {"n": [1.0, 1.0], "l": [0.0, 1.0], "hours": hours})
+        points = as_json(capsys, steady, "-n", 4)["points"]
+        means.append(np.mean([point["l"] for point in points]))
+    assert means[0] < means[1] - 0.3

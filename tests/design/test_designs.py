@@ -1,14 +1,17 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.design import design
+from kennfeld.base.errors import InputError
+from kennfeld.design import Design, design
+from kennfeld.design.information import Information
 from kennfeld.design.open_directions import amount_of, reduced_functions, regular_curvature
 from kennfeld.design.point_design import point_kinds
 from kennfeld.design.segments import cut_segments
-from tests.design.fits import drive, fitted, lag_fit, map_fit, product_fit, surface
+from tests.design.fits import MAP, drive, fitted, lag_fit, map_fit, product_fit, surface
 
 NARROW, WIDE = (0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 
@@ -281,3 +284,83 @@ def test_a_file_that_cannot_hold_a_design_is_an_error(tmp_path):
         proposal.save(tmp_path / "list.mf4")
     with pytest.raises(kf.InputError, match=r"must have the extension .*, got \.txt"):
         proposal.save(tmp_path / "list.txt")
+
+
+def measured(points, noise=0.05):
+    n, l = (np.array([point[name] for point in points]) for name in ("n", "l"))  # noqa: E741
+    values = surface(n, l) + np.random.default_rng(9).normal(0, noise, n.size)
+    return kf.Dataset.of("measured", {"n": n, "l": l, "m": values})
+
+
+def test_after_measuring_the_deviations_are_compared_with_those_predicted(tmp_path):
+    result = map_fit(count=60, upper=0.7)
+    proposal = design(result, n=20, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
+    saved = Design.read(proposal.save(tmp_path / "next.json"))
+    for name in ("before", "after"):
+        np.testing.assert_array_equal(getattr(saved, name)["M"], getattr(proposal, name)["M"])
+    assert (saved.points, saved.noise) == (tuple(map(dict, proposal.points)), dict(result.trust.noise))
+    problem = result.inspection.problem
+    rest = {"start": problem.parameters, "target": "m", "smoothness": 0.01}
+    again = kf.calibrate(MAP, [*problem.datasets, measured(proposal.points)], **rest)
+    reached = saved.compare(again)
+    (row,) = reached.rows
+    assert (row.parameter, row.values) == ("M", 16)
+    assert row.before > 1.5 * row.predicted
+    assert row.reached == pytest.approx(row.predicted, rel=0.2)
+    np.testing.assert_array_equal(reached.reached["M"], again.trust.deviation["M"])
+    assert not reached.findings
+    assert " 16 values are determined as well as predicted, to 10 %." in str(reached)
+    # the same place again and again, with four times the noise, is not what the design asked for
+    elsewhere = kf.calibrate(MAP, [*problem.datasets, measured([{"n": 0.1, "l": 0.1}] * 20, 0.2)], **rest)
+    missed = saved.compare(elsewhere)
+    assert missed.rows[0].missed > 8
+    assert missed.missed[0].startswith("M at (n 1, l ")
+    assert missed.noise["y"] > 1.5
+    assert f"The noise of y is {missed.noise['y']:.2f} times that of the prediction" in str(missed)
+    assert json.dumps(missed.as_json(), allow_nan=False)
+
+
+def test_what_cannot_be_compared_is_an_error_and_a_fit_without_the_new_data_a_warning(tmp_path):
+    result = map_fit()
+    saved = design(result, n=5, names=["M"], ranges={"n": (0, 1), "l": (0, 1)})
+    (warning,) = saved.compare(result).findings
+    assert "the deviations are those before the design. Add the measured data to the training data." in str(warning)
+    smaller = replace(saved, after={"M": saved.after["M"][:3]})
+    with pytest.raises(InputError, match=r"M: has the shape \[4, 4\], but \[3, 4\] in the design"):
+        smaller.compare(result)
+    with pytest.raises(InputError, match="the design predicts no deviation"):
+        design(n=4, ranges={"n": (0, 1)}).compare(result)
+    for text in ("{", "[]", '{"points": 3}', '{"points": [], "segments": [{"a": 1}]}'):
+        (tmp_path / "other.json").write_text(text, "utf-8")
+        with pytest.raises(InputError, match=r"other\.json: is not a design"):
+            Design.read(tmp_path / "other.json")
+    with pytest.raises(InputError, match="cannot be read"):
+        Design.read(tmp_path / "missing.json")
+
+
+def test_a_sample_of_the_use_counts_by_its_weight_as_if_it_occurred_so_often():
+    fit = fitted(map_fit(count=60, upper=0.7))
+    n, l, times = np.array([0.1, 0.5, 0.9]), np.array([0.2, 0.4, 0.6]), np.array([3, 0, 1])  # noqa: E741
+    weighted = kf.Dataset.of("w", {"n": n, "l": l, "hours": times}, weight_channel="hours")
+    repeated = kf.Dataset.of("r", {"n": n.repeat(times), "l": l.repeat(times)})
+    candidates = [kf.Dataset.of("c", {"n": [0.3, 0.8], "l": [0.3, 0.8]})]
+    one, other = (Information.of(fit, candidates, [np.arange(2)], 2, [use]) for use in (weighted, repeated))
+    np.testing.assert_allclose(one.use, other.use, rtol=1e-12)
+    np.testing.assert_array_equal(one.candidates, other.candidates)
+
+
+def test_a_map_of_weights_is_the_use():
+    result = map_fit(count=60, upper=0.7, smoothness=1e-4)
+    axes = kf.Axis([0.0, 0.5, 1.0], input="n"), kf.Axis([0.0, 1.0], input="l")
+    where = {}
+    for corner in ([[0, 0], [0, 0], [5, 0]], [[0, 0], [0, 0], [0, 5]]):
+        proposal = design(result, n=4, use=kf.Map("hours", *axes, corner), ranges={"n": (0, 1), "l": (0, 1)})
+        where[corner[2][0]] = np.mean([point["l"] for point in proposal.points])
+    assert where[5] < 0.3
+    assert where[0] > 0.7
+    for weights, message in (
+        (kf.Map("hours", [0, 1], [0, 1], np.ones((2, 2))), "each axis of the weights hours requires a channel"),
+        (kf.Map("hours", *axes, -np.ones((3, 2))), "the weights hours must be finite and >= 0"),
+    ):
+        with pytest.raises(kf.ArgumentError, match=message):
+            design(result, n=4, use=weights)

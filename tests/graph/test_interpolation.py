@@ -4,6 +4,7 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import kennfeld as kf
 from kennfeld.graph.interpolation import (
     cell_weights,
     density,
@@ -12,6 +13,7 @@ from kennfeld.graph.interpolation import (
     smooth_weights,
     table_weights,
 )
+from kennfeld.graph.interpreter import evaluate
 from tests.draws import few_or_many
 
 POINTS = np.array([0.0, 10.0, 30.0])
@@ -137,3 +139,17 @@ def test_width_zero_is_the_exact_lookup(extrapolation):
     x = np.array([-3.0, 0.4, 9.0, 29.0, 34.0])
     weights, _ = smooth_weights(x, POINTS, extrapolation, 0.0)
     np.testing.assert_allclose(weights, cell_weights(position(x, POINTS, extrapolation), 3)[0])
+
+
+@pytest.mark.parametrize("values", [[0, 1, 1], [1, 1, 3], [2, 1, -1], [-1, 1, -1]])
+def test_a_lookup_at_infinity_is_that_of_machine_code_without_a_warning(values):
+    data = {"x": np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 3.0]), "z": np.array([0.0, 0.0, 1e-308, 1e-308, 0.0, 2.0])}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places = data["x"] / data["z"]
+    for extrapolation, finite in (("clip", [True] * 4), ("linear", [False] * 2)):
+        curve = kf.Curve("C", [0.0, 1.0, 2.0], values, extrapolation=extrapolation)
+        simulated = kf.simulate("y = C(x / z)", data, [curve])["y"].values
+        np.testing.assert_array_equal(curve(places), simulated)
+        graph = kf.formula("y = C(x / z)", parameters=["C"]).graph
+        np.testing.assert_array_equal(evaluate(graph, data, kf.ParameterSet([curve]))["y"], simulated)
+        assert np.isfinite(simulated[: len(finite)]).tolist() == finite

@@ -173,6 +173,7 @@ def test_degenerate_values_have_a_display(value):
 
 def test_a_result_names_what_the_data_do_not_determine(result):
     assert "Parameters not determined by the data:" in text_of(result)
+    assert "if anything: kennfeld.design(result, direction=1)" in text_of(result)
     assert "Parameters not determined by the data:" in str(result)
     assert "Scaling a by 1.01" in str(result)
 

@@ -55,7 +55,7 @@ def test_numbers_and_parameters_mix_in_the_start():
 
 
 def test_limits_bound_every_value_of_a_parameter():
-    result = rough(limits={"C": (-0.1, 0.2)})
+    result = rough(bounds={"C": (-0.1, 0.2)})
     assert np.all((result.parameters["C"].values >= -0.1) & (result.parameters["C"].values <= 0.2))
 
 
@@ -128,7 +128,7 @@ def test_an_unknown_limit_is_named_with_the_nearest():
 
 def test_crossed_limits_are_refused():
     with pytest.raises(ArgumentError, match="above its upper bound"):
-        kf.calibrate(TEXT, LINE, START, target="y", limits={"a": (1, 0)})
+        kf.calibrate(TEXT, LINE, START, target="y", bounds={"a": (1, 0)})
 
 
 def test_an_output_must_be_chosen_if_there_are_several():

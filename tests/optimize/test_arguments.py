@@ -70,7 +70,7 @@ def test_an_axis_of_a_shape_may_be_a_letter():
 
 
 def test_a_bound_may_be_none():
-    result = kf.calibrate(TEXT, DATA, START, target="z", limits={"a": (None, 1.5), "y": (-5, None)})
+    result = kf.calibrate(TEXT, DATA, START, target="z", bounds={"a": (None, 1.5)}, limits={"y": (-5, None)})
     assert result.parameters["a"].value == 1.5
     assert kf.Scalar("a", 1.0, lower=None, upper=2.0).lower == -np.inf
     assert kf.Limit("y", None, 3.0) == kf.Limit("y", upper=3.0)
@@ -133,12 +133,35 @@ def test_a_problem_is_calibrated_and_cross_validated_as_its_arguments():
         kf.calibrate(problem, start=START, free=["a"])
 
 
-def test_a_search_stops_after_its_time():
+BOUNDED = [kf.Scalar("a", 1.0, lower=0.0, upper=5.0), kf.Scalar("b", 0.0, lower=0.0, upper=5.0)]
+
+
+@pytest.mark.parametrize(
+    ("options", "arguments", "steps"),
+    [
+        ({}, {}, 1),
+        ({"starts": 3, "workers": 1}, {}, 1),
+        ({"steps": [kf.Step(free=["a"]), kf.Step()]}, {}, 1),
+        ({"method": "global"}, {}, 1),
+        ({}, {"limits": {"y": (None, 5.0)}}, 1),
+        # the fit that smoothness is chosen by, and the last one with the factors so far
+        ({}, {"model": "y = C(x)", "start": CURVE, "smoothness": "auto"}, 2),
+    ],
+    ids=["one descent", "several starts", "a sequence", "global", "limits of outputs", "smoothness"],
+)
+def test_a_search_of_any_kind_stops_after_its_time_with_the_best_values(options, arguments, steps):
     lines = []
-    options = kf.Options(max_seconds=1e-9)
-    result = kf.calibrate(TEXT, DATA, START, target="z", options=options, progress=lines.append)
+    chosen = kf.Options(max_seconds=1e-9, **options)
+    case = {"model": TEXT, "data": DATA, "start": BOUNDED, "target": "z", **arguments}
+    result = kf.calibrate(**case, options=chosen, progress=lines.append)
     assert result.status == "stopped"
-    assert len(lines) == 1
+    assert "Stopped after max_seconds = 1e-09; these are the best values so far." in result.message
+    assert result.cost_after <= result.cost_before
+    assert len(lines) <= steps
+
+
+def test_a_search_that_ends_within_its_time_has_converged():
+    assert kf.calibrate(TEXT, DATA, START, "z", options=kf.Options(max_seconds=1e6)).status == "converged"
 
 
 @pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])

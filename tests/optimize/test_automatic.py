@@ -368,7 +368,7 @@ def test_a_table_that_matters_only_after_others_is_smoothed():
     clean = kf.simulate(text, data, truth)["y"].values
     data = data.with_channels(kf.Channel("wanted", clean + 0.2 * rng.normal(size=time.size)))
     start = kf.ParameterSet([truth["C"].with_values(np.zeros(9)), truth["T"].with_values(np.full(9, 2.0))])
-    result = kf.calibrate(text, data, start, target="wanted", smoothness="auto", limits={"T": (0.05, 20.0)})
+    result = kf.calibrate(text, data, start, target="wanted", smoothness="auto", bounds={"T": (0.05, 20.0)})
     assert result.smoothness["T"]["x"] > 0
     assert result.parameters["T"].values == pytest.approx(truth["T"].values, abs=0.3)
 

@@ -96,7 +96,7 @@ def test_a_poor_end_that_limits_enforce_names_them():
     start = kf.ParameterSet([kf.Curve("C", [0.0, 1.0, 2.0], [0.0, 0.0, 0.0])])
     data = {"x": [0.0, 1.0, 2.0, 2.0], "m": [1.0, 2.0, 3.0, 3.1]}
     total = kf.Equality([kf.Term("C")], 4.5)
-    result = kf.calibrate("y = C(x)", data, start, target="m", limits={"C": (0.0, 1.5)}, constraints=[total])
+    result = kf.calibrate("y = C(x)", data, start, target="m", bounds={"C": (0.0, 1.5)}, constraints=[total])
     (warning,) = result.warnings
     assert "worse than by the mean" in warning.message
     assert warning.remedy == "Bounds, pins and limits hold all values where they are: check them."

@@ -41,7 +41,7 @@ def calibrated(data, shift, **arguments):
         target="Torque",
         shift=shift,
         smoothness=torque.SMOOTHNESS,
-        limits=torque.BOUNDS,
+        bounds=torque.BOUNDS,
         pins=[kf.Pin(*torque.PIN)],
         options=kf.Options(continuation="off"),
         **arguments,

@@ -327,3 +327,48 @@ def test_too_many_starts_are_refused():
     with pytest.raises(ArgumentError, match="starts must be <= 10000, got 1000000000"):
         kf.Options(starts=10**9)
     assert kf.Options(starts=MAX_STARTS).starts == MAX_STARTS
+
+
+def line(noise, criteria=()):
+    measured = 2 * X + 1 + noise * np.cos(40 * X)
+    start = [kf.Scalar(name, value, lower=-9.0, upper=9.0) for name, value in {"a": 1.0, "b": 0.0, "k": 3.0}.items()]
+    options = kf.Options(starts=5, workers=1)
+    target = None if criteria else "z"
+    text = "m = a * x + b\nother = k * x"
+    return kf.calibrate(text, {"x": X, "z": measured}, start, target, criteria=criteria, node=None, options=options)
+
+
+NODES = [kf.Criterion("m", "z"), kf.Criterion("other", "z", weight=0.0)]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_of_starts_with_equal_ends_the_given_one_is_the_best_whatever_the_last_digits_are(noise, monkeypatch):
+    first = line(noise, NODES)
+    assert "Best of 5 starts: number 1." in first.message
+    costs = [row.cost_after for row in first.starts]
+    assert len(set(costs)) > 1
+    # the last digits are those of another machine
+    cost = multistart.StartRunner.cost
+    monkeypatch.setattr(multistart.StartRunner, "cost", lambda *own: cost(*own) * (1 + 1e-12 * next(digits)))
+    digits = iter(range(100, 0, -1))
+    assert "Best of 5 starts: number 1." in line(noise, NODES).message
+
+
+def test_of_equal_ends_one_that_converged_is_preferred(monkeypatch):
+    finish = multistart.StartPoint.skip
+
+    def run_start(runner, point, progress, keep):
+        status = "max_iterations" if point.start == 1 else "converged"
+        outcome = finish(point)
+        return replace(outcome, row=replace(outcome.row, status=status, cost_after=1.0))
+
+    monkeypatch.setattr(multistart.StartRunner, "run_start", run_start)
+    assert "Best of 5 starts: number 2." in line(0.1, NODES).message
+
+
+def test_values_that_only_a_criterion_without_weight_sees_are_not_spread():
+    result = line(0.1, NODES)
+    assert result.parameters["k"].value == 3.0
+    # with a weight it is
+    weighted = line(0.1, [NODES[0], replace(NODES[1], weight=1.0)])
+    assert weighted.parameters["k"].value != 3.0

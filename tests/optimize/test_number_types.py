@@ -66,7 +66,8 @@ def fitted(of=float):
             )
         ],
         smoothness=of(1),
-        limits={"k": (of(0), of(9)), "m": (of(-50), of(50))},
+        bounds={"k": (of(0), of(9))},
+        limits={"m": (of(-50), of(50))},
         pins=[kf.Pin("C", (of(0),), of(1))],
         constraints=[
             Shape("C", 0, "slope", lower=of(-20), upper=of(20)),

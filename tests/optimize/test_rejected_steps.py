@@ -146,7 +146,7 @@ def test_each_of_several_starts_reports_its_own_reasons(workers):
     bounds = {"T": (-5.0, 5.0)}
     options = kf.Options(starts=3, workers=workers)
     data = recorded(u, noisy(lagged(u, 0.5)))
-    result = kf.calibrate("y = PT1(u, T)", data, {"T": 4.0}, "m", limits=bounds, options=options)
+    result = kf.calibrate("y = PT1(u, T)", data, {"T": 4.0}, "m", bounds=bounds, options=options)
     assert result.parameters["T"].value == pytest.approx(0.5, rel=0.05)
     failed = [row for row in result.starts if row.status == "failed"]
     assert all("the time constant T of a PT1 was below 0" in row.message for row in failed)

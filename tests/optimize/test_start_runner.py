@@ -259,7 +259,7 @@ def test_the_torque_maps_from_coarse_to_fine_end_no_higher_than_the_direct_fit()
             "Torque",
             node="TorquePredict",
             smoothness=torque.SMOOTHNESS,
-            limits=torque.BOUNDS,
+            bounds=torque.BOUNDS,
             pins=[kf.Pin(*torque.PIN)],
             options=kf.Options(continuation="off", **options),
         ).cost_after

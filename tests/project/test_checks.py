@@ -82,7 +82,20 @@ def test_a_free_parameter_that_reaches_no_criterion_is_a_warning(shop):
     shop.text = shop.text + "aside = Speed * K\n"
     shop.values("more.json", Scalar("K", 1.0))
     shop.change('initial = "start.json"', 'initial = ["start.json", "more.json"]')
-    assert "[calibration] free: K affects no criterion and keeps its initial value" in shop.warning()
+    sentence = "[calibration] free: K affects no criterion with a weight"
+    assert f"{sentence} and keeps its initial value" in shop.warning()
+    # a limit may move it, and so may smoothness
+    shop.add("[parameters.K]\nbounds = [2, 3]")
+    _, warning = shop.warnings()
+    assert warning.endswith(sentence)
+
+
+def test_a_free_parameter_of_a_criterion_without_weight_keeps_its_value(shop):
+    shop.text = shop.text + "aside = Speed * K\n"
+    shop.values("more.json", Scalar("K", 1.0))
+    shop.change('initial = "start.json"', 'initial = ["start.json", "more.json"]')
+    shop.add('[[criterion]]\nnode = "aside"\ntarget = "Torque"\nweight = 0.0')
+    assert "K affects no criterion with a weight and keeps its initial value" in shop.warning()
 
 
 @pytest.mark.parametrize("states", [False, True])

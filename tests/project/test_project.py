@@ -50,6 +50,14 @@ def test_the_solver_uses_the_options_of_the_project(shop):
     assert result.status == "max_iterations"
 
 
+def test_the_search_of_a_project_ends_in_its_time_or_in_that_of_the_call(shop):
+    project = shop.add("[optimizer]\nmax_seconds = 1e-9\ncontinuation = 'off'").project
+    result = project.calibrate()
+    assert (result.status, len(result.trace)) == ("stopped", 1)
+    assert "max_seconds = 1e-09" in result.message
+    assert "max_seconds = 2e-09" in project.calibrate(max_seconds=2e-9).message
+
+
 def test_files_are_read_once(shop, monkeypatch):
     from kennfeld.measurement import cache
 

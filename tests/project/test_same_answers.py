@@ -34,7 +34,7 @@ TASKS = {
     "a plain fit": Task(),
     "smoothness": Task(gain="smoothness = 10", arguments={"smoothness": {"Gain": 10}}),
     "automatic smoothness": Task(gain='smoothness = "auto"', arguments={"smoothness": {"Gain": "auto"}}),
-    "bounds": Task(gain="bounds = [0, 2.5]", arguments={"limits": {"Gain": (0, 2.5)}}),
+    "bounds": Task(gain="bounds = [0, 2.5]", arguments={"bounds": {"Gain": (0, 2.5)}}),
     "a pin": Task(gain="pin = [{ at = [1500], value = 1.4 }]", arguments={"pins": [kf.Pin("Gain", (1500,), 1.4)]}),
     "a shape": Task(
         gain="gradient = { x = [0, 0.0008] }",
@@ -61,13 +61,13 @@ TASKS = {
     ),
     "several starts": Task(
         gain="bounds = [0, 9]\n[parameters.offset]\nbounds = [-9, 9]\n[optimizer]\nstarts = 2\nseed = 3",
-        arguments={"limits": {"Gain": (0, 9), "offset": (-9, 9)}},
+        arguments={"bounds": {"Gain": (0, 9), "offset": (-9, 9)}},
         options={"starts": 2, "seed": 3},
     ),
     "a search without gradients": Task(
         gain='bounds = [0, 9]\n[parameters.offset]\nbounds = [-9, 9]\n[optimizer]\nmethod = "global"\nseed = 1\n'
         "max_evaluations = 60",
-        arguments={"limits": {"Gain": (0, 9), "offset": (-9, 9)}},
+        arguments={"bounds": {"Gain": (0, 9), "offset": (-9, 9)}},
         options={"method": "global", "seed": 1, "max_evaluations": 60},
     ),
 }

@@ -108,7 +108,7 @@ def test_limits_of_a_dictionary_hold_for_a_start_that_python_gives(bounded, star
     u = np.linspace(-2, 2, 20)
     data = {"u": u, "z": 3 * u + 1.5}
     assert calibrate(model, data, start, target="z").parameters["Slope"].value == 2.5
-    free = calibrate(model, data, start, target="z", limits={"Slope": (-np.inf, np.inf)})
+    free = calibrate(model, data, start, target="z", bounds={"Slope": (-np.inf, np.inf)})
     assert free.parameters["Slope"].value == pytest.approx(3, rel=1e-9)
 
 

@@ -129,3 +129,12 @@ def test_a_jump_is_warned_of_once_though_check_and_fit_know_of_it(project, capsy
     cli.run(["calibrate", str(project)])
     captured = capsys.readouterr()
     assert (captured.out + captured.err).count("derivatives do not account for that") == 1
+
+
+def test_a_search_that_is_out_of_time_writes_its_values_and_exits_with_1(project, capsys):
+    assert cli.run(["calibrate", str(project), "--max-seconds", "1e-9"]) == 1
+    assert "stopped: Stopped after max_seconds = 1e-09" in capsys.readouterr().out
+    result = json.loads((project.parent / "results" / "result.json").read_text(encoding="utf-8"))
+    assert result["status"] == "stopped"
+    assert result["cost"]["after"] < result["cost"]["before"]
+    assert cli.run(["calibrate", str(project), "--max-seconds", "0"]) == 2

@@ -17,12 +17,13 @@ from contextlib import suppress
 from dataclasses import KW_ONLY, replace
 from pathlib import Path
 from types import FrameType
-from typing import Literal
+from typing import Literal, TypeVar
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 
 Severity = Literal["error", "warning", "remark"]
+_Value = TypeVar("_Value")  # Python 3.11
 
 # control characters except tab and newline, invisible characters, and those that change the writing direction
 _UNSEEN = re.compile(
@@ -250,6 +251,23 @@ def warn(findings: Iterable[Finding]) -> None:
     """Issue findings as Python warnings, at the line outside this package from which the call came."""
     for finding in findings:
         warnings.warn(str(finding), InputWarning, stacklevel=_frames_inside() + 1)
+
+
+def warn_deprecated(message: str) -> None:
+    """Issue a `DeprecationWarning`, at the line outside this package from which the call came.
+
+    Args:
+        message: what is deprecated, and what to write in its place.
+    """
+    warnings.warn(message, DeprecationWarning, stacklevel=_frames_inside() + 1)
+
+
+def renamed(value: _Value, former: _Value | None, name: str, former_name: str) -> _Value:
+    """Return the value of an argument, which may be stated by its former name, with a `DeprecationWarning`."""
+    if former is None:
+        return value
+    warn_deprecated(f"the argument {former_name} is now called {name}: write {name}=...")
+    return former
 
 
 def repeat_warnings(messages: Iterable[Warning | str]) -> None:

@@ -146,6 +146,12 @@ def _is_missing(element: object) -> bool:
     return element is None or type(element).__name__ in ("NAType", "NaTType")
 
 
+def nested_or_none(values: Any) -> Any:
+    """Return an array as lists for JSON: None for numbers that are not finite."""
+    numbers = values.tolist() if isinstance(values, np.ndarray) else values
+    return [nested_or_none(each) for each in numbers] if isinstance(numbers, list) else finite_or_none(numbers)
+
+
 def finite_or_none(value: Any) -> Any:
     """Return a value for JSON: None for a float that is not finite."""
     if not isinstance(value, float):

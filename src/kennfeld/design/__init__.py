@@ -8,9 +8,10 @@ from types import ModuleType
 from typing import Any
 
 from kennfeld.design.api import design
+from kennfeld.design.comparison import DesignComparison
 from kennfeld.design.design_result import ChosenSegment, Design
 
-__all__ = ["ChosenSegment", "Design", "design"]
+__all__ = ["ChosenSegment", "Design", "DesignComparison", "design"]
 
 
 class _CallablePackage(ModuleType):

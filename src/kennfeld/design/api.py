@@ -23,6 +23,7 @@ from kennfeld.design.region import BenchRegion
 from kennfeld.design.segment_design import design_segments, reduce_recordings
 from kennfeld.design.space_filling import fill
 from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.coercion import Data, to_dataset
@@ -32,6 +33,7 @@ from kennfeld.project.forms import form_of, keys_of
 from kennfeld.project.section import KeyLocation, Section
 
 POINTS, SEGMENTS = 20, 15  # of a design that states no number
+_WEIGHTS = "\0weights"
 CANDIDATES = 1000  # points of the region among which those by the fit are chosen
 PLACE = Location("design")
 
@@ -77,7 +79,7 @@ def design(
     reduce: bool = False,
     keep: int | None = None,
     candidates: Data | Sequence[Data] | Sequence[str] = (),
-    use: Data | Sequence[Data] | Sequence[str] = (),
+    use: Data | Parameter | Sequence[Data | Parameter] | Sequence[str] = (),
     names: Sequence[str] = (),
     direction: int | None = None,
     progress: Progress | None = None,
@@ -93,7 +95,8 @@ def design(
         keep: number of recordings that `reduce` keeps.
         candidates: recordings or points to choose from: datasets, or for a project also paths and patterns. By default
             points are chosen from the ranges.
-        use: the operation that matters, like `candidates`; by default training and test data.
+        use: the operation that matters, like `candidates`; by default training and test data. Without a project also
+            maps of weights over channels, whose grid points count by their values, and datasets with `weight_channel`.
         names: patterns of the parameters that points should determine.
         direction: number of the direction of `result.trust` that points should determine, from 1.
         progress: called after each accepted step of the fit.
@@ -166,7 +169,7 @@ def design_project(
             finding = Finding(place, message, "Measure them, then run kennfeld design again.", severity="warning")
             proposal = replace(proposal, findings=(finding, *proposal.findings))
         return proposal
-    data = ProjectData.of(project, candidates, [*use, *(() if use else entry.use)])
+    data = ProjectData.of(project, candidates, [*use, *(() if use else entry.use)], entry.use_weight)
     planned = _planned(entry, data.problem, place) if request.segments is not None and entry.manoeuvres else []
     fitted = data.fit(progress)
     return _around(fitted, entry, request, [*data.candidates, *planned], data.use, place, data.findings)
@@ -192,7 +195,8 @@ def _around(
     """Return a design around a fit."""
     problem = fitted.problem
     known = [*findings, *doubts(fitted)]
-    use = use or problem.datasets
+    # the weights of training data say how far they are trusted, not how often a sample occurs
+    use = use or [replace(data, weight_channel="") for data in problem.datasets]
     if request.reduce:
         proposal = reduce_recordings(fitted, problem.fitted_datasets, use, request.keep, entry.seed)
     elif request.segments is not None or (request.n is None and _drives(problem, request)):
@@ -370,6 +374,23 @@ def _as_toml(value: Any) -> Any:
     return [_as_toml(item) for item in value] if isinstance(value, list | tuple) else value
 
 
+def _grid_of(weights: Parameter) -> Dataset:
+    """Return the grid points of a table of weights as steady points.
+
+    Raises:
+        ArgumentError: an axis has no channel, or a weight is negative or not finite.
+    """
+    channels = [axis.input for axis in weights.axes]
+    if not channels or not all(channels):
+        raise ArgumentError(f"each axis of the weights {weights.name} requires a channel: Axis(..., input='Speed')")
+    if not (np.isfinite(weights.values).all() and (weights.values >= 0).all() and weights.values.any()):
+        raise ArgumentError(f"the weights {weights.name} must be finite and >= 0, and some must be > 0")
+    grid = np.meshgrid(*(axis.breakpoints for axis in weights.axes), indexing="ij")
+    # no channel of a user has this name
+    columns = {name: each.ravel() for name, each in zip(channels, grid, strict=True)}
+    return Dataset.of(weights.name, {**columns, _WEIGHTS: weights.values.ravel()}, weight_channel=_WEIGHTS)
+
+
 def _texts(supplied: Any) -> tuple[str, ...]:
     items = [supplied] if isinstance(supplied, str) else list(supplied)
     for item in items:
@@ -380,11 +401,13 @@ def _texts(supplied: Any) -> tuple[str, ...]:
 
 def _datasets(supplied: Any, name: str, problem: Problem | None) -> list[Dataset]:
     """Return data of Python as datasets with the channels that the function reads."""
-    items = [supplied] if isinstance(supplied, Mapping) else list(supplied)
+    listed: list[Any] = [supplied] if isinstance(supplied, Mapping | Parameter) else list(supplied)
+    items: list[Any] = [_grid_of(item) if isinstance(item, Parameter) else item for item in listed]
     if problem is None:
         return [item if isinstance(item, Dataset) else Dataset.of(name, item) for item in items]
     graph, asked = problem.model.graph, set(_input_channels(problem))
     asked |= {criterion.target.name for criterion in problem.criteria}
+    asked |= {item.weight_channel for item in items if isinstance(item, Dataset)} - {""}
     located = [to_dataset(item, name, graph, asked) for item in items]
     missing = [
         Finding(Location(f"{name} {data.name}"), f"has no channel {channel}", nearest(channel, data))

@@ -25,10 +25,15 @@ class CandidateData:
         fitted: the fitted function.
         datasets: inputs of the candidates; samples that are not scored lead up to others.
         criteria: what would be measured there; by default all criteria of the problem.
+        use: further datasets, whose samples have the weights of their `weight_channel`.
     """
 
     def __init__(
-        self, fitted: FittedFunction, datasets: Sequence[Dataset], criteria: Sequence[Criterion] | None = None
+        self,
+        fitted: FittedFunction,
+        datasets: Sequence[Dataset],
+        criteria: Sequence[Criterion] | None = None,
+        use: Sequence[Dataset] = (),
     ) -> None:
         own = fitted.problem.criteria
         measured = tuple(_plain(criterion) for criterion in (own if criteria is None else criteria))
@@ -37,9 +42,10 @@ class CandidateData:
         # a channel that the function reads must be among the candidates
         channels -= {fitted.problem.channels.get(name, name) for name in fitted.problem.model.graph.inputs}
         self._fitted = fitted
-        self.datasets = tuple(_with_targets(data, sorted(channels)) for data in datasets)
+        plain = (replace(data, weight_channel="") for data in datasets)
+        self.datasets = tuple(_with_targets(data, sorted(channels)) for data in (*plain, *use))
         self.problem = fitted.problem.over(self.datasets)
-        self._same = measured == own
+        self._same = measured == own and not any(data.weight_channel for data in self.datasets)
         if not self._same:
             self.problem = replace(self.problem, criteria=measured)
 
@@ -108,4 +114,4 @@ def _with_targets(data: Dataset, channels: Sequence[str]) -> Dataset:
     zeros = np.zeros(data.samples)
     others = tuple(channel for channel in data.channels if channel.name not in channels)
     targets = tuple(Channel(name, zeros) for name in channels)
-    return replace(data, channels=(*others, *targets), weight=1.0, use="training", weight_channel="")
+    return replace(data, channels=(*others, *targets), weight=1.0, use="training")

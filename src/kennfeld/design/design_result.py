@@ -1,5 +1,6 @@
 """The result of a design: what to measure, and what that is predicted to determine."""
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
@@ -9,13 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Finding
+from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.base.numeric import finite_or_none
+from kennfeld.base.numeric import finite_or_none, nested_or_none
 from kennfeld.design.bench_order import BenchRun
+from kennfeld.design.comparison import DesignComparison, compare
+from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.manoeuvres import TimeTable
 from kennfeld.domain.file_spans import short_names
+from kennfeld.optimize.fit.result import Result
 
 MOST_ROWS = 8  # points that a text shows
 
@@ -54,6 +59,7 @@ class Design:
         run: the points with blocks, replicates and the time between them; None without points.
         tables: planned manoeuvres.
         factor: predicted mean variance of prediction over the use, relative to that now; NaN if it is unknown.
+        noise: standard deviation of the noise of each node, on which the prediction is based.
 
     >>> from kennfeld import design
     >>> levels = design(n=4, ranges={"speed": (800, 6000)}, method="factorial")
@@ -73,6 +79,43 @@ class Design:
     run: BenchRun | None = field(default=None, repr=False)
     tables: tuple[TimeTable, ...] = field(default=(), repr=False)
     factor: float = float("nan")
+    noise: Mapping[str, float] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def read(cls, path: str | Path) -> "Design":
+        """Read a design that was saved as .json, for `compare`; its order and planned manoeuvres are not in the file.
+
+        Raises:
+            InputError: the file cannot be read, or holds no design around a fit.
+        """
+        place = Location(str(path))
+        with convert_errors(Path(path), "cannot be read"):
+            text = Path(path).read_text(encoding="utf-8")
+        try:
+            content = json.loads(text)
+            return cls(
+                points=tuple(content["points"]),
+                segments=tuple(ChosenSegment(**segment) for segment in content["segments"]),
+                drop=tuple(content["drop"]),
+                before=_deviations(content["deviation"]["before"]),
+                after=_deviations(content["deviation"]["after"]),
+                unsettled=tuple(content["unsettled"]),
+                sentences=tuple(content["sentences"]),
+                warmup=content["warmup"],
+                factor=float("nan") if content["variance"] is None else content["variance"],
+                noise={node: value for node, value in content.get("noise", {}).items() if value is not None},
+            )
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            remedy = "Name the .json file that kennfeld design -o has written."
+            raise InputError.of(place, "is not a design", remedy) from error
+
+    def compare(self, result: Result) -> DesignComparison:
+        """Compare the predicted deviations with those of a fit of all data, the measured ones included.
+
+        Raises:
+            InputError: the design was made without a fit, or for tables of another size.
+        """
+        return compare(self.before, self.after, self.noise, FittedFunction.of(result))
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of `kennfeld design --json`; numbers that are not finite are None."""
@@ -81,6 +124,7 @@ class Design:
             "segments": [vars(segment) for segment in self.segments],
             "drop": list(self.drop),
             "deviation": {"before": _nested(self.before), "after": _nested(self.after)},
+            "noise": {node: finite_or_none(value) for node, value in self.noise.items()},
             "unsettled": list(self.unsettled),
             "warmup": self.warmup,
             "variance": finite_or_none(self.factor),
@@ -163,8 +207,13 @@ class Design:
 
 
 def _nested(values: Mapping[str, Float]) -> dict[str, Any]:
-    return {name: _numbers(array.tolist()) for name, array in values.items()}
+    return {name: nested_or_none(array) for name, array in values.items()}
+
+
+def _deviations(content: Any) -> dict[str, Float]:
+    """Return deviations as JSON has them, where None is undetermined."""
+    return {name: np.asarray(_numbers(values), dtype=np.float64) for name, values in content.items()}
 
 
 def _numbers(item: Any) -> Any:
-    return [_numbers(each) for each in item] if isinstance(item, list) else finite_or_none(item)
+    return [_numbers(each) for each in item] if isinstance(item, list) else np.inf if item is None else item

@@ -10,6 +10,7 @@ from kennfeld.design.candidate_data import CandidateData
 from kennfeld.design.coverage import WeightedCoverage
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.domain.dataset import Dataset
+from kennfeld.preprocessing.binding import BoundDataset
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +48,11 @@ class Information:
             candidates: datasets that contain the candidates.
             owners: for each of them the candidate that a sample belongs to, Int[samples]; -1 for none.
             count: number of candidates.
-            use: the operation that matters; samples that are not scored do not count.
+            use: the operation that matters; samples that are not scored do not count, the others by their weights.
             seed: of the sets of values.
             alike: training and test data of the use count alike, however many samples they have.
         """
-        together = CandidateData(fitted, [*candidates, *use])
+        together = CandidateData(fitted, candidates, use=use)
         kinds = [data.use if alike else "" for data in use]
         parts = {kind: count + number for number, kind in enumerate(dict.fromkeys(kinds))}
         groups = [
@@ -60,8 +61,7 @@ class Information:
         ]
         visits = np.zeros(len(parts))
         for data, kind in zip(together.datasets[len(candidates) :], kinds, strict=True):
-            # samples that cannot be evaluated are not visited
-            visits[parts[kind] - count] += together.problem.bind(data).scored.sum()
+            visits[parts[kind] - count] += _total_weight(together.problem.bind(data))
         known, located = list[Float](), list[Float]()
         for values in fitted.draws(seed):
             with ignore_floating_errors():
@@ -75,10 +75,18 @@ class Information:
         usable: Bool = np.asarray(np.isfinite(squares[:, :count]).all(axis=(0, 2)))
         squares = np.nan_to_num(squares, nan=0.0, posinf=0.0)
         squares[..., fitted.fixed] = 0.0
-        mean = (squares[:, count:] / np.maximum(visits, 1)[:, None]).mean(axis=1)
+        mean = (squares[:, count:] / np.where(visits > 0, visits, 1)[:, None]).mean(axis=1)
         return cls(np.array(known), squares[:, :count], mean, usable)
 
     @property
     def coverage(self) -> WeightedCoverage:
         """The variance of prediction over the use, as a function of the candidates that are measured."""
         return WeightedCoverage(self.known, self.candidates, self.use)
+
+
+def _total_weight(bound: BoundDataset) -> float:
+    """Return the sum of the weights of the samples that count; those that cannot be evaluated do not."""
+    name = bound.dataset.weight_channel
+    if not name:
+        return float(bound.scored.sum())
+    return float(np.nan_to_num(bound.channel(name))[bound.scored].sum())

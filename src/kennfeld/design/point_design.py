@@ -132,6 +132,7 @@ def design_points(
         unsettled = describe_unsettled(fitted, added, f"These {kind.name} points")
     design = Design(
         before=deviations(fitted),
+        noise=dict(fitted.trust.noise),
         after=deviations(fitted, added),
         unsettled=tuple(unsettled),
         sentences=tuple(sentences),

@@ -37,11 +37,12 @@ class ProjectData:
     findings: tuple[Finding, ...] = ()
 
     @classmethod
-    def of(cls, project: Project, candidates: Sequence[str], use: Sequence[str]) -> "ProjectData":
+    def of(cls, project: Project, candidates: Sequence[str], use: Sequence[str], use_weight: str = "") -> "ProjectData":
         """Read a project together with further files.
 
         Units, calculated channels, raster and shifts are those of its first dataset with training data. Paths of
-        candidates are relative to the present folder, those of the use to that of the project.
+        candidates are relative to the present folder, those of the use to that of the project. The channel `use_weight`
+        weights the samples of the use.
 
         Raises:
             InputError: a file cannot be read, or has not all channels that the function reads.
@@ -50,7 +51,7 @@ class ProjectData:
         first = next((entry for entry in file.datasets if entry.is_fitted), file.datasets[0])
         here = tuple(str(Path.cwd() / pattern) for pattern in candidates)
         further = [_entry(first, CANDIDATES, here)] if here else []
-        further += [_entry(first, USE, tuple(use))] if use else []
+        further += [replace(_entry(first, USE, tuple(use)), weight_channel=use_weight)] if use else []
         if project.is_partitioned and project.load is None:
             message = "a design reads all data into this process, not in partitions"
             findings.append(Finding(file.location("cluster"), message, severity="remark"))

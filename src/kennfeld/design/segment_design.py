@@ -83,6 +83,7 @@ def design_segments(
             for each, gain in zip(picked, gains, strict=True)
         ),
         before=deviations(fitted),
+        noise=dict(fitted.trust.noise),
         after=deviations(fitted, added),
         unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
         findings=findings.finish(),
@@ -168,6 +169,7 @@ def reduce_recordings(
     return Design(
         drop=tuple(files[number].file for number in numbers),
         before=deviations(fitted),
+        noise=dict(fitted.trust.noise),
         after=_deviations_without(fitted, recordings, [files[number] for number in numbers]),
         sentences=tuple(sentences),
         findings=findings.finish(),

@@ -205,7 +205,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     def with_parameters(self, *changed: Parameter) -> "ParameterSet":
         """Return the set with some parameters replaced or added."""
-        return self.merged(ParameterSet(changed))
+        return self.merged(ParameterSet(changed)) if changed else self
 
     def select(self, names: Iterable[str]) -> "ParameterSet":
         """Return the named parameters alone, in the order of `names`."""

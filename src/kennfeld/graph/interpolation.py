@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Float, ignore_floating_errors
 from kennfeld.domain.parameters import Axis, Extrapolation
 
 WINDOW = 4.0  # standard deviations at which the smoothing kernel is truncated
@@ -119,6 +119,9 @@ def table_weights(sides: Sequence[Float], shape: tuple[int, ...]) -> Float:
 def look_up(values: Float, axes: Sequence[Axis], coordinates: Sequence[Float], extrapolation: Extrapolation) -> Float:
     """Look a table up at coordinates of any shape: Float[points of each axis] -> Float of that shape.
 
+    At an infinite coordinate a table that is continued linearly is not finite: the weights of the last two grid points
+    are -inf and inf there, and their sum is infinite or NaN, as in machine code and exported code.
+
     >>> look_up(np.array([1.0, 3.0]), [Axis([0.0, 10.0])], [np.array([5.0, 20.0])], "clip")
     array([2., 3.])
     """
@@ -136,7 +139,8 @@ def look_up(values: Float, axes: Sequence[Axis], coordinates: Sequence[Float], e
             weight = weight * (place - cell if bit else 1.0 - (place - cell))
         at = tuple(cell + bit for cell, bit in zip(cells, corner, strict=True))
         # a value without weight must not leak, though it is NaN
-        total = total + np.where(weight == 0.0, 0.0, weight * values[at])
+        with ignore_floating_errors():
+            total = total + np.where(weight == 0.0, 0.0, weight * values[at])
     return total
 
 
@@ -152,6 +156,6 @@ def interpolate(values: Float, sides: Sequence[Float]) -> Float:
     total = np.zeros(sides[0].shape[0])
     for corner in product(*support):
         weight = np.prod([side[:, i] for side, i in zip(sides, corner, strict=True)], axis=0)
-        with np.errstate(invalid="ignore"):
+        with ignore_floating_errors():
             total += np.where(weight == 0, 0.0, weight * values[corner])
     return total

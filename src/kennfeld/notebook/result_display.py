@@ -13,6 +13,7 @@ from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.trust.trust import Trust
 
 MAX_DIRECTIONS = 5
+SETTLE = "What would settle the first of them, if anything: kennfeld.design(result, direction=1)"
 _COLOURS = {"error": "#d64545", "warning": "#d08700", "remark": "#3b8eea"}  # legible on white and on black
 _ORDER = tuple(_COLOURS)
 
@@ -66,6 +67,7 @@ def _undetermined(trust: Trust) -> list[Html]:
     sentences += list(map(str, directions[:MAX_DIRECTIONS]))
     more = len(directions) - MAX_DIRECTIONS
     sentences += [f"and {more} more in trust.directions"] if more > 0 else []
+    sentences += [SETTLE] if directions else []
     active = [str(limit) for limit in trust.holdings if limit.samples]
     parts = []
     for title, texts in (("Parameters not determined by the data:", sentences), ("Active output limits:", active)):

@@ -13,6 +13,7 @@ from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.models import Model
 from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.arguments import (
+    Bounds,
     Factors,
     Limits,
     ProblemArguments,
@@ -77,6 +78,7 @@ def calibrate(
     free: Sequence[str] = ("*",),
     free_axes: Sequence[str] = (),
     smoothness: Factors = 0.0,
+    bounds: Mapping[str, Bounds] | None = None,
     limits: Limits | None = None,
     pins: Sequence[Pin] = (),
     constraints: Sequence[Shape | Equality] = (),
@@ -105,9 +107,9 @@ def calibrate(
         free_axes: patterns of axes whose breakpoints to fit (`Group`, `Table.x`), like those of `Axis(..., free=True)`.
         smoothness: factor for all tables, or by parameter and axis, as `Result.smoothness` has them; "auto" in its
             place chooses it from the data.
-        limits: lower and upper bound by name: of all values of a parameter, in its unit, or of a node at every scored
-            training sample, which may be an expression over nodes and channels; or a list of `Limit`. None
-            means no bound.
+        bounds: lower and upper bound of all values of a parameter, in its unit, by name. None means no bound.
+        limits: least and largest value of a node at every scored training sample, by name, which may be an expression
+            over nodes and channels; or a list of `Limit`. None means no limit.
         pins: exact values at given coordinates.
         constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
         channels: the channel of a model input, if the names differ.
@@ -137,6 +139,7 @@ def calibrate(
         "free": free,
         "free_axes": free_axes,
         "smoothness": smoothness,
+        "bounds": bounds,
         "limits": limits,
         "pins": pins,
         "constraints": constraints,

@@ -15,6 +15,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import join_names, quoted, toml_text
 from kennfeld.calfiles import unwritable
+from kennfeld.domain.constraints import Shape
 from kennfeld.domain.file_spans import short_names
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
@@ -452,7 +453,19 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         if at not in moving:
             yield entry.location, f"no free parameter affects {entry.node}", "Is it the right node?"
     for name in problem.unscored_names:
-        yield file.location("calibration", "free"), f"{name} affects no criterion and keeps its initial value", ""
+        kept = " and keeps its initial value" if _keeps_start(problem, name) else ""
+        yield file.location("calibration", "free"), f"{name} affects no criterion with a weight{kept}", ""
+
+
+def _keeps_start(problem: Problem, name: str) -> bool:
+    """Return if nothing moves a parameter that the data do not: no smoothness, no limit that names it, no rounding."""
+    table = problem.parameters[name]
+    smooth = any(problem.factors(name)) or any(problem.automatic(name))
+    outside = np.any((table.values < table.lower) | (table.values > table.upper))
+    named = {pin.parameter for pin in problem.pins}
+    for constraint in problem.constraints:
+        named |= {constraint.parameter} if isinstance(constraint, Shape) else {t.parameter for t in constraint.terms}
+    return not (smooth or outside or name in named or problem.limits or problem.rounding)
 
 
 def _unread_class(file: ProjectFile) -> Iterator[_Warning]:

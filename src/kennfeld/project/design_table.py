@@ -111,6 +111,12 @@ class DesignEntry:
         holds="recording",
         default_text="training and test data",
     )
+    use_weight: str = key(
+        "channel of these recordings that weights their samples, such as the hours at each point of a table of points",
+        "",
+        holds="channel",
+        default_text="all count alike",
+    )
     length: float = key("length of a segment", 60.0, above=0, unit="s")
     warmup: float | None = key(
         "time before each segment in which the function settles",

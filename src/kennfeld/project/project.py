@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from kennfeld.base.consent_gate import require_address
-from kennfeld.base.errors import Finding, FindingList, InputError, warn
+from kennfeld.base.errors import Finding, FindingList, InputError, renamed, warn
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import below, is_below
@@ -282,6 +282,7 @@ class Project:
         folder: str | Path | None = None,
         workers: int | None = None,
         resume: bool = False,
+        max_seconds: float | None = None,
     ) -> "Result":
         """Fit the free parameters to the training data.
 
@@ -291,6 +292,7 @@ class Project:
                 `saves` if `save_every` is set.
             workers: number of processes for several starts, by default one per core.
             resume: resume from the checkpoints.
+            max_seconds: replaces that of the project.
 
         Returns:
             The result, also of a fit that did not converge.
@@ -302,6 +304,8 @@ class Project:
         from kennfeld.optimize.search.multistart import run
 
         problem, options = self.problem(), replace(self.options, workers=workers)
+        if max_seconds is not None:
+            options = replace(options, max_seconds=max_seconds)
         seconds = Seconds(read=self.seconds_read)
         if not (resume or options.save_every):
             return run(problem, options, progress, seconds)
@@ -329,6 +333,7 @@ class Project:
         nodes: Sequence[str] = ("*",),
         kinds: "Sequence[Kind]" = ("add", "multiply", "lag", "delay", "offset"),
         least: float = 0.0,
+        progress: Callable[[str], None] | None = None,
         report: Callable[[str], None] | None = None,
     ) -> "TermProposals":
         """Find terms that the function lacks: which channel of the recordings or lag, and at which node.
@@ -341,7 +346,8 @@ class Project:
             nodes: glob patterns of the nodes that take part.
             kinds: `add`, `multiply`, `lag`, `delay`, `offset` of each recording.
             least: effect that a proposal must explain on held-out data, in the unit of the target.
-            report: called with lines of text on the progress.
+            progress: called with lines of text.
+            report: former name of `progress`.
 
         Returns:
             The proposals, the best one first, each with a patch of the formula text and the project file.
@@ -352,7 +358,8 @@ class Project:
         from kennfeld.analysis.missing.proposing import SearchScope
         from kennfeld.project.missing_terms import propose
 
-        return propose(self, SearchScope(channels, nodes, kinds, least), report or (lambda line: None))
+        progress = renamed(progress, report, "progress", "report")
+        return propose(self, SearchScope(channels, nodes, kinds, least), progress or (lambda line: None))
 
     def apply(self, proposal: "TermProposal") -> tuple[Path, ...]:
         """Write a proposal of `propose` into the formula text and the project file; returns both paths.

@@ -285,7 +285,11 @@ class ParameterEntry:
         form=_shapes("curvature"),
         default_text="none",
     )
-    extrapolation: Extrapolation | None = key('`"linear"` extrapolates beyond the ends', None, default_text='`"clip"`')
+    extrapolation: Extrapolation | None = key(
+        '`"linear"` extrapolates beyond the ends; an infinite input then gives no finite number',
+        None,
+        default_text='`"clip"`',
+    )
 
     @property
     def axes(self) -> Mapping[str, AxisEntry]:

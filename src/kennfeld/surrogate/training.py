@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Findings, Location
+from kennfeld.base.errors import ArgumentError, Findings, Location, renamed
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
@@ -152,17 +152,20 @@ class SurrogateSettings:
 def train_surrogate(
     datasets: Sequence[Dataset],
     settings: SurrogateSettings,
-    report: Report = lambda line: None,
+    progress: Report = lambda line: None,
     stopped: Stopped = never,
+    *,
+    report: Report | None = None,
 ) -> StaticSurrogate | DynamicSurrogate | FilteredSurrogate:
     """Train a model on the datasets for training, and score it on all of them.
 
     Args:
         datasets: recordings for training and test; samples that are NaN or not scored are not used for training.
         settings: what to train.
-        report: called with lines of text on the progress.
+        progress: called with lines of text.
         stopped: asked between steps; once it returns true, the training ends at the best so far. A dynamic model is
             then perhaps not trained for free run.
+        report: former name of `progress`.
 
     Returns:
         The surrogate, with its range of validity and its errors.
@@ -177,6 +180,7 @@ def train_surrogate(
     >>> bool(abs(sine(np.array([1.5])) - np.sin(1.5)) < 1e-3)
     True
     """
+    progress = renamed(progress, report, "progress", "report")
     findings = Findings(missing_channels(datasets, (*settings.inputs, settings.output)))
     if not any(dataset.use == "training" for dataset in datasets):
         findings.error(Location(), "there is no training dataset", 'Set use = "training" for one.')
@@ -185,7 +189,7 @@ def train_surrogate(
 
     with blas_threads(settings.most_centres):
         if settings.kind == "dynamic":
-            return train_dynamic(datasets, settings, _units(datasets, settings), report, stopped)
+            return train_dynamic(datasets, settings, _units(datasets, settings), progress, stopped)
         return train_static(datasets, settings, _units(datasets, settings), stopped)
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from kennfeld.base.errors import InputError, Location
 from kennfeld.terminal.command_line import (
     DONE,
     INTERRUPTED,
@@ -44,6 +45,9 @@ if TYPE_CHECKING:
 @option(
     "--use", "Cycle or recording of the operation that matters, or a pattern; may be repeated.", "FILES", multiple=True
 )
+@option(
+    "--compare earlier", "Compare what a design predicted, a .json file, with a fit of all data.", "FILE", type=PATH
+)
 @option("-o --output", "File for the design: .csv, .xlsx, .parquet, .mf4 or .json.", "FILE", type=PATH)
 @as_json
 @trusted
@@ -58,6 +62,7 @@ def design(
     names: tuple[str, ...],
     direction: int | None,
     use: tuple[str, ...],
+    earlier: Path | None,
     output: Path | None,
     as_json: bool,
     trust: bool,
@@ -67,6 +72,11 @@ def design(
     The project is calibrated first, unless its points fill ranges. [design] in the project file has ranges, limits,
     manoeuvres and the order of the bench.
     """
+    if earlier is not None:
+        asked = (points, segments, reduce or None, keep, candidates, names, direction, use, output)
+        if any(value not in (None, ()) for value in asked):
+            raise InputError.of(Location("--compare"), "cannot be combined with a new design", "Run two commands.")
+        return _compare(path, earlier, as_json, trust)
     from kennfeld.design.api import Request, design_project
     from kennfeld.design.design_files import require_design_format
     from kennfeld.project.results import output_file
@@ -94,6 +104,26 @@ def design(
     _print_design(proposal)
     if target is not None:
         print_lines(f"Written to {target}")
+    return INTERRUPTED if interrupt.pressed else DONE
+
+
+def _compare(path: Path, earlier: Path, as_json: bool, trust: bool) -> int:
+    from kennfeld.design import Design
+    from kennfeld.terminal.progress import Interrupt, display
+
+    predicted = Design.read(earlier)
+    with opened_project(path, trust=trust) as project:
+        try:
+            with Interrupt() as interrupt, display("compiling") as shown:
+                reached = predicted.compare(project.calibrate(interrupt.watch(shown)))
+        except KeyboardInterrupt:
+            print_findings("Stopped before there was anything to compare.")
+            return INTERRUPTED
+    print_findings(*reached.findings)
+    if as_json:
+        print_values(json.dumps(reached.as_json(), indent=2))
+    else:
+        print_lines(*align(reached.table()), "", *reached.summary())
     return INTERRUPTED if interrupt.pressed else DONE
 
 

@@ -178,6 +178,10 @@ def _print_warnings(findings: Sequence[Finding]) -> str:
     type=click.IntRange(1),
 )
 @option("--scheduler", "Dask scheduler to use, instead of that in [cluster].", "ADDRESS")
+@option(
+    *("--max-seconds", "Stop the search after this time, with the best values so far.", "S", "that in [optimizer]"),
+    type=click.FloatRange(0, min_open=True),
+)
 @option("--resume", "Resume from the checkpoints in the results folder (see save_every).")
 @option("--cross-validate folds", "After calibrating, run K-fold cross-validation.", "K", type=int)
 @option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", True, default="auto")
@@ -189,6 +193,7 @@ def calibrate(
     output: Path | None,
     workers: int | None,
     scheduler: str | None,
+    max_seconds: float | None,
     resume: bool,
     folds: int | None,
     parts: str,
@@ -208,14 +213,19 @@ def calibrate(
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
     folder = results_folder(path, output)
     with opened_project(path, scheduler, workers, trust=trust) as project:
-        status = _calibrate(project, folder, workers, resume, by_file)
+        status = _calibrate(project, folder, workers, max_seconds, resume, by_file)
         if folds is None or status == INTERRUPTED:
             return status
         return max(status, _cross_validate(project, folder, folds, parts))
 
 
 def _calibrate(
-    project: "Project", folder: Path, workers: int | None = None, resume: bool = False, by_file: bool = False
+    project: "Project",
+    folder: Path,
+    workers: int | None = None,
+    max_seconds: float | None = None,
+    resume: bool = False,
+    by_file: bool = False,
 ) -> int:
     from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.optimize.tuning.shift_estimation import apply_shifts
@@ -239,7 +249,9 @@ def _calibrate(
         # the report and the files are written within it, so that the first Ctrl-C does not leave half of them
         with Interrupt() as interrupt:
             with display("compiling", project.file.optimizer.starts) as shown:
-                result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
+                result = project.calibrate(
+                    interrupt.watch(shown), folder=folder, workers=workers, resume=resume, max_seconds=max_seconds
+                )
             # inputs shifted as in the fit, which has estimated by how much
             extrapolations = find_extrapolation(apply_shifts(project.problem(), result.shifts), result.parameters)
             missing = _hints(project, result)

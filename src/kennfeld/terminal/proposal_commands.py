@@ -54,7 +54,7 @@ def propose(
                 nodes=nodes or ("*",),
                 kinds=kinds or KINDS,  # type: ignore[arg-type]
                 least=least,
-                report=print_progress,
+                progress=print_progress,
             )
         except ArgumentError as error:
             raise InputError.of(Location("propose"), str(error)) from None

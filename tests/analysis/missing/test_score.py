@@ -86,7 +86,7 @@ def test_the_gain_of_a_linear_function_is_that_of_a_full_refit(timed):
 
 def test_values_at_a_bound_and_pins_take_no_part():
     data = columns()
-    settings = {"limits": {"C": (-0.5, 0.5)}, "pins": [kf.Pin("C", (0.75,), 0.2)], "smoothness": 0.1}
+    settings = {"bounds": {"C": (-0.5, 0.5)}, "pins": [kf.Pin("C", (0.75,), 0.2)], "smoothness": 0.1}
     problem, result = fitted("y = C(x) + k", {"k": 0.0, "C": CURVE}, data, **settings)
     scores, _ = scores_of(problem)
     score = scores["y", "add", "z"]

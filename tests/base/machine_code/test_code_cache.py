@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from functools import wraps
 from pathlib import Path
@@ -30,6 +31,7 @@ KEY = key_of("a module")
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv(code_cache.VARIABLE, str(tmp_path / "code"))
+    monkeypatch.setattr(engine, "_recent", OrderedDict())
     cache_folder.cache_clear()
     yield tmp_path / "code"
     cache_folder.cache_clear()
@@ -120,6 +122,7 @@ def test_kept_code_gives_the_same_numbers(folder: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(kernel, "_kernel_code", renamed(refuse, kernel._kernel_code))
     monkeypatch.setattr(simulator, "_simulator_code", renamed(refuse, simulator._simulator_code))
     sweeps.cache_clear()
+    engine._recent.clear()
     for now, before in zip(computed(["delayed", "layers"]), first, strict=True):
         np.testing.assert_array_equal(now, before)
 

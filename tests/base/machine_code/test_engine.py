@@ -1,9 +1,11 @@
 import gc
+from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
+from kennfeld.base.machine_code import engine
 from kennfeld.base.machine_code.engine import compile_functions
 from kennfeld.base.machine_code.ir import FunctionWriter, literal
 from tests.native.models import MODELS, case
@@ -39,6 +41,39 @@ def test_engines_with_equal_names_do_not_meet():
     one(x.ctypes.data, 1)
     two(x.ctypes.data, 1)
     assert x.tolist() == [11.0]
+
+
+def test_code_that_was_loaded_before_is_loaded_again_only_if_it_is_large_old_or_what_it_calls_has_moved(monkeypatch):
+    loads = []
+    load = engine._load
+    monkeypatch.setattr(engine, "_recent", OrderedDict())
+    monkeypatch.setattr(engine, "_load", lambda code: loads.append(code) or load(code))
+
+    def put(number):
+        x = np.zeros(1)
+        engine.compile_written(named_adder, number)["put"](x.ctypes.data, 1)
+        return float(x[0])
+
+    assert [put(3), put(3), put(4), put(3)] == [3.0, 3.0, 4.0, 3.0]
+    assert len(loads) == 2
+    monkeypatch.setattr(engine, "RECENT", 1)
+    assert [put(5), put(3)] == [5.0, 3.0]
+    assert len(loads) == 4
+    monkeypatch.setattr(engine.Engine, "is_current", False)
+    assert put(3) == 3.0
+    assert len(loads) == 5
+    monkeypatch.undo()
+    monkeypatch.setattr(engine, "_recent", OrderedDict())
+    monkeypatch.setattr(engine, "SMALL", 10)
+    assert put(3) == 3.0
+    assert not engine._recent
+
+
+def named_adder(value):
+    return [adder(value)]
+
+
+named_adder.__module__ = "kennfeld.native.a_writer"
 
 
 def test_wrong_code_is_refused():

@@ -118,9 +118,9 @@ def test_leverages_lie_between_0_and_1_and_sum_up_to_the_degrees_of_freedom(seed
     x = rng.uniform(0, rng.uniform(2, 9), 60)
     y = np.sin(x) + rng.normal(0, 0.1, 60)
     start = kf.ParameterSet([kf.Curve("C", np.arange(10.0), np.zeros(10)), kf.Scalar("k", 0.0)])
-    limits = None if bound is None else {"C": (-bound, bound)}
+    bounds = None if bound is None else {"C": (-bound, bound)}
     fit = kf.calibrate(
-        "m = C(x) + k * x^2", {"x": x, "y": y}, start, target="y", smoothness={"C": smoothness}, limits=limits
+        "m = C(x) + k * x^2", {"x": x, "y": y}, start, target="y", smoothness={"C": smoothness}, bounds=bounds
     )
     trust = fit.trust
     whole = np.concatenate([trust.leverage["C"], np.atleast_1d(trust.leverage["k"])])

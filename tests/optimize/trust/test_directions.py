@@ -304,7 +304,7 @@ def test_a_direction_known_to_one_percent_is_coupled_but_determined():
 def test_a_direction_leads_away_from_the_bound_that_a_value_has_reached(formula, target, bounds, sentence):
     x = np.linspace(0.9, 1.1, 60)
     data = {"x": x, "q": target + 0.1 * np.random.default_rng(0).normal(size=60)}
-    result = kf.calibrate(formula, data, {"a": 1.0, "b": 1.0}, target="q", limits=bounds)
+    result = kf.calibrate(formula, data, {"a": 1.0, "b": 1.0}, target="q", bounds=bounds)
     assert result.parameters["a"].value == bounds["a"][1]
     assert directions_with(result.trust, sentence)
 

@@ -98,7 +98,7 @@ def curve_and_slope(seed=0, slope=2.0, start=0.5, corner=4.0, **more):
 
 
 TOUCHED = {
-    "bound": {"limits": {"C": (0.0, 10.0), "k": (0.0, 5.0)}},
+    "bound": {"bounds": {"C": (0.0, 10.0), "k": (0.0, 5.0)}},
     "falling": {"constraints": [Shape("C", 0, "slope", upper=0.0)]},
     "rising": {"constraints": [Shape("C", 0, "slope", lower=0.0)], "start": 3.0},
     "limit of an output": {"limits": [Limit("C(x)", upper=10.0)], "start": 0.2},
@@ -124,11 +124,11 @@ def test_a_touched_bound_hides_no_null_direction_in_any_draw(seed):
 
 def test_active_limits_fix_their_values():
     result = curve_and_slope(
-        corner=2.0, start=3.0, limits={"k": (2.0, 2.0)}, **{"constraints": TOUCHED["rising"]["constraints"]}
+        corner=2.0, start=3.0, bounds={"k": (2.0, 2.0)}, **{"constraints": TOUCHED["rising"]["constraints"]}
     )
     first, second, third = result.trust.deviation["C"]
     assert second == third < 0.1
     assert result.trust.deviation["k"] == 0
-    above = curve_and_slope(limits={"C": (2.0, 9.0)})
+    above = curve_and_slope(bounds={"C": (2.0, 9.0)})
     assert above.trust.deviation["C"][0] == 0  # truth is 1
     assert first > 0

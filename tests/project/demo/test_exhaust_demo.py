@@ -123,7 +123,7 @@ def test_other_drives_give_similar_errors(seed):
         node="TemperaturePredict",
         test=exhaust.another(seed + 10),
         smoothness=exhaust.SMOOTHNESS,
-        limits=exhaust.BOUNDS,
+        bounds=exhaust.BOUNDS,
     )
     assert other.quality[1].rmse_after <= 1.1 * exhaust.NOISE
 

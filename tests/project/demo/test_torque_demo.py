@@ -122,7 +122,7 @@ def test_other_noise_gives_similar_errors(project, seed):
         node="TorquePredict",
         test=torque.fresh(seed=seed + 1),
         smoothness=torque.SMOOTHNESS,
-        limits=torque.BOUNDS,
+        bounds=torque.BOUNDS,
         pins=[Pin(*torque.PIN)],
         options=Options(continuation="off"),
     )

@@ -24,7 +24,7 @@ from kennfeld.analysis.missing.scoring import Scored, score_problem
 from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist
 from kennfeld.analysis.missing.terms import KINDS, Kind
 from kennfeld.base.arrays import ignore_floating_errors
-from kennfeld.base.errors import ArgumentError
+from kennfeld.base.errors import ArgumentError, renamed
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Use
@@ -78,6 +78,7 @@ def propose(
     kinds: Sequence[Kind] = KINDS,
     least: float = 0.0,
     options: Options | None = None,
+    progress: Report | None = None,
     report: Report | None = None,
     **arguments: Any,
 ) -> TermProposals:
@@ -98,7 +99,8 @@ def propose(
             recording.
         least: effect that a proposal must explain on held-out data, in the unit of the target.
         options: of the fits.
-        report: called with lines of text on the progress.
+        progress: called with lines of text.
+        report: former name of `progress`.
         arguments: as in `calibrate`.
 
     Returns:
@@ -112,15 +114,16 @@ def propose(
     >>> found[0].change
     'Add a curve of z to y'
     """
+    progress = renamed(progress, report, "progress", "report")
     scope = SearchScope(channels, nodes, kinds, least)
     scope.check()
     if isinstance(model, Problem):
         if arguments or data is not None or parameters is not None or target is not None:
-            raise ArgumentError("propose(problem) accepts only channels, nodes, kinds, least, options and report")
+            raise ArgumentError("propose(problem) accepts only channels, nodes, kinds, least, options and progress")
         problem = model
     else:
         problem = ProblemSetup(model, data, parameters, target, **arguments).problem()
-    return find_terms(problem, scope, options or Options(), report or (lambda line: None))
+    return find_terms(problem, scope, options or Options(), progress or (lambda line: None))
 
 
 @isolated

@@ -7,6 +7,7 @@ in its data, which is set when the code is loaded.
 import ctypes
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
@@ -28,6 +29,8 @@ LONG = 200_000  # characters of IR from which compiling well takes longer than i
 BEST = 2  # level at which LLVM selects instructions; 0 takes a fifth of the time, for code that runs longer
 LEVEL = BEST  # of code that is written for a model
 _WORTH = 0.004  # s of writing and compiling from which code is kept
+RECENT = 32  # loaded modules that stay in memory for the next fit of the same model,
+SMALL = 100_000  # each of at most so many bytes; loading a larger one is little beside running it
 
 _loading = threading.Lock()  # of LLVM, which compiles and loads
 
@@ -60,12 +63,18 @@ class Engine:
     """Machine code of one module, kept alive by this object and the functions it returned."""
 
     def __init__(self, module: ObjectModule) -> None:
-        addresses = {external.pointer: _address_of(external) for external in module.externals}
+        self._externals = {external: _address_of(external) for external in module.externals}
         with _loading:
             self._engine = _load(module.code)
-        for name, address in addresses.items():
-            ctypes.c_void_p.from_address(self._engine.get_global_value_address(name)).value = address
+        for external, address in self._externals.items():
+            ctypes.c_void_p.from_address(self._engine.get_global_value_address(external.pointer)).value = address
         self._parameters = module.functions
+        self.size = len(module.code)
+
+    @property
+    def is_current(self) -> bool:
+        """True if what lies outside of the module is still where the code calls it."""
+        return all(_address_of(external) == address for external, address in self._externals.items())
 
     def address(self, name: str) -> int:
         """Return the address of a compiled function."""
@@ -99,7 +108,34 @@ def compile_written(write: Callable[..., Functions], *arguments: Any) -> dict[st
 
     Nothing is written if the code of an equal call is kept; see `fingerprint` for what `write` may depend on.
     """
-    return Engine(_module(lambda: write(*arguments), fingerprint(write, arguments), LEVEL)).functions()
+    content = fingerprint(write, arguments)
+    key = f"{content} {LEVEL}"
+    engine = None if content is None else _recent_engine(key)
+    if engine is None:
+        engine = Engine(_module(lambda: write(*arguments), content, LEVEL))
+        if content is not None and engine.size <= SMALL:
+            _remember(key, engine)
+    return engine.functions()
+
+
+_recent: OrderedDict[str, Engine] = OrderedDict()  # the most recently used last
+_remembering = threading.Lock()
+
+
+def _recent_engine(key: str) -> Engine | None:
+    with _remembering:
+        engine = _recent.get(key)
+        if engine is None or not engine.is_current:
+            return None
+        _recent.move_to_end(key)
+        return engine
+
+
+def _remember(key: str, engine: Engine) -> None:
+    with _remembering:
+        _recent[key] = engine
+        while len(_recent) > RECENT:
+            _recent.popitem(last=False)
 
 
 class SharedFunction:

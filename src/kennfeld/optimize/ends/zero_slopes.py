@@ -8,6 +8,7 @@ would stay equal, and those with a constant output may lose all slopes in the fi
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -66,7 +67,6 @@ class _StartSearch:
 
     def __init__(self, compiled: CompiledProblem, start: Float, limits: LinearLimits) -> None:
         self.compiled, self.start, self.limits = compiled, start, limits
-        self.objective = LeastSquaresObjective(compiled)
         problem, offsets = compiled.problem, compiled.values.offsets
         self.layers = problem.model.graph.layers
         self.columns = {
@@ -76,6 +76,10 @@ class _StartSearch:
         for columns in self.columns.values():
             self.movable[columns] = limits.movable[columns]
         self.pattern = 1 + np.modf(np.arange(1, start.size + 1) * 0.618034)[0]  # from 1 to 2, no two alike
+
+    @cached_property
+    def objective(self) -> LeastSquaresObjective:
+        return LeastSquaresObjective(self.compiled)
 
     def equal(self, values: Float) -> Bool:
         """Mark all weights of layers that are 0 throughout, with neurons that stay equal although they may move."""

@@ -41,6 +41,7 @@ class ProblemArguments(TypedDict, total=False):
     free: Sequence[str]
     free_axes: Sequence[str]
     smoothness: Factors
+    bounds: Mapping[str, Bounds] | None
     limits: Limits | None
     pins: Sequence[Pin]
     constraints: Sequence[Shape | Equality]
@@ -83,8 +84,12 @@ def _is_named(*kinds: type) -> Callable[[Any], bool]:
 
 
 def _are_limits(value: Any) -> bool:
+    return _are_pairs(value) if isinstance(value, Mapping) else _list_of(Limit)(value)
+
+
+def _are_pairs(value: Any) -> bool:
     if not isinstance(value, Mapping):
-        return _list_of(Limit)(value)
+        return False
     return _all_of(value, str) and all(isinstance(pair, Sequence) and len(pair) == 2 for pair in value.values())
 
 
@@ -102,6 +107,7 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "criteria": (_list_of(Criterion), "a list of Criterion"),
     "free": (_list_of(str), "a list of patterns"),
     "free_axes": (_list_of(str), "a list of patterns"),
+    "bounds": (_are_pairs, "a dict of (lower, upper) by parameter"),
     "limits": (_are_limits, "a dict of (lower, upper) by name, or a list of Limit"),
     "pins": (_list_of(Pin), "a list of Pin"),
     "constraints": (_list_of(Shape, Equality), "a list of Shape and Equality"),

@@ -103,6 +103,8 @@ class Options(SearchSettings):
         tolerance: relative change of the cost at which a descent ends; default is 1e-8, up to 3e-5 for
             large problems.
         continuation: `auto` smooths lookups first if that is possible, or `off`.
+        max_seconds: time after which a search stops at its best values, with the status `stopped`, at the end of the
+            step that it is at.
         method: `gauss-newton`, or `global` to search without gradients, for few values and a discontinuous cost; all
             values then need bounds.
         max_evaluations: budget of the global search; 0 stands for 2000 (values + 4) up to 5 values,
@@ -114,7 +116,6 @@ class Options(SearchSettings):
         cluster: runs the starts and the folds of a cross-validation instead of these processes.
         steps: a sequence that every start goes through.
         save_every: keep every nth accepted parameter set as a checkpoint; 0 keeps none.
-        max_seconds: time after which a search stops at its best values, after the step that it is at.
 
     Raises:
         ArgumentError: a value cannot be used.
@@ -126,7 +127,6 @@ class Options(SearchSettings):
     workers: int | None = None
     cluster: TaskRunner | None = field(default=None, repr=False, compare=False)
     steps: Sequence[Step] = ()
-    max_seconds: float | None = None
 
     def __post_init__(self) -> None:
         if self.method not in ("gauss-newton", "global"):

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, fields, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
+from itertools import compress
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -101,8 +102,9 @@ class Problem:
 
     @cached_property
     def unscored_names(self) -> tuple[str, ...]:
-        """The free parameters that no criterion depends on, at any weight."""
-        graph, scored = self.graph, {self.graph.names[name] for name in self.differences}
+        """The free parameters that no criterion with a weight depends on: the data say nothing about them."""
+        graph, weighted = self.graph, [criterion.weight > 0 for criterion in self.criteria]
+        scored = {graph.names[name] for name in compress(self.differences, weighted)}
         affected = ((n, dependents(graph, lambda node, name=n: node.parameter == name)) for n in self.free_names)  # type: ignore[misc]
         return tuple(name for name, nodes in affected if nodes.isdisjoint(scored))
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location, warn
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location, warn, warn_deprecated
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
@@ -55,6 +55,7 @@ class ProblemSetup:
     free: Sequence[str] = ("*",)
     free_axes: Sequence[str] = ()
     smoothness: Factors = 0.0
+    bounds: Mapping[str, Bounds] | None = None
     limits: Limits | None = None
     pins: Sequence[Pin] = ()
     constraints: Sequence[Shape | Equality] = ()
@@ -130,10 +131,12 @@ class ProblemSetup:
     def _bounded_parameters(self) -> tuple[ParameterSet, tuple[Limit, ...]]:
         """Return the start with free axes and bounds, and the limits of outputs."""
         unbounded = with_free_axes(start_parameters(self.start, self.model), self.free_axes)
-        bounds, outputs = _split_limits(self.limits or {}, unbounded)
-        return unbounded.with_parameters(
-            *(unbounded[name].with_bounds(*pair) for name, pair in bounds.items())
-        ), outputs
+        former, outputs = _split_limits(self.limits or {}, unbounded)
+        bounds = {**former, **(self.bounds or {})}
+        if unknown := [name for name in bounds if name not in unbounded]:
+            raise ArgumentError(f"bounds: unknown parameter {unknown[0]}. {nearest(unknown[0], unbounded)}".strip())
+        bounded = (unbounded[name].with_bounds(*pair) for name, pair in bounds.items())
+        return unbounded.with_parameters(*bounded), outputs
 
     def _all_criteria(self, function: Model) -> tuple[Criterion, ...]:
         if self.target is None:
@@ -249,9 +252,12 @@ def on_model_step(
 
 
 def _split_limits(limits: Limits, parameters: ParameterSet) -> tuple[dict[str, Bounds], tuple[Limit, ...]]:
+    """Return bounds that are stated as limits, as they were called before, and the limits of outputs."""
     if not isinstance(limits, Mapping):
         return {}, tuple(limits)
     bounds = {name: pair for name, pair in limits.items() if name in parameters}
+    for name, pair in bounds.items():
+        warn_deprecated(f"limits of the parameter {name} are bounds: write bounds={{{name!r}: {pair!r}}}")
     others = {name: pair for name, pair in limits.items() if name not in parameters}
     return bounds, tuple(Limit(name, *(_unbounded(*pair))) for name, pair in others.items())
 

@@ -127,6 +127,8 @@ def _own_targets(problem: Problem) -> list[bool]:
 
 def check_limits(problem: Problem) -> list[Finding]:
     """Report unknown names in output limits, and conditions that depend on free parameters."""
+    if not problem.limits:
+        return []
     try:
         graph = add_limit_nodes(problem.model, problem.limits).graph
     except InputError as error:

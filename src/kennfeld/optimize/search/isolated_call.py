@@ -73,10 +73,10 @@ def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outc
     Its argument `progress`, if it has one, is called here. What cannot be pickled, such as functions of the session,
     cannot be sent to another process: such a call runs here, without protection.
     """
+    taken = signature(work)
 
     @wraps(work)
     def call(*arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Outcome:
-        taken = signature(work)
         values = taken.bind(*arguments, **named).arguments
         if not _needs_process(values.get("model") or values.get("problem")):
             return work(*arguments, **named)

@@ -23,10 +23,17 @@ from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, with_values
 from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
-from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status, Stop
+from kennfeld.optimize.solver.levenberg_marquardt import (
+    STOPPED,
+    SolverResult,
+    Status,
+    Stop,
+    is_rounding,
+)
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
+SAME_END = 1e-8  # relative difference of the costs of descents that end at the same values, see `SolverSettings`
 
 
 @isolated
@@ -83,7 +90,7 @@ def stop_after(seconds: float, progress: Progress | None) -> Progress:
         if progress is not None:
             progress(line)
         if time.monotonic() - began >= seconds:
-            raise Stop
+            raise Stop(f"Stopped after max_seconds = {seconds:g}; these are the best values so far.")
 
     return report
 
@@ -107,6 +114,7 @@ class _Multistart:
         self.resumed_names: list[str] = []
         self.finished: list[int] = []  # starts that had converged before
         self.without_workers = False  # although several processes were requested
+        self.why_stopped = STOPPED
         self.began = time.perf_counter()
 
     @cached_property
@@ -122,7 +130,7 @@ class _Multistart:
         result = ready.result(lambda start, limits: self._search(ready, start, limits))
         if not self.outcomes:  # the limits contradict each other
             return replace(result, starts=(single_start(result),))
-        best = self._best()
+        best = self._best(ready)
         rows = [replace(o.row, distance=distance(o.values, best.values)) for _, o in sorted(self.outcomes.items())]
         trace = sorted(self.trace, key=lambda line: line.start)
         return replace(
@@ -153,7 +161,7 @@ class _Multistart:
         self.outcomes |= {o.row.start: o for o in _run_in_turn(runner, rest, self._report, self._save)}
         if not self.trace and all(outcome.row.status == "stopped" for outcome in self.outcomes.values()):
             raise KeyboardInterrupt  # there is nothing to keep yet
-        best = self._best()
+        best = self._best(ready)
         # values of a reduced grid, interpolated, may miss limits between grid points
         packed = ready.exact.values.pack(with_values(self.whole.parameters, best.values))[: start.size]
         projected, _ = project(packed, limits)
@@ -216,27 +224,39 @@ class _Multistart:
         line = replace(line, seconds=time.perf_counter() - self.began)
         self.trace.append(line)
         if self.progress is not None:
-            self.progress(line)
+            try:
+                self.progress(line)
+            except Stop as stop:
+                self.why_stopped = str(stop) or STOPPED  # another process is not told the reason
+                raise
 
     def _save(self, saved: Checkpoint) -> None:
         if self.keep is not None and self.options.save_every:
             self.keep(replace(saved, problem=self.digest))
 
-    def _best(self) -> StartOutcome:
-        """Return the outcome with the lowest cost; of equal ones the first."""
+    def _best(self, ready: FitRun) -> StartOutcome:
+        """Return the outcome with the lowest cost; of equal ones the first that converged, preferably the given start.
 
-        def rank(start: int) -> tuple[float, int]:
+        Costs that differ by less than a descent can tell, or are all rounding, are equal: their last digits depend on
+        the machine.
+        """
+
+        def cost(start: int) -> float:
             row = self.outcomes[start].row
             # values that miss limits of outputs may cost less than any that keep them
             usable = np.isfinite(row.cost_after) and row.status != "infeasible"
-            return row.cost_after if usable else np.inf, start
+            return row.cost_after if usable else np.inf
 
-        return self.outcomes[min(self.outcomes, key=rank)]
+        lowest = min(map(cost, self.outcomes))
+        equal = [
+            n for n in self.outcomes if cost(n) <= (1 + SAME_END) * lowest or is_rounding(ready.objective, cost(n))
+        ]
+        return self.outcomes[min(equal, key=lambda n: (self.outcomes[n].row.status != "converged", n))]
 
     def _status_and_message(self, best: StartOutcome) -> tuple[Status, str]:
         rows = [outcome.row for outcome in self.outcomes.values()]
         stopped = any(row.status == "stopped" for row in rows)
-        sentences = [STOPPED if stopped else best.row.message]
+        sentences = [self.why_stopped if stopped else best.row.message]
         if len(rows) > 1:
             failed = [row.message for row in rows if row.status in ("failed", "infeasible")]
             sentences.append(f"Best of {len(rows)} starts: number {best.row.start}.")

@@ -12,7 +12,13 @@ from kennfeld.optimize.problem.partitions import Part, Partitions
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.recording_sources import version_of
 
-_ELSEWHERE = {"workers", "cluster", "starts", "save_every"}  # options that do not change where a start ends
+_ELSEWHERE = {
+    "workers",
+    "cluster",
+    "starts",
+    "save_every",
+    "max_seconds",
+}  # options that do not change where a start ends
 # attributes of a dataset that tell where it is from, not what is fitted
 _ORIGIN = {"channels", "findings", "clock", "files", "start_time"}
 

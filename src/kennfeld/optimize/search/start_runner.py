@@ -102,8 +102,8 @@ class StartRunner:
                 return state.run()
             except InputError:
                 raise
-            except (Stop, KeyboardInterrupt):
-                return state.finish("stopped", STOPPED)
+            except (Stop, KeyboardInterrupt) as request:
+                return state.finish("stopped", str(request) or STOPPED)
             except RunnerLostError as error:
                 return state.finish_without_data(str(error))
             except Exception as error:

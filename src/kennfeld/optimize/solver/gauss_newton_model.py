@@ -145,11 +145,11 @@ class GaussNewtonModel:
         # the damping rows have a target of 0
         below = np.zeros(len(stacked) - self.q_residual.size)
         upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, below]))
-        diagonal = np.abs(np.diag(upper))
-        if diagonal.min(initial=1.0) <= 0:
+        diagonal = upper.diagonal()
+        if np.abs(diagonal).min(initial=1.0) <= 0:
             return None
         # QR leaves the signs of rows open; a Cholesky factor has a diagonal > 0
-        sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
+        sign = np.where(diagonal < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
         step = np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
         return DampedModel(Factor.of(lower), step, damped)

@@ -89,7 +89,7 @@ StageReport = Callable[[str, Iteration, Float], None]  # the same with the stage
 
 
 class Stop(Exception):  # noqa: N818
-    """Raised by a callback to end the descent at the best values so far.
+    """Raised by a callback to end the descent at the best values so far; its text is the message of the result.
 
     >>> from kennfeld import calibrate
     >>> def stop_at_once(line):
@@ -241,8 +241,8 @@ class _LevenbergMarquardt:
             if not self.movable.size:
                 return self._end("converged", "No value is free to move.")
             return self._iterate()
-        except (Stop, KeyboardInterrupt):
-            return self._end("stopped", STOPPED)
+        except (Stop, KeyboardInterrupt) as request:
+            return self._end("stopped", str(request) or STOPPED)
 
     def certify(self) -> Certificate | None:
         state = self.state

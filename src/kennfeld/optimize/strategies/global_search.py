@@ -143,8 +143,8 @@ class _Search:
             if not self.movable.size:
                 return self._end("converged", "No value is free to move.")
             return self._restarted()
-        except (Stop, KeyboardInterrupt):
-            return self._end("stopped", STOPPED)
+        except (Stop, KeyboardInterrupt) as request:
+            return self._end("stopped", str(request) or STOPPED)
 
     def _restarted(self) -> SolverResult:
         first = (self.start[self.movable] - self.lower) / self.span

@@ -65,6 +65,8 @@ def smoothable(problem: Problem) -> bool:
 
     Functions that keep memory run through whole trajectories at each evaluation, which several descents would repeat.
     """
+    if not any(node.op == "lookup" and node.args for node in problem.graph.nodes):
+        return False  # scalars alone
     lowered = lower_lookups(problem.graph, problem.parameters, problem.free_names)
     needed = partition_graph(lowered.graph, problem.differences, (*problem.free_names, *problem.free_axes)).graph
     if any(is_sequential(node) for node in needed.nodes):

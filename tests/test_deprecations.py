@@ -1,0 +1,55 @@
+"""Former names of arguments work, give the same, and say what to write instead, as docs/stability.md promises."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+X = np.linspace(0.0, 3.0, 31)
+LINE = {"x": X, "z": 2 * X + 1}
+
+
+def fit(**arguments):
+    return kf.calibrate("y = a * x + b", LINE, {"a": 1.0, "b": 0.0}, target="z", **arguments)
+
+
+def test_bounds_of_parameters_may_be_stated_as_limits():
+    message = r"limits of the parameter a are bounds: write bounds=\{'a': \(0, 1.5\)\}"
+    with pytest.warns(DeprecationWarning, match=message) as issued:
+        former = fit(limits={"a": (0, 1.5), "y": (None, 5.0)})
+    assert [warning.filename for warning in issued] == [__file__]
+    assert former.parameters == fit(bounds={"a": (0, 1.5)}, limits={"y": (None, 5.0)}).parameters
+
+
+def test_a_bound_of_what_is_no_parameter_is_an_error():
+    with pytest.raises(kf.ArgumentError, match=r"bounds: unknown parameter A\. Did you mean a\?"):
+        fit(bounds={"A": (0, 1)})
+    with pytest.raises(kf.ArgumentError, match=r"bounds must be a dict of \(lower, upper\) by parameter, got 3.0"):
+        fit(bounds=3.0)
+
+
+def told(work):
+    """Return the lines that a call with a function of lines has told."""
+    lines = []
+    work(lines.append)
+    return lines
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda **told: kf.propose("y = a + b * x", LINE, {"a": 0.0, "b": 0.0}, target="z", channels=(), **told),
+        lambda **told: kf.train_surrogate(
+            [kf.Dataset.of("d", {"u": np.sin(X), "y": np.cos(X)}, time=X)],
+            kf.SurrogateSettings("s", ("u",), "y", kind="dynamic", starts=1, longest_lag=2, free_run=False, centres=3),
+            **told,
+        ),
+    ],
+    ids=["propose", "train_surrogate"],
+)
+def test_the_function_for_lines_on_the_progress_may_be_stated_as_report(work):
+    now = told(lambda progress: work(progress=progress))
+    with pytest.warns(DeprecationWarning, match="report is now called progress: write progress=") as issued:
+        assert told(lambda report: work(report=report)) == now
+    assert issued[0].filename == __file__
+    assert now
