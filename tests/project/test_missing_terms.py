@@ -176,15 +176,15 @@ def test_partitions_give_the_same_list(tmp_path):
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_list_to_the_bit(tmp_path, shared_cluster):
     path = write_bench(tmp_path, timed=True, files=4)
-    found = []
+    lists = []
     for address in ("", shared_cluster.address):
         project = in_partitions(path, 200, scheduler=address)
-        found.append(project.propose(kinds=["add", "lag"], nodes=["drag"], channels=["oil", "humidity"]))
+        lists.append(project.propose(kinds=["add", "lag"], nodes=["drag"], channels=["oil", "humidity"]))
         project.close()
-    here, there = ([replace(each, addition=None, parameter=None) for each in own.proposals] for own in found)
+    here, there = ([replace(each, addition=None, parameter=None) for each in own.proposals] for own in lists)
     assert here == there != []
-    assert [own.smallest_effect for own in found] == [found[0].smallest_effect] * 2
-    np.testing.assert_array_equal(*(own[0].parameter.values for own in found))
+    assert [own.smallest_effect for own in lists] == [lists[0].smallest_effect] * 2
+    np.testing.assert_array_equal(*(own[0].parameter.values for own in lists))
 
 
 def test_the_command_prints_the_list_and_applies_one(tmp_path, capsys):

@@ -256,7 +256,9 @@ def _calibrate(
             extrapolations = find_extrapolation(apply_shifts(project.problem(), result.shifts), result.parameters)
             missing = _hints(project, result)
             text = document_safely(project, result, findings, extrapolations, missing)
-            further = {"surrogates": [row.as_json() for row in extrapolations]} if extrapolations else {}
+            further: dict[str, Any] = {}
+            if extrapolations:
+                further["surrogates"] = [row.as_json() for row in extrapolations]
             further |= {} if missing is None else {"missing": missing.as_json()}
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:

@@ -43,7 +43,7 @@ def test_a_calibration_says_what_the_best_term_would_take():
     assert line.endswith("off the cost; see kennfeld propose.")
 
 
-def test_a_function_that_lacks_nothing_is_told_so():
+def test_a_function_that_lacks_nothing_gets_a_line_as_well():
     problem, result = fitted("y = exp(a * x) + C(z)", {"a": 1.0, "C": CURVE})
     [line] = hints(problem, result).lines()
     assert line.startswith("No lag, and no curve of a channel that the function reads, would take 1% off the cost;")

@@ -171,7 +171,7 @@ def test_an_offset_of_each_recording_is_found():
     json.dumps(proposals.as_json(), allow_nan=False)
 
 
-def test_errors_that_are_correlated_in_time_are_no_offsets():
+def test_errors_that_are_correlated_in_time_give_no_offsets():
     for seed in range(3):
         data = days([0.0] * 4, correlated=True, seed=seed)
         assert not kf.propose("y = a + k * u", data, {"a": 1.0, "k": 2.0}, "m", kinds=["offset"]).proposals

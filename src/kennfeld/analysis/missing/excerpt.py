@@ -48,4 +48,6 @@ def _kept(piece: slice, share: float, *, timed: bool) -> Int:
     """Return the numbers of the samples of a piece that are kept, at least one."""
     length = piece.stop - piece.start
     count = max(int(np.ceil(share * length)), 1)
-    return piece.start + (np.arange(count) if timed else np.arange(count) * length // count)
+    samples: Int = np.arange(count) if timed else np.arange(count) * length // count
+    samples += piece.start
+    return samples

@@ -22,7 +22,7 @@ UNFINISHED = 1e-3  # the same, of what the values themselves would take off
 
 @dataclass(frozen=True)
 class Hints:
-    """What a calibrated function lacks.
+    """The terms that a calibrated function may lack.
 
     Attributes:
         share_left: share of the cost that the values themselves would take off, if the search stopped early.

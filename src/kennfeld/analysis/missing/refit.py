@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import Fold, PartitionFold, fold_problem, folds_of
+from kennfeld.analysis.cross_validation import Fold, Kind, PartitionFold, fold_problem, folds_of
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.base.errors import InputError, Location
@@ -124,8 +124,9 @@ def hold_out(problem: Problem, options: Options, *, whole: bool = True) -> tuple
         datasets = problem.fitted_datasets
         memory = any(data.time is not None for data in datasets) or bool(problem.model.graph.states)
         files = whole and sum(len(data.pieces) for data in datasets) >= FOLDS
-        name = "files" if files else "blocks" if memory else "samples"
-        folds = folds_of(datasets, FOLDS, "random" if name == "samples" else name, memory=memory)
+        kind: Kind = "files" if files else "blocks" if memory else "random"
+        name = "samples" if kind == "random" else kind
+        folds = folds_of(datasets, FOLDS, kind, memory=memory)
     parts = []
     for fold in folds:
         part = fold_problem(problem, fold)

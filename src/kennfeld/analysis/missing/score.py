@@ -283,7 +283,7 @@ def _whitening(matrix: Float) -> tuple[Float, int]:
     if not sound:
         lower = np.linalg.cholesky(units + 1e-9 * np.eye(len(units)))
     # the rows of diag(scale), solved one by one, are the columns of T
-    return Factor.of(lower).solve_lower(np.diag(scale))[:, : len(matrix)].T, len(matrix)
+    return Factor.of(np.asarray(lower, dtype=np.float64)).solve_lower(np.diag(scale))[:, : len(matrix)].T, len(matrix)
 
 
 def smallest_gain(dispersion: float, columns: int, freedom: float, level: float) -> float:
